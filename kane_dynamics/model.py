@@ -1,0 +1,330 @@
+"""
+The mechanism as data: inertials, joints, bodies, frames, and the tree that they form.
+
+A `Model` is immutable. Every joint in it has one degree of freedom; what a URDF says with more
+(floating, planar) or with none (fixed, locked) has been expanded or merged before. Bodies stand
+in topological order, parents first, so that a single pass over them is an outward recursion.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+import hashlib
+import math
+from typing import Any, Literal
+
+from kane_dynamics.errors import InputError, ModelError
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+GRAVITY = (0.0, 0.0, -9.81)
+WORLD = -1  # the parent index of a body, or the body of a frame, that is fixed in the world
+
+
+def constant(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """Return `value` as a finite, read-only float array of `shape`, or raise ModelError."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ModelError(f'{what} is {value!r}; expected {shape} finite numbers') from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ModelError(f'{what} is {value!r}; expected finite numbers of shape {shape}')
+    array.flags.writeable = False
+    return array
+
+
+def freeze(record: Any, name: str, value: Any) -> None:
+    """Set a field of a frozen dataclass while it is being made."""
+    object.__setattr__(record, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """
+    Mass, mass centre and central inertia of a body.
+
+    Parameters
+    ----------
+    mass : float
+        kg, not negative.
+    com : (3,) array
+        Mass centre from the body's origin, in body axes, m.
+    inertia : (3, 3) array
+        Inertia tensor about the mass centre, in body axes, kg m^2; symmetric.
+
+    Raises
+    ------
+    ModelError
+        A value is not finite, the mass is negative, or the tensor is not symmetric.
+    """
+
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def __post_init__(self) -> None:
+        """Check and freeze the numbers."""
+        freeze(self, 'mass', float(constant(self.mass, (), 'mass')))
+        if self.mass < 0.0:
+            raise ModelError(f'mass is {self.mass} kg; a mass must not be negative')
+        freeze(self, 'com', constant(self.com, (3,), 'mass centre'))
+        inertia = constant(self.inertia, (3, 3), 'inertia')
+        if np.abs(inertia - inertia.T).max() > 1e-9 * max(np.abs(inertia).max(), 1e-300):
+            raise ModelError(f'inertia is {inertia.tolist()}; an inertia tensor is symmetric')
+        freeze(self, 'inertia', constant(0.5 * (inertia + inertia.T), (3, 3), 'inertia'))
+
+    @property
+    def pseudo_inertia(self) -> Array:
+        """
+        Return the (4, 4) pseudo-inertia about the body's origin, int [r;1][r;1]^T dm.
+
+        Its blocks are the second moment, the first moment m c, and the mass, so that inertials of
+        bodies that move together simply add. Source: Wensing, Kim & Slotine, RA-L 3 (2018).
+        """
+        second = (0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
+                  + self.mass * np.outer(self.com, self.com))
+        first = self.mass * self.com[:, None]
+        return np.block([[second, first], [first.T, np.array([[self.mass]])]])
+
+    @classmethod
+    def from_pseudo_inertia(cls, pseudo: ArrayLike) -> 'Inertial':
+        """Return the inertial whose (4, 4) pseudo-inertia about the body's origin is given."""
+        P = np.asarray(pseudo, dtype=np.float64)
+        mass = P[3, 3]
+        com = P[:3, 3] / mass if mass > 0.0 else np.zeros(3)
+        central = P[:3, :3] - mass * np.outer(com, com)
+        return cls(mass, com, np.trace(central) * np.eye(3) - central)
+
+    def moved(self, rotation: ArrayLike, translation: ArrayLike) -> 'Inertial':
+        """Return the same matter seen from a frame in which this one sits at (R, p)."""
+        R, p = np.asarray(rotation), np.asarray(translation)
+        return Inertial(self.mass, R @ self.com + p, R @ self.inertia @ R.T)
+
+    def __add__(self, other: 'Inertial') -> 'Inertial':
+        """Return the inertial of both, welded together in one frame."""
+        if other.mass == 0.0 and not other.inertia.any():
+            return self  # keeps the numbers of the larger part free of rounding
+        if self.mass == 0.0 and not self.inertia.any():
+            return other
+        mass = self.mass + other.mass
+        com = (self.mass * self.com + other.mass * other.com) / mass if mass > 0.0 else self.com
+        inertia = np.zeros((3, 3))
+        for part in (self, other):
+            d = part.com - com
+            inertia = inertia + part.inertia + part.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        return Inertial(mass, com, inertia)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of a joint: position (rad or m), speed (rad/s or m/s), effort (N m or N)."""
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    effort: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """
+    A joint of one degree of freedom between a body and its parent.
+
+    The joint's position is ``multiplier * q[coordinate] + offset``; a joint that is the only one
+    on its coordinate has 1 and 0, a mimic joint shares the coordinate of its master.
+
+    Parameters
+    ----------
+    name : str
+    kind : 'revolute' or 'prismatic'
+    axis : (3,) array
+        Direction in the joint frame (equal to the body's frame); normalised here.
+    rotation, translation : (3, 3), (3,) arrays
+        Pose of the joint frame in the parent body's frame at position 0 (columns are the joint
+        frame's axes), m.
+    coordinate : int
+        Index into q, u and tau.
+    multiplier, offset : float
+    limits : Limits
+    damping : float
+        Viscous friction, N m s/rad or N s/m.
+    friction : float
+        Coulomb friction, N m or N, smoothed as ``friction * tanh(rate / friction_speed)``.
+    friction_speed : float
+        rad/s or m/s, positive.
+    armature : float
+        Rotor inertia seen through the gear, kg m^2 or kg.
+    stiffness, rest : float
+        Spring that pulls the joint's position to `rest`, N m/rad or N/m; rad or m.
+
+    Raises
+    ------
+    ModelError
+        Names the joint, the value, and what is valid.
+    """
+
+    name: str
+    kind: Literal['revolute', 'prismatic']
+    axis: Array
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+    coordinate: int = 0
+    multiplier: float = 1.0
+    offset: float = 0.0
+    limits: Limits = Limits()
+    damping: float = 0.0
+    friction: float = 0.0
+    friction_speed: float = 0.05
+    armature: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and freeze the numbers."""
+        what = f"joint '{self.name}'"
+        if self.kind not in ('revolute', 'prismatic'):
+            raise ModelError(f"{what}: kind is '{self.kind}'; valid: revolute, prismatic")
+        axis = constant(self.axis, (3,), f'{what}: axis')
+        length = math.sqrt(axis @ axis)
+        if length < 1e-12:
+            raise ModelError(f'{what}: axis is {axis.tolist()}; an axis must not be zero')
+        freeze(self, 'axis', constant(axis / length if abs(length - 1.0) > 1e-15 else axis, (3,),
+                                      f'{what}: axis'))
+        R = constant(self.rotation, (3, 3), f'{what}: rotation')
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
+            raise ModelError(f'{what}: rotation is {R.tolist()}; expected a rotation matrix')
+        freeze(self, 'rotation', R)
+        freeze(self, 'translation', constant(self.translation, (3,), f'{what}: translation'))
+        for name in ('multiplier', 'offset', 'rest'):
+            freeze(self, name, float(constant(getattr(self, name), (), f'{what}: {name}')))
+        for name in ('damping', 'friction', 'friction_speed', 'armature', 'stiffness'):
+            value = float(constant(getattr(self, name), (), f'{what}: {name}'))
+            if value < 0.0 or (name == 'friction_speed' and value == 0.0):
+                raise ModelError(f'{what}: {name} is {value}; it must not be negative')
+            freeze(self, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body: its name, the index of its parent (WORLD: -1), its joint, its inertial."""
+
+    name: str
+    parent: int
+    joint: Joint
+    inertial: Inertial = field(default_factory=Inertial)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A named frame at (rotation, translation) in the axes of body number `body` (or WORLD)."""
+
+    name: str
+    body: int
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """
+    A tree of rigid bodies on a fixed base.
+
+    Parameters
+    ----------
+    name : str
+    bodies : tuple of Body
+        The moving bodies, parents before children.
+    coordinate_names : tuple of str
+        Names of the entries of q, in order: the joints that move freely.
+    frames : tuple of Frame
+        Every frame that may be asked for by name; each link of a URDF is one.
+    gravity : (3,) array
+        m/s^2, world axes.
+    base_name : str
+    base_inertial : Inertial
+        The fixed root link: it weighs on no joint, but it is part of the robot.
+
+    Raises
+    ------
+    ModelError
+        The bodies do not form a tree in topological order, or names clash.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    coordinate_names: tuple[str, ...]
+    frames: tuple[Frame, ...] = ()
+    gravity: Array = field(default_factory=lambda: np.array(GRAVITY))
+    base_name: str = 'world'
+    base_inertial: Inertial = field(default_factory=Inertial)
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together."""
+        for name in ('bodies', 'coordinate_names', 'frames'):
+            freeze(self, name, tuple(getattr(self, name)))
+        freeze(self, 'gravity', constant(self.gravity, (3,), 'gravity'))
+        n = len(self.coordinate_names)
+        for i, body in enumerate(self.bodies):
+            if not WORLD <= body.parent < i:
+                raise ModelError(f"body '{body.name}' is number {i} and its parent number "
+                                 f'{body.parent}; a parent stands before its children')
+            if not 0 <= body.joint.coordinate < n:
+                raise ModelError(f"joint '{body.joint.name}': coordinate is "
+                                 f'{body.joint.coordinate}; valid: 0 to {n - 1}')
+        used = {body.joint.coordinate for body in self.bodies}
+        for k, name in enumerate(self.coordinate_names):
+            if k not in used:
+                raise ModelError(f"coordinate '{name}' moves no joint")
+        for what, names in (('body', [b.name for b in self.bodies]),
+                            ('joint', [b.joint.name for b in self.bodies]),
+                            ('coordinate', list(self.coordinate_names)),
+                            ('frame', [f.name for f in self.frames])):
+            twice = {name for name in names if names.count(name) > 1} if (
+                len(set(names)) < len(names)) else set()
+            if twice:
+                raise ModelError(f"{what} names must be unique; given twice: {sorted(twice)}")
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinate_names)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints that move freely, in the order of q, u and tau."""
+        return self.coordinate_names
+
+    @property
+    def coordinate_joints(self) -> tuple[Joint, ...]:
+        """The joint that carries each coordinate (never a mimic's), in the order of q."""
+        by_name = {body.joint.name: body.joint for body in self.bodies}
+        return tuple(by_name[name] for name in self.coordinate_names)
+
+    def frame(self, name: str) -> Frame:
+        """Return the frame called `name`; InputError lists the valid names."""
+        for frame in self.frames:
+            if frame.name == name:
+                return frame
+        raise InputError(f"no frame '{name}'; valid: "
+                         f'{", ".join(sorted(f.name for f in self.frames)) or "none"}')
+
+    def path(self, body: int) -> Iterator[int]:
+        """Yield `body` and its ancestors, tip to base."""
+        while body != WORLD:
+            yield body
+            body = self.bodies[body].parent
+
+    def digest(self) -> str:
+        """Return a hash of everything that the dynamics depend on, names included."""
+        return hashlib.sha256(repr(_plain(self)).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Reduce a record to nested tuples of strings and exactly printed numbers."""
+    if isinstance(value, np.ndarray):
+        return tuple(value.ravel().tolist())
+    if isinstance(value, tuple):
+        return tuple(_plain(item) for item in value)
+    if hasattr(value, '__dataclass_fields__'):
+        return (type(value).__name__, *(_plain(getattr(value, f.name)) for f in fields(value)))
+    return value
