@@ -3,6 +3,7 @@
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
+from kane_dynamics.robot import Robot
 
 __all__ = ['Body', 'CompileError', 'ConstraintError', 'Frame', 'Inertial', 'InputError', 'Joint',
-           'KaneError', 'Limits', 'Model', 'ModelError', 'ModelWarning', 'UrdfError']
+           'KaneError', 'Limits', 'Model', 'ModelError', 'ModelWarning', 'Robot', 'UrdfError']

@@ -1,0 +1,1 @@
+"""The physics: pure functions over any scalar, from a Model."""

@@ -1,0 +1,167 @@
+"""
+The equations of motion of one robot, M udot + bias = tau + external, over any scalar.
+
+`Equations` joins a Model's geometry (as links), its active forces and what may change while it
+runs: gravity, a payload, external wrenches. Its methods are pure; compilation traces them and
+tests run them on numbers.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kane_dynamics.mechanics import frames, recursive
+from kane_dynamics.mechanics.factorization import factorize, inverse, solve
+from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
+                                             linkage, regrouped)
+from kane_dynamics.model import Joint, Model, WORLD
+import numpy as np
+
+TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
+
+
+class Equations:
+    """
+    The equations of motion of a model.
+
+    Parameters
+    ----------
+    model : Model
+    wrench_frames : sequence of str
+        Frames on which the environment may push.
+    payload_frame : str, optional
+        Frame in which a payload's inertial parameters are given.
+    friction : bool
+        Whether damping and Coulomb friction are part of the equations.
+    frame_reduction : bool
+        Use Denavit-Hartenberg-like link frames; without, only joint axes are aligned.
+    """
+
+    def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
+                 payload_frame: str | None = None, friction: bool = True,
+                 frame_reduction: bool = True) -> None:
+        """Prepare the links; raises InputError for an unknown frame."""
+        self.model = model
+        self.n = model.n
+        self.friction = friction
+        self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
+        self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
+        links = linkage(model)
+        self._links = denavit_hartenberg(links) if frame_reduction else links
+        self.order = list(dict.fromkeys(link.coordinate for link in links))
+        self.n_parameters = 3 if self.payload_frame is None else 13
+
+    def links(self, parameters: Any) -> tuple[Link, ...]:
+        """Return the links with their full inertials, the payload's included."""
+        frame = self.payload_frame
+        if frame is None or frame.body == WORLD:
+            return self._links
+        m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters[3:13]
+        P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz], [hx, hy, hz, m]])
+        return carrying(self._links, frame.body,
+                        homogeneous(frame.rotation, frame.translation), P)
+
+    def base_links(self, parameters: Any) -> tuple[Link, ...]:
+        """Return the links with base inertial parameters only: enough for joint forces."""
+        return regrouped(self.links(parameters))
+
+    def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return tau = M udot + bias - external, (n,)."""
+        rigid = recursive.inverse_dynamics(self.base_links(parameters), q, u, udot,
+                                           parameters[:3])
+        return (rigid + self.armature(udot) + self.friction_force(u) + self.spring_force(q)
+                - self.external_force(q, wrench))
+
+    def bias_force(self, q: Any, u: Any, parameters: Any) -> Any:
+        """Return what torque must hold at udot = 0, external wrenches apart, (n,)."""
+        return self.inverse_dynamics(q, u, self.zeros, None, parameters)
+
+    def gravity_force(self, q: Any, parameters: Any) -> Any:
+        """Return the torque that holds gravity alone, (n,)."""
+        return recursive.inverse_dynamics(self.base_links(parameters), q, self.zeros, self.zeros,
+                                          parameters[:3])
+
+    def mass_matrix(self, q: Any, parameters: Any) -> Any:
+        """Return M with armature, (n, n)."""
+        M = recursive.mass_matrix(self.base_links(parameters), q)
+        return M + np.diag(self.armature(np.ones(self.n)))
+
+    def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
+        """Return M^-1, (n, n)."""
+        return inverse(factorize(self.mass_matrix(q, parameters), self.order), self.order)
+
+    def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
+        """Return udot = M^-1 (tau + external - bias), (n,)."""
+        held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
+        factors = factorize(self.mass_matrix(q, parameters), self.order)
+        return solve(factors, self.order, tau - held)
+
+    def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
+        links, none = self.base_links(parameters), np.zeros(3).astype(object)
+        rest = self.zeros
+        return np.stack([
+            recursive.inverse_dynamics(links, q, rest, udot, none) + self.armature(udot),
+            recursive.inverse_dynamics(links, q, u, rest, none),
+            self.gravity_force(q, parameters), self.friction_force(u), self.spring_force(q)])
+
+    def kinetic_energy(self, q: Any, u: Any, parameters: Any) -> Any:
+        """Return the kinetic energy, armature's share 1/2 I rate^2 included, J."""
+        return (recursive.kinetic_energy(self.links(parameters), q, u)
+                + 0.5 * (u @ self.armature(u)))
+
+    def potential_energy(self, q: Any, parameters: Any) -> Any:
+        """Return the potential energy of gravity and springs, J."""
+        springs: Any = 0.0
+        for joint in self._joints():
+            stretch = _position(joint, q) - joint.rest
+            springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
+        return recursive.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+
+    def armature(self, x: Any) -> Any:
+        """Return the rotor inertias' diagonal times x, (n,)."""
+        return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
+
+    def friction_force(self, u: Any) -> Any:
+        """Return damping d u + mu tanh(u / u_s) of every joint, (n,): what torque overcomes."""
+        if not self.friction:
+            return self.zeros
+
+        def force(joint: Joint) -> Any:
+            rate = joint.multiplier * u[joint.coordinate]
+            total = joint.damping * rate
+            if joint.friction:
+                total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
+            return joint.multiplier * total
+        return self._by_coordinate(force)
+
+    def spring_force(self, q: Any) -> Any:
+        """Return k (position - rest) of every joint, (n,): what torque holds."""
+        return self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
+                                   * (_position(j, q) - j.rest))
+
+    def external_force(self, q: Any, wrench: Any) -> Any:
+        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
+        total = self.zeros
+        if wrench is not None:
+            for frame, pushed in zip(self.wrench_frames, wrench):
+                total = total + frames.partial_velocities(self._links, frame, q).T @ pushed
+        return total
+
+    @property
+    def zeros(self) -> Any:
+        """Return n zeros that cost a traced program nothing."""
+        return np.zeros(self.n).astype(object)
+
+    def _joints(self) -> list[Joint]:
+        return [body.joint for body in self.model.bodies]
+
+    def _by_coordinate(self, force: Callable[[Joint], Any]) -> Any:
+        """Sum a force of every joint on its coordinate, (n,)."""
+        total = [0.0] * self.n
+        for joint in self._joints():
+            total[joint.coordinate] = total[joint.coordinate] + force(joint)
+        return np.array(total)
+
+
+def _position(joint: Joint, q: Any) -> Any:
+    return joint.multiplier * q[joint.coordinate] + joint.offset

@@ -1,0 +1,238 @@
+"""
+A tree of links with the least arithmetic in it, equivalent to a Model's tree of bodies.
+
+A link is a body as the recursions see it: in axes of its own, whose z is the joint's axis, with a
+constant placement in its parent and a pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: the moments
+of mass up to the second). Two further changes that no joint torque can notice make most of its
+numbers 0 or 1, which tracing then folds away:
+
+* `denavit_hartenberg`: each revolute link's frame slid and turned about its own axis so that the
+  way to its (largest) child is a turn about x and two offsets;
+* `regrouped`: matter on a revolute joint's axis moves the same in the parent, and so does the
+  second moment of a prismatic link: both are handed to the parent. What stays are the base
+  inertial parameters (Khalil & Dombre, Modeling, Identification and Control of Robots, ch. 9).
+
+Pseudo-inertias may hold traced values (a payload); everything else here is numbers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any, Literal
+
+from kane_dynamics.model import Array, Model, WORLD
+import numpy as np
+
+SNAP = 1e-12  # entries this close to 0, 1 or -1 are just that; coarser would cost accuracy
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """
+    A body as the recursions see it: its joint turns about, or slides along, its z axis.
+
+    Attributes
+    ----------
+    parent : int
+        Index of the parent link, -1 for the world.
+    kind : 'revolute' or 'prismatic'
+    pose : (4, 4) array
+        Pose of the joint frame in the parent link at position 0, m.
+    coordinate, multiplier, offset : int, float, float
+        The joint's position is ``multiplier * q[coordinate] + offset``.
+    pseudo_inertia : (4, 4) array
+        About the link's origin, in link axes: second moment, first moment, mass.
+    body : (4, 4) array
+        Pose of the model's body frame in link axes.
+    """
+
+    parent: int
+    kind: Literal['revolute', 'prismatic']
+    pose: Array
+    coordinate: int
+    multiplier: float
+    offset: float
+    pseudo_inertia: Any
+    body: Array
+
+    @property
+    def rotation(self) -> Array:
+        """Axes of the joint frame in the parent link, (3, 3)."""
+        return self.pose[:3, :3]
+
+    @property
+    def translation(self) -> Array:
+        """Origin of the joint frame in the parent link, (3,), m."""
+        return self.pose[:3, 3]
+
+    @property
+    def mass(self) -> Any:
+        """Mass, kg."""
+        return self.pseudo_inertia[3, 3]
+
+    @property
+    def first_moment(self) -> Any:
+        """Mass times mass centre, (3,), kg m."""
+        return self.pseudo_inertia[:3, 3]
+
+    @property
+    def second_moment(self) -> Any:
+        """int r r^T dm, (3, 3), kg m^2."""
+        return self.pseudo_inertia[:3, :3]
+
+
+def homogeneous(rotation: Any = None, translation: Any = None) -> Any:
+    """Return the (4, 4) matrix that maps [r; 1] by r -> R r + p."""
+    T = np.eye(4)
+    if rotation is not None:
+        T[:3, :3] = rotation
+    if translation is not None:
+        T[:3, 3] = translation
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Return the inverse of a pose."""
+    return homogeneous(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+
+
+def snap(array: Array) -> Array:
+    """Return the array with entries within `SNAP` of 0, 1, -1 put there."""
+    result = np.array(array, dtype=np.float64)
+    for value in (0.0, 1.0, -1.0):
+        result[np.abs(result - value) < SNAP] = value
+    return result
+
+
+def about_z(angle: float) -> Array:
+    """Return the pose turned about z; whole quarter turns are exact."""
+    c, s = snap(np.array([math.cos(angle), math.sin(angle)]))
+    return homogeneous([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def linkage(model: Model) -> tuple[Link, ...]:
+    """Return a model's bodies as links: the same origins, axes turned so that joints are z."""
+    turns = [homogeneous(_turn_to_z(body.joint.axis)) for body in model.bodies]
+    links = []
+    for body, C in zip(model.bodies, turns):
+        joint = body.joint
+        above = np.eye(4) if body.parent == WORLD else turns[body.parent]
+        pose = above.T @ homogeneous(joint.rotation, joint.translation) @ C
+        links.append(Link(body.parent, joint.kind, _clean(pose), joint.coordinate,
+                          joint.multiplier, joint.offset,
+                          C.T @ body.inertial.pseudo_inertia @ C, C.T))
+    return tuple(links)
+
+
+def carrying(links: Sequence[Link], body: int, pose: Array,
+             pseudo_inertia: Any) -> tuple[Link, ...]:
+    """Return the links with matter added that is given in a frame with this pose on a body."""
+    T = links[body].body @ pose
+    added = links[body].pseudo_inertia + T @ pseudo_inertia @ T.T
+    return (*links[:body], replace(links[body], pseudo_inertia=added), *links[body + 1:])
+
+
+def _turn_to_z(axis: Array) -> Array:
+    """Return the rotation C with C z = axis; a permutation of axes where that is possible."""
+    axis = snap(axis)
+    k = int(np.argmax(np.abs(axis)))
+    if abs(axis[k]) == 1.0:
+        C = np.roll(np.eye(3), k - 2, axis=0)
+        return C if axis[k] > 0.0 else C @ np.diag([1.0, -1.0, -1.0])
+    x = np.cross(axis, Z if k != 2 else np.array([1.0, 0.0, 0.0]))
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _moved(link: Link, G: Array) -> Link:
+    """Return a link with its frame changed by the pose G on the link, a screw about z."""
+    back = inverse(G)
+    return replace(link, pose=_clean(link.pose @ homogeneous(None, G[:3, 3])),
+                   offset=math.remainder(link.offset + math.atan2(G[1, 0], G[0, 0]),
+                                         2.0 * math.pi),
+                   pseudo_inertia=back @ link.pseudo_inertia @ back.T, body=back @ link.body)
+
+
+def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
+    """Slide and turn revolute links' frames about their own z (see the module)."""
+    result = list(links)
+    children = [[k for k, link in enumerate(links) if link.parent == i]
+                for i in range(len(links))]
+    size = [1] * len(links)
+    for i in reversed(range(len(links))):
+        if links[i].parent != WORLD:
+            size[links[i].parent] += size[i]
+    for i, link in enumerate(links):
+        if link.kind != 'revolute' or not children[i]:
+            continue
+        angle, shift = _common_normal(result[max(children[i], key=lambda k: size[k])])
+        G = about_z(angle)
+        G[2, 3] = shift
+        result[i] = _moved(result[i], G)
+        for k in children[i]:
+            result[k] = replace(result[k], pose=_clean(inverse(G) @ result[k].pose))
+    return tuple(_untwisted(link) for link in result)
+
+
+def _common_normal(child: Link) -> tuple[float, float]:
+    """Return the angle and height, about and along z, of the way to a child's joint axis."""
+    z, p = child.rotation[:, 2], child.translation
+    x, shift = np.cross(Z, z), 0.0
+    if np.linalg.norm(x) > 1e-9:
+        x /= np.linalg.norm(x)
+        if child.kind == 'revolute':  # p + t z = shift Z + a x: the feet of the common normal
+            shift = float(np.linalg.solve(np.stack([Z, x, -z], axis=1), p)[0])
+    elif child.kind == 'revolute':
+        x, shift = np.array([p[0], p[1], 0.0]), float(p[2])
+    if np.linalg.norm(x) < 1e-9:
+        return 0.0, shift
+    angle = math.atan2(x[1], x[0])
+    half = math.pi / 2.0 + 1e-9
+    if angle > half:
+        angle -= math.pi
+    elif angle <= -half:
+        angle += math.pi
+    return angle, shift
+
+
+def _untwisted(link: Link) -> Link:
+    """Move a turn about z out of a revolute link's constant rotation into its offset."""
+    R = link.rotation
+    if link.kind != 'revolute' or abs(R[0, 2]) > 1e-9 or math.hypot(R[0, 0], R[0, 1]) < 1e-6:
+        return link
+    angle = math.atan2(-R[0, 1], R[0, 0])
+    return replace(link, pose=_clean(link.pose @ about_z(-angle)),
+                   offset=math.remainder(link.offset + angle, 2.0 * math.pi))
+
+
+def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
+    """Hand to each parent the matter that moves with it just as well (see the module)."""
+    result = list(links)
+    for i in reversed(range(len(links))):
+        link = result[i]
+        moved = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
+        part = slice(2, 4) if link.kind == 'revolute' else slice(0, 3)
+        moved[part, part] = link.pseudo_inertia[part, part]
+        rest = link.pseudo_inertia.copy()
+        rest[part, part] = 0.0
+        result[i] = replace(link, pseudo_inertia=_without_rounding(rest))
+        if link.parent != WORLD:
+            T = link.pose if link.kind == 'revolute' else homogeneous(link.rotation)
+            above = result[link.parent]
+            result[link.parent] = replace(
+                above, pseudo_inertia=above.pseudo_inertia + T @ moved @ T.T)
+    return tuple(result)
+
+
+def _clean(pose: Array) -> Array:
+    """Return a pose with what rounding left where zeros and ones belong put there."""
+    translation = np.where(np.abs(pose[:3, 3]) < SNAP, 0.0, pose[:3, 3])
+    return homogeneous(snap(pose[:3, :3]), translation)
+
+
+def _without_rounding(P: Any) -> Any:
+    """Return a pseudo-inertia with what rounding left where zeros belong cleared."""
+    if P.dtype == object:
+        return P
+    return np.where(np.abs(P) < 1e-14 * float(np.abs(P).max(initial=0.0)), 0.0, P)

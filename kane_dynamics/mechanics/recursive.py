@@ -1,0 +1,197 @@
+"""
+Kane's equations factored: one pass outward, one inward, one dot product a joint.
+
+For a tree, the partial angular velocity of every body outboard of joint j is the joint's axis
+(revolute) or zero (prismatic), and the partial velocity of a point r on it is s x (r - p_j) or s.
+So the double sum over bodies and speeds in `kane` is a sum over subtrees that each joint sees
+through its own axis only. Everything is in link axes (see `linkage`), where the axis is z.
+
+Gravity enters as an acceleration of the base, -g. A joint that shares its coordinate with others
+(a mimic) adds its multiplier times its own axis to the coordinate's partial velocities.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.vector import (cross, inertia_moment, rate_tensor, rotated_about_z,
+                                            sin_cos, symmetric)
+from kane_dynamics.model import WORLD
+import numpy as np
+
+Z = np.array([0.0, 0.0, 1.0])
+REST = np.array([0.0, 0.0, 0.0])
+
+
+class Step:
+    """The way from a parent link to a link at one joint position: turn by Q about z, offset."""
+
+    def __init__(self, link: Link, q: Any) -> None:
+        """Take the joint's position from the coordinates q (n,)."""
+        angle = link.multiplier * q[link.coordinate]
+        self.rotation = link.rotation
+        self.turns = link.kind == 'revolute'
+        if self.turns:
+            self.s, self.c = sin_cos(angle, link.offset)
+            self.offset: Any = link.translation
+        else:
+            self.s, self.c = 0.0, 1.0
+            self.offset = link.translation + link.rotation @ Z * (angle + link.offset)
+
+    def inward(self, v: Any) -> Any:
+        """Return a vector of link axes in the parent's axes."""
+        x, y, z = v
+        return self.rotation @ np.array([self.c * x - self.s * y, self.s * x + self.c * y, z])
+
+    def outward(self, v: Any) -> Any:
+        """Return a vector of the parent's axes in link axes."""
+        x, y, z = self.rotation.T @ v
+        return np.array([self.c * x + self.s * y, self.c * y - self.s * x, z])
+
+    def inward_tensor(self, S: Any) -> Any:
+        """Return a symmetric tensor of link axes in the parent's axes."""
+        turned = rotated_about_z(S, self.s, self.c) if self.turns else S
+        return symmetric(self.rotation @ turned @ self.rotation.T)
+
+
+def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
+    """
+    Return the generalized forces -F_r* of the motion, gravity's F_r taken off.
+
+    Parameters
+    ----------
+    links : sequence of Link
+    q, u, udot : (n,) arrays of scalars
+        Coordinates, their rates and accelerations; rad or m, s.
+    gravity : (3,) array of scalars
+        m/s^2, world axes.
+
+    Returns
+    -------
+    (n,) array
+        N m or N.
+    """
+    steps = [Step(link, q) for link in links]
+    motion: list[tuple[Any, Any, Any, Any]] = []  # omega, alpha, a of the origin, U; link axes
+    wrench: list[tuple[Any, Any]] = []  # inertia force and moment about the origin, negated
+    for link, step in zip(links, steps):
+        rate, acceleration = (link.multiplier * x[link.coordinate] for x in (u, udot))
+        omega, alpha, a = REST, REST, -gravity
+        if link.parent != WORLD:
+            omega, alpha, a, U = motion[link.parent]
+            a = a + U @ step.offset
+        omega, alpha, a = step.outward(omega), step.outward(alpha), step.outward(a)
+        across = np.array([omega[1] * rate, -omega[0] * rate, 0.0])  # omega x (rate z)
+        if link.kind == 'revolute':
+            omega, alpha = omega + rate * Z, alpha + across + acceleration * Z
+        else:
+            a = a + 2.0 * across + acceleration * Z
+        U = rate_tensor(omega, alpha)
+        motion.append((omega, alpha, a, U))
+        h = link.first_moment
+        wrench.append((link.mass * a + U @ h,
+                       inertia_moment(link.second_moment, omega, U) + cross(h, a)))
+    tau = [0.0] * len(q)
+    for i in reversed(range(len(links))):
+        link, step, (force, moment) = links[i], steps[i], wrench[i]
+        along = moment[2] if link.kind == 'revolute' else force[2]
+        tau[link.coordinate] = tau[link.coordinate] + link.multiplier * along
+        if link.parent != WORLD:
+            force, moment = step.inward(force), step.inward(moment)
+            above = wrench[link.parent]
+            wrench[link.parent] = (above[0] + force,
+                                   above[1] + (moment + cross(step.offset, force)))
+    return np.array(tau)
+
+
+def mass_matrix(links: Sequence[Link], q: Any) -> Any:
+    """
+    Return M_rs = sum_k (m_k v_k^r . v_k^s + omega_k^r . I_k omega_k^s), (n, n), by composites.
+
+    Joint s accelerating alone moves all that it carries as one rigid body; the force and moment
+    for that, seen through the axes of s and of the joints below it, are column s.
+    """
+    n = len(q)
+    steps = [Step(link, q) for link in links]
+    composite = [(link.mass, link.first_moment, link.second_moment) for link in links]
+    M = [[0.0] * n for _ in range(n)]
+    for i in reversed(range(len(links))):
+        mass, h, S = composite[i]
+        if links[i].kind == 'revolute':
+            force = np.array([-h[1], h[0], 0.0])
+            moment = np.array([-S[0, 2], -S[1, 2], S[0, 0] + S[1, 1]])
+        else:
+            force, moment = mass * Z, np.array([h[1], -h[0], 0.0])
+        _fill_column(links, steps, i, force, moment, M)
+        if links[i].parent != WORLD:
+            p = steps[i].offset
+            h, S = steps[i].inward(h), steps[i].inward_tensor(S)
+            above = composite[links[i].parent]
+            hp = h + mass * p
+            shifted = S + np.outer(p, h) + np.outer(hp, p)
+            composite[links[i].parent] = (above[0] + mass, above[1] + hp,
+                                          above[2] + symmetric(shifted))
+    return np.array(M)
+
+
+def _fill_column(links: Sequence[Link], steps: Sequence[Step], i: int, force: Any, moment: Any,
+                 M: list[list[Any]]) -> None:
+    """Add to M what link i's joint, accelerating alone, asks of itself and the joints below."""
+    k, r = i, links[i].coordinate
+    while True:
+        link = links[k]
+        s = link.coordinate
+        along = moment[2] if link.kind == 'revolute' else force[2]
+        entry = links[i].multiplier * link.multiplier * along
+        M[r][s] = M[r][s] + entry
+        if k != i:
+            M[s][r] = M[s][r] + entry
+        if link.parent == WORLD:
+            return
+        force, moment = steps[k].inward(force), steps[k].inward(moment)
+        moment = moment + cross(steps[k].offset, force)
+        k = link.parent
+
+
+def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
+    """Return every link's (omega, v of its origin), in link axes, rad/s and m/s."""
+    result: list[tuple[Any, Any]] = []
+    for link in links:
+        step, rate = Step(link, q), link.multiplier * u[link.coordinate]
+        omega, v = REST, REST
+        if link.parent != WORLD:
+            omega, v = result[link.parent]
+            v = v + cross(omega, step.offset)
+        omega, v = step.outward(omega), step.outward(v)
+        if link.kind == 'revolute':
+            result.append((omega + rate * Z, v))
+        else:
+            result.append((omega, v + rate * Z))
+    return result
+
+
+def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
+    """Return sum 1/2 int v . v dm over all links, J."""
+    twice: Any = 0.0
+    for link, (omega, v) in zip(links, velocities(links, q, u)):
+        S, h = link.second_moment, link.first_moment
+        spin = S[0, 0] + S[1, 1] + S[2, 2]
+        twice = (twice + link.mass * (v @ v) + 2.0 * (v @ cross(omega, h))
+                 + spin * (omega @ omega) - omega @ (S @ omega))
+    return 0.5 * twice
+
+
+def potential_energy(links: Sequence[Link], q: Any, gravity: Any) -> Any:
+    """Return -sum m g . p* over all links, J, zero at the world's origin."""
+    moments = [(link.mass, link.first_moment) for link in links]
+    total: Any = REST
+    for i in reversed(range(len(links))):
+        mass, h = moments[i]
+        step = Step(links[i], q)
+        h = step.inward(h) + mass * step.offset
+        if links[i].parent == WORLD:
+            total = total + h
+        else:
+            above = moments[links[i].parent]
+            moments[links[i].parent] = (above[0] + mass, above[1] + h)
+    return -(gravity @ total)

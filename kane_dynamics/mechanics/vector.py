@@ -1,0 +1,93 @@
+"""
+Vectors and tensors in three dimensions, for numbers and traced values alike.
+
+No function here branches on a value, writes into an array, or calls a solver.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+QUARTER = 0.5 * math.pi
+
+
+def is_zero(x: Any) -> bool:
+    """Tell whether a scalar is zero by structure: the number 0, never a traced value."""
+    return isinstance(x, (int, float)) and x == 0.0
+
+
+def cross(a: Any, b: Any) -> Any:
+    """Return a x b."""
+    return np.array([a[1] * b[2] - a[2] * b[1],
+                     a[2] * b[0] - a[0] * b[2],
+                     a[0] * b[1] - a[1] * b[0]])
+
+
+def skew(a: Any) -> Any:
+    """Return the matrix [a]x with [a]x b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def axis_rotation(axis: Any, s: Any, c: Any) -> Any:
+    """Return the rotation about a unit axis by the angle whose sine and cosine are s and c."""
+    along = np.outer(axis, axis)
+    return along + c * (np.eye(3) - along) + s * skew(axis)
+
+
+def sin_cos(angle: Any, offset: float = 0.0) -> tuple[Any, Any]:
+    """Return sine and cosine of angle + offset; whole quarter turns of offset cost nothing."""
+    quarters = round(offset / QUARTER)
+    if abs(offset - quarters * QUARTER) > 1e-12:
+        return np.sin(angle + offset), np.cos(angle + offset)
+    s, c = np.sin(angle), np.cos(angle)
+    return ((s, c), (c, -s), (-s, -c), (-c, s))[quarters % 4]
+
+
+def rate_tensor(omega: Any, alpha: Any) -> Any:
+    """
+    Return U = [alpha]x + [omega]x [omega]x.
+
+    A point at r from a body's origin accelerates by a + U r when the origin does by a.
+    """
+    x, y, z = omega
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return np.array([[-(yy + zz), xy - alpha[2], xz + alpha[1]],
+                     [xy + alpha[2], -(xx + zz), yz - alpha[0]],
+                     [xz - alpha[1], yz + alpha[0], -(xx + yy)]])
+
+
+def inertia_moment(second: Any, omega: Any, U: Any) -> Any:
+    """
+    Return int r x (U r) dm = I alpha + omega x I omega from the second moment S = int r r^T dm.
+
+    Written in S and U = `rate_tensor`, whose entries the force needs anyway; differences of U's
+    diagonal are those of the squares of omega.
+    """
+    S, (xx, yy, zz) = second, omega * omega
+    return np.array([
+        S[0, 1] * U[2, 0] - S[0, 2] * U[1, 0] + S[1, 2] * (zz - yy)
+        + S[1, 1] * U[2, 1] - S[2, 2] * U[1, 2],
+        S[0, 2] * (xx - zz) + S[1, 2] * U[0, 1] + S[2, 2] * U[0, 2]
+        - S[0, 0] * U[2, 0] - S[0, 1] * U[2, 1],
+        S[0, 0] * U[1, 0] + S[0, 1] * (yy - xx) + S[0, 2] * U[1, 2]
+        - S[1, 1] * U[0, 1] - S[1, 2] * U[0, 2]])
+
+
+def rotated_about_z(S: Any, s: Any, c: Any) -> Any:
+    """
+    Return Q S Q^T for a symmetric S and the rotation Q about z, in 10 multiplications.
+
+    Double-angle products are shared: with e = s (Sxx - Syy) + 2 c Sxy, the diagonal entries
+    move by s e and the corner becomes c e - Sxy.
+    """
+    e = s * (S[0, 0] - S[1, 1]) + c * (S[0, 1] + S[0, 1])
+    r = s * e
+    xz, yz = c * S[0, 2] - s * S[1, 2], s * S[0, 2] + c * S[1, 2]
+    xy = c * e - S[0, 1]
+    return np.array([[S[0, 0] - r, xy, xz], [xy, S[1, 1] + r, yz], [xz, yz, S[2, 2]]])
+
+
+def symmetric(S: Any) -> Any:
+    """Return the matrix whose lower triangle repeats the upper: equal entries, one expression."""
+    return np.array([[S[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])

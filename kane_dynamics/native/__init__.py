@@ -1,0 +1,1 @@
+"""Compilation of traced programs to native code."""

@@ -1,0 +1,160 @@
+"""From a program to LLVM assembly: one function a program, straight-line, no branches."""
+
+from collections.abc import Iterator
+
+from kane_dynamics.native.elementary import LANES, literal, Vector
+from kane_dynamics.native.expression import Expr, operands
+from kane_dynamics.native.program import Program, size_of
+
+ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
+
+
+def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
+    """Split a schedule at its elementary functions, so that those of a level go abreast."""
+    level: dict[int, int] = {}
+    groups: dict[int, tuple[list[Expr], list[Expr]]] = {}
+    for node in schedule:
+        depth = max((level[a.index] + (a.op in ('sin', 'cos', 'tanh'))
+                     for a in operands(node)), default=0)
+        level[node.index] = depth
+        plain, functions = groups.setdefault(depth, ([], []))
+        (functions if node.op in ('sin', 'cos', 'tanh') else plain).append(node)
+    for depth in sorted(groups):
+        yield groups[depth][0]
+        yield groups[depth][1]
+
+
+class Function:
+    """The assembly of one program."""
+
+    def __init__(self, program: Program, symbol: str) -> None:
+        """Write it; `lines` is the result."""
+        self.program = program
+        self.names: dict[int, str] = {}
+        self.lines = [f'define void @{symbol}(ptr %args) {{']
+        self.callees: list[Program] = []
+        schedule = program.schedule()
+        self._load_inputs(schedule)
+        for group in _levels(schedule):
+            if group and group[0].op in ('sin', 'cos', 'tanh'):
+                self._functions(group)
+            else:
+                for node in group:
+                    self._operation(node)
+        self._store_outputs()
+
+    def value(self, x: Expr | float) -> str:
+        """Return the name or literal of an operand."""
+        return self.names[x.index] if isinstance(x, Expr) else literal(x)
+
+    def _load_inputs(self, schedule: list[Expr]) -> None:
+        """Read every input before anything is written: results may overlay arguments."""
+        used = [node for node in schedule if node.op == 'input']
+        for k, name in enumerate([name for name, _ in self.program.inputs] + ['result']):
+            self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
+                           f'  %in.{name} = load ptr, ptr %slot.{name}']
+        for node in used:
+            name, k = node.args
+            at = f'%at.{name}.{k}'
+            self.lines += [f'  {at} = getelementptr double, ptr %in.{name}, i64 {k}',
+                           f'  %{name}.{k} = load double, ptr {at}']
+            self.names[node.index] = f'%{name}.{k}'
+
+    def _store_outputs(self) -> None:
+        for k, x in enumerate(self.program.outputs):
+            self.lines += [f'  %to.{k} = getelementptr double, ptr %in.result, i64 {k}',
+                           f'  store double {self.value(x)}, ptr %to.{k}']
+        self.lines += ['  ret void', '}']
+
+    def _operation(self, node: Expr) -> None:
+        name = f'%v{node.index}'
+        if node.op == 'input':
+            return
+        if node.op == 'call':
+            self._call(node)
+        elif node.op == 'output':
+            source, k = node.args
+            at = f'%got{node.index}'
+            self.lines += [f'  {at} = getelementptr double, ptr %ret{source.index}, i64 {k}',
+                           f'  {name} = load double, ptr {at}']
+        elif node.op == 'neg':
+            self.lines.append(f'  {name} = fneg double {self.value(node.args[0])}')
+        elif node.op == 'sqrt':
+            self.lines.append(f'  {name} = call double @llvm.sqrt.f64(double '
+                              f'{self.value(node.args[0])})')
+        else:
+            a, b = (self.value(arg) for arg in node.args)
+            self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract double {a}, {b}')
+        self.names[node.index] = name
+
+    def _call(self, node: Expr) -> None:
+        """Lay the arguments out in memory, call, and leave the results in memory."""
+        callee, *flat = node.args
+        if callee not in self.callees:
+            self.callees.append(callee)
+        i = node.index
+        slots = len(callee.inputs) + 1
+        self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
+                       f'  %ret{i} = alloca [{max(callee.n_outputs, 1)} x double]']
+        offset = 0
+        for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
+            entries = flat[offset:offset + size_of(shape)]
+            offset += len(entries)
+            where = f'%ret{i}' if name == 'result' else self._argument(i, k, entries)
+            self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
+                           f'  store ptr {where}, ptr %slot{i}.{k}']
+        self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
+
+    def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
+        """Return a pointer to the entries: the caller's own argument where it is just that."""
+        first = entries[0]
+        if isinstance(first, Expr) and first.op == 'input' and first.args[1] == 0:
+            own = first.args[0]
+            whole = size_of(dict(self.program.inputs)[own]) == len(entries)
+            if whole and all(isinstance(x, Expr) and x.op == 'input' and x.args == (own, j)
+                             for j, x in enumerate(entries)):
+                return f'%in.{own}'
+        self.lines.append(f'  %arg{i}.{k} = alloca [{len(entries)} x double]')
+        for j, x in enumerate(entries):
+            self.lines += [f'  %put{i}.{k}.{j} = getelementptr double, ptr %arg{i}.{k}, i64 {j}',
+                           f'  store double {self.value(x)}, ptr %put{i}.{k}.{j}']
+        return f'%arg{i}.{k}'
+
+    def _functions(self, group: list[Expr]) -> None:
+        """Evaluate a level's sines and cosines, and its hyperbolic tangents, in lanes."""
+        for label, ops in (('sc', ('sin', 'cos')), ('th', ('tanh',))):
+            arguments = list({node.args[0].index: node.args[0]
+                              for node in group if node.op in ops}.values())
+            for start in range(0, len(arguments), LANES):
+                chunk = arguments[start:start + LANES]
+                vector = Vector(self.lines, f'{label}{chunk[0].index}')
+                packed = 'zeroinitializer'
+                for lane, arg in enumerate(chunk):
+                    packed = vector.new(f'insertelement {vector.type} {packed}, '
+                                        f'double {self.value(arg)}, i32 {lane}')
+                results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
+                                   else (vector.tanh(packed),)))
+                for node in group:
+                    if node.op in ops and node.args[0] in chunk:
+                        lane = chunk.index(node.args[0])
+                        self.names[node.index] = vector.new(
+                            f'extractelement {vector.type} {results[node.op]}, i32 {lane}')
+
+
+def module_text(program: Program, symbol: str) -> str:
+    """Return the assembly of a program, as function `symbol`, and of all that it calls."""
+    main = Function(program, symbol)
+    functions = {symbol: main.lines}
+    pending = list(main.callees)
+    while pending:
+        current = pending.pop()
+        if current.name not in functions:
+            function = Function(current, current.name)
+            functions[current.name] = function.lines
+            pending += function.callees
+    v = Vector.type
+    declarations = [f'declare {v} @llvm.fma.v{LANES}f64({v}, {v}, {v})',
+                    f'declare {v} @llvm.fabs.v{LANES}f64({v})',
+                    f'declare {v} @llvm.copysign.v{LANES}f64({v}, {v})',
+                    'declare double @llvm.sqrt.f64(double)']
+    return '\n'.join(declarations + [line for lines in functions.values() for line in lines])

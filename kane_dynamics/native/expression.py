@@ -1,0 +1,259 @@
+"""
+A traced scalar: run any numeric code on `Expr` and get back the arithmetic that it did.
+
+An `Expr` is a node of a directed acyclic graph. Nodes are hash-consed (the same operation on the
+same operands is the same node, so common subexpressions are shared as they arise) and folded as
+they are made: arithmetic with 0, 1, -1 and between constants leaves no node. A result that does
+not depend on any input is a plain float. Arrays of dtype object hold expressions, and numpy's
+``@``, ``+``, ``*``, ``sin`` and so on work on them.
+
+The graph knows nothing of dynamics, derivatives or LLVM.
+"""
+
+from collections.abc import Iterable, Sequence
+import math
+import numbers
+from typing import Any, Union
+
+import numpy as np
+
+Scalar = Union['Expr', float]
+FUNCTIONS = {'sin': math.sin, 'cos': math.cos, 'tanh': math.tanh, 'sqrt': math.sqrt}
+
+
+class Trace:
+    """The nodes made while one program is traced, in the order in which they arose."""
+
+    def __init__(self) -> None:
+        """Start with no nodes."""
+        self.nodes: list[Expr] = []
+        self._table: dict[tuple[Any, ...], Expr] = {}
+
+    def node(self, op: str, *args: Any) -> 'Expr':
+        """Return the one node that applies `op` to `args`, making it if it is new."""
+        key = (op, *[arg.index if isinstance(arg, Expr) else (arg,) for arg in args])
+        found = self._table.get(key)
+        if found is None:
+            found = self._table[key] = Expr(self, len(self.nodes), op, args)
+            self.nodes.append(found)
+        return found
+
+    def inputs(self, name: str, *shape: int) -> Any:
+        """Return an object array of `shape` of fresh inputs, entries of the argument `name`."""
+        size = math.prod(shape)
+        flat = np.empty(size, dtype=object)
+        for k in range(size):
+            flat[k] = self.node('input', name, k)
+        return flat.reshape(shape)
+
+
+class Expr:
+    """A scalar whose value is known only when the compiled program runs."""
+
+    __slots__ = ('args', 'index', 'op', 'trace')
+
+    def __init__(self, trace: Trace, index: int, op: str, args: tuple[Any, ...]) -> None:
+        """Use `Trace.node` or arithmetic instead: they fold and share."""
+        self.trace = trace
+        self.index = index
+        self.op = op
+        self.args = args
+
+    def __repr__(self) -> str:
+        """Show the operation and its operands' node numbers."""
+        shown = [f'%{a.index}' if isinstance(a, Expr) else repr(a) for a in self.args]
+        return f'%{self.index}={self.op}({", ".join(shown)})'
+
+    def __bool__(self) -> bool:
+        """Refuse: a traced program must not depend on a value."""
+        raise TypeError('a traced value has no truth: the program must not branch on it')
+
+    def __float__(self) -> float:
+        """Refuse: the value is not known yet."""
+        raise TypeError('a traced value is no number yet: it is known only when the kernel runs')
+
+    def __neg__(self) -> Scalar:
+        return _negative(self)
+
+    def __pos__(self) -> Scalar:
+        return self
+
+    def __add__(self, other: Any) -> Any:
+        return _sum(self, other) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __radd__(self, other: Any) -> Any:
+        return _sum(self, other) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __sub__(self, other: Any) -> Any:
+        return _difference(self, other) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Any:
+        return _difference(other, self) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __mul__(self, other: Any) -> Any:
+        return _product(self, other) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __rmul__(self, other: Any) -> Any:
+        return _product(self, other) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __truediv__(self, other: Any) -> Any:
+        return _quotient(self, other) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _quotient(other, self) if isinstance(other, _SCALAR) else NotImplemented
+
+    def __pow__(self, exponent: Any) -> Any:
+        if not (isinstance(exponent, numbers.Integral) and exponent >= 0):
+            return NotImplemented
+        result: Scalar = 1.0
+        for _ in range(int(exponent)):
+            result = result * self
+        return result
+
+    def sin(self) -> Scalar:
+        """Return the sine, so that numpy.sin works on object arrays."""
+        if self.op == 'neg':
+            return -self.trace.node('sin', self.args[0])
+        return self.trace.node('sin', self)
+
+    def cos(self) -> Scalar:
+        """Return the cosine."""
+        return self.trace.node('cos', self.args[0] if self.op == 'neg' else self)
+
+    def tanh(self) -> Scalar:
+        """Return the hyperbolic tangent."""
+        return self.trace.node('tanh', self)
+
+    def sqrt(self) -> Scalar:
+        """Return the square root."""
+        return self.trace.node('sqrt', self)
+
+
+_SCALAR = (Expr, numbers.Real)
+
+
+def _constant_factor(x: Scalar) -> tuple[Scalar, float]:
+    """Split ``y * c`` into (y, c); anything else is itself times 1."""
+    if isinstance(x, Expr) and x.op == 'mul' and not isinstance(x.args[1], Expr):
+        return x.args[0], x.args[1]
+    return x, 1.0
+
+
+def _negative(x: Scalar) -> Scalar:
+    if not isinstance(x, Expr):
+        return -x
+    if x.op == 'neg':
+        return x.args[0]  # type: ignore[no-any-return]
+    if x.op == 'sub':
+        return _difference(x.args[1], x.args[0])
+    rest, factor = _constant_factor(x)
+    if factor != 1.0:
+        return _product(rest, -factor)
+    return x.trace.node('neg', x)
+
+
+def _sum(x: Scalar, y: Scalar) -> Scalar:
+    if not isinstance(x, Expr):
+        x, y = y, x
+    if not isinstance(x, Expr):
+        return float(x) + float(y)
+    if not isinstance(y, Expr):
+        y = float(y)
+        if y == 0.0:
+            return x
+        if x.op == 'add' and not isinstance(x.args[1], Expr):
+            return _sum(x.args[0], x.args[1] + y)
+        return x.trace.node('add', x, y)
+    if y.op == 'neg':
+        return _difference(x, y.args[0])
+    if x.op == 'neg':
+        return _difference(y, x.args[0])
+    if x is y:
+        return _product(x, 2.0)
+    if _constant_factor(y)[1] < 0.0:
+        return _difference(x, _negative(y))
+    if _constant_factor(x)[1] < 0.0:
+        return _difference(y, _negative(x))
+    if x.op == 'sub' and x.args[1] is y:
+        return x.args[0]  # type: ignore[no-any-return]
+    if y.op == 'sub' and y.args[1] is x:
+        return y.args[0]  # type: ignore[no-any-return]
+    return x.trace.node('add', *((x, y) if x.index < y.index else (y, x)))
+
+
+def _difference(x: Scalar, y: Scalar) -> Scalar:
+    if not isinstance(y, Expr):
+        return _sum(x, -y)
+    if not isinstance(x, Expr):
+        return _negative(y) if x == 0.0 else y.trace.node('sub', float(x), y)
+    if x is y:
+        return 0.0
+    if y.op == 'neg':
+        return _sum(x, y.args[0])
+    if x.op == 'neg':
+        return _negative(_sum(x.args[0], y))
+    if _constant_factor(y)[1] < 0.0:
+        return _sum(x, _negative(y))
+    if y.op == 'add' and x in y.args:  # x - (x + z) = -z
+        return _negative(y.args[1] if y.args[0] is x else y.args[0])
+    if x.op == 'add' and y in x.args:  # (y + z) - y = z
+        return x.args[1] if x.args[0] is y else x.args[0]  # type: ignore[no-any-return]
+    if x.op == 'sub' and x.args[0] is y:
+        return _negative(x.args[1])
+    return x.trace.node('sub', x, y)
+
+
+def _product(x: Scalar, y: Scalar) -> Scalar:
+    if not isinstance(x, Expr):
+        x, y = y, x
+    if not isinstance(x, Expr):
+        return float(x) * float(y)
+    if not isinstance(y, Expr):
+        y = float(y)
+        if y == 0.0:
+            return 0.0
+        if y == 1.0:
+            return x
+        if y == -1.0:
+            return _negative(x)
+        if x.op == 'neg':
+            return _product(x.args[0], -y)
+        rest, factor = _constant_factor(x)
+        if factor != 1.0:
+            return _product(rest, factor * y)
+        return x.trace.node('mul', x, y)
+    if x.op == 'neg':
+        return _negative(_product(x.args[0], y))
+    if y.op == 'neg':
+        return _negative(_product(x, y.args[0]))
+    return x.trace.node('mul', *((x, y) if x.index < y.index else (y, x)))
+
+
+def _quotient(x: Scalar, y: Scalar) -> Scalar:
+    if not isinstance(y, Expr):
+        return _product(x, 1.0 / y)
+    if not isinstance(x, Expr) and x == 0.0:
+        return 0.0
+    return y.trace.node('div', x if isinstance(x, Expr) else float(x), y)
+
+
+def call(program: Any, *arguments: Iterable[Any]) -> list['Expr']:
+    """
+    Call an already traced program as a subroutine; return its outputs, flat.
+
+    Parameters
+    ----------
+    program : Program
+        What to call; it becomes a function of its own in the compiled module.
+    arguments : iterables of scalars
+        The entries of each of its inputs, in its order.
+    """
+    flat: list[Scalar] = [x for argument in arguments for x in np.ravel(np.asarray(argument))]
+    trace = next(x.trace for x in flat if isinstance(x, Expr))
+    node = trace.node('call', program, *flat)
+    return [trace.node('output', node, k) for k in range(program.n_outputs)]
+
+
+def operands(node: Expr) -> Sequence[Any]:
+    """Return those arguments of a node that are expressions."""
+    return [arg for arg in node.args if isinstance(arg, Expr)]

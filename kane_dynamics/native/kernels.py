@@ -1,0 +1,163 @@
+"""A kernel: one compiled program with its memory, its checks, and its ways in."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+from kane_dynamics.native import cache, llvm
+from kane_dynamics.native.emit import module_text
+from kane_dynamics.native.entry import fast_entry, repeat
+from kane_dynamics.native.program import Program, Shape, size_of
+import numpy as np
+
+SYMBOL = 'kernel'  # the name of every kernel's own function in its object file
+MOST_RESULTS = 2**31  # entries of one batch's result: past this a typing error is likelier
+
+
+@dataclass(frozen=True)
+class Argument:
+    """
+    What a call must be given.
+
+    Attributes
+    ----------
+    name : str
+    shape : tuple of int
+        Of a single state; a batch leads with one more axis.
+    labels : tuple of str
+        Names of the entries of the last axis, for messages.
+    default : array, optional
+        Memory that stands in for the argument when it is not given.
+    """
+
+    name: str
+    shape: Shape
+    labels: tuple[str, ...] = ()
+    default: Array | None = None
+
+
+def checked(argument: Argument, value: Any) -> Array:
+    """Return a value as a C-contiguous float64 array, one state or a batch, or InputError."""
+    name, shape = argument.name, argument.shape
+    expected = f'{shape} or (N, {", ".join(map(str, shape))})'
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise InputError(f'{name} is not a rectangular array; expected shape {expected}') from None
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{name} has dtype {array.dtype}; expected numbers of shape {expected}')
+    if array.shape != shape and array.shape[1:] != shape:
+        raise InputError(f'{name} has shape {array.shape}; expected {expected}')
+    array = np.ascontiguousarray(array, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise InputError(_not_finite(argument, array))
+    return array
+
+
+def _not_finite(argument: Argument, array: Array) -> str:
+    """Name the first entry that is not a finite number."""
+    place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+    at = ', '.join(map(str, place))
+    label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
+    return f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number'
+
+
+class Kernel:
+    """
+    A compiled program.
+
+    Parameters
+    ----------
+    name : str
+        As messages shall call it.
+    program : callable
+        Traces the program when the cache does not hold its code; called at most once.
+    key : str or None
+        What the program depends on, for the cache; None compiles always.
+    arguments : sequence of Argument
+        In the program's order; those with a default come last.
+    parameters : array
+        The block that follows the arguments: read at each call, copied for a batch.
+    shape : tuple of int
+        Of the result for one state.
+    """
+
+    def __init__(self, name: str, program: Callable[[], Program], key: str | None,
+                 arguments: Sequence[Argument], parameters: Array, shape: Shape) -> None:
+        """Compile, or load from the cache."""
+        def compiled() -> bytes:
+            return llvm.assemble(module_text(program(), SYMBOL))
+        self.name, self.shape = name, shape
+        self.arguments = tuple(arguments)
+        self.parameters = parameters
+        self.code = llvm.Code(compiled() if key is None
+                              else cache.fetch(cache.key(name, key), compiled))
+        self.address = self.code.address(SYMBOL)
+
+    def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the fastest way in that this interpreter allows."""
+        given = [size_of(a.shape) for a in self.arguments if a.default is None]
+        defaults = [a.default for a in self.arguments if a.default is not None]
+        return fast_entry(self.name, doc, self.address, given, [*defaults, self.parameters],
+                          self.shape, fallback, self)
+
+    def __call__(self, *values: Any, out: Any = None) -> Any:
+        """
+        Call with anything convertible, one state or a batch; None stands for a default.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given, and what is expected.
+        """
+        arrays = [self._default(a) if v is None else checked(a, v)
+                  for a, v in zip(self.arguments, values, strict=True)]
+        count = self._count(values, arrays)
+        shape = self.shape if count is None else (count, *self.shape)
+        if size_of(shape) > MOST_RESULTS:
+            raise InputError(f'{self.name}: {count} states would give {size_of(shape)} numbers; '
+                             f'at most {MOST_RESULTS} a call')
+        result = self._result(out, shape)
+        blocks = [*arrays, self.parameters.copy(), result]
+        strides = [0 if count is None or block.ndim == len(a.shape) else block.strides[0]
+                   for block, a in zip(arrays, self.arguments)]
+        stride = 8 * size_of(self.shape)
+        repeat(self.address, [block.ctypes.data for block in blocks], [*strides, 0, stride],
+               1 if count is None else count)
+        if out is not None:
+            if result is not out:
+                out[...] = result
+            return out
+        return float(result) if shape == () else result
+
+    def _default(self, argument: Argument) -> Array:
+        if argument.default is None:
+            raise InputError(f'{self.name}: {argument.name} is missing')
+        return argument.default
+
+    def _count(self, values: Sequence[Any], arrays: Sequence[Array]) -> int | None:
+        """Return the number of states, None for a single one; all arguments must agree."""
+        given = [(a, array) for a, v, array in zip(self.arguments, values, arrays)
+                 if v is not None]
+        counts = {a.name: array.shape[0] if array.ndim > len(a.shape) else None
+                  for a, array in given}
+        if len(set(counts.values())) > 1:
+            shapes = ', '.join(f'{a.name} {array.shape}' for a, array in given)
+            raise InputError(f'{self.name}: arguments must all be single states or all batches '
+                             f'of one length; given {shapes}')
+        return next(iter(counts.values()))
+
+    def _result(self, out: Any, shape: Shape) -> Array:
+        """Return the array to write to: `out` itself if it can be, after checking it."""
+        if out is None:
+            return np.empty(shape)
+        if not (isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == shape
+                and out.flags.writeable):
+            given = (f'{out.dtype} array of shape {out.shape}' if isinstance(out, np.ndarray)
+                     else type(out).__name__)
+            raise InputError(f'{self.name}: out is a {given}; expected a writeable float64 array '
+                             f'of shape {shape}')
+        direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
+        return out if direct else np.empty(shape)
