@@ -1,0 +1,292 @@
+"""
+The desired motion: a smooth curve through the points of a joint trajectory.
+
+Interpolation follows joint_trajectory_controller: points with velocities are joined by cubics,
+points with accelerations too by quintics. Points with positions only, which that controller joins
+by straight lines, become one cubic spline here, because a feedforward torque needs accelerations.
+"""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+import math
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+import numpy as np
+from numpy.typing import ArrayLike
+
+# Coefficients in x = (t - t0) / h of the quintic that has q, h u, h^2 udot at x = 0 and x = 1.
+_QUINTIC = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                     [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+                     [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+                     [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
+                     [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
+                     [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5]])
+# The same for the cubic, which has q and h u at both ends.
+_CUBIC = np.array([[1.0, 0.0, 0.0, 0.0],
+                   [0.0, 1.0, 0.0, 0.0],
+                   [-3.0, -2.0, 3.0, -1.0],
+                   [2.0, 1.0, -2.0, 1.0]])
+
+Start = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
+State = tuple[Array, Array, Array]
+
+
+class Motion:
+    """
+    A desired motion q(t), u(t), udot(t) of named joints; immutable.
+
+    Outside its points it stands still: before the first at the first position, from the last on
+    at the last position. Make one with `Motion.from_points`.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    times : (K,) array
+        Of the points, s from the beginning of the motion.
+    positions : (K, n) array
+        Of the points, rad or m.
+    duration : float
+        Time of the last point, s.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], times: Array, positions: Array,
+                 coefficients: Array) -> None:
+        """Take checked arrays; `coefficients` is (K - 1, 6, n), in each segment's own x."""
+        self.joint_names = joint_names
+        self.times = times
+        self.positions = positions
+        self.duration = float(times[-1])
+        self._n = len(joint_names)
+        # One row of powers times one (6, 3 n) matrix gives q, u and udot: a scalar sample is a
+        # single small product, which matters at the rate of a controller.
+        h = np.diff(times)[:, None, None]
+        power = np.arange(6.0)[:, None]
+        first, second = np.zeros_like(coefficients), np.zeros_like(coefficients)
+        first[:, :5] = (power * coefficients)[:, 1:] / h
+        second[:, :5] = (power * first)[:, 1:] / h
+        self._table = np.concatenate([coefficients, first, second], axis=2)
+        self._knots: list[float] = times.tolist()
+        self._inverse_h: list[float] = (1.0 / h).ravel().tolist()
+        for array in (times, positions, self._table):
+            array.flags.writeable = False
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self._n
+
+    @classmethod
+    def from_points(cls, times: ArrayLike, positions: Sequence[ArrayLike] | ArrayLike,
+                    velocities: Sequence[ArrayLike] | ArrayLike | None = None,
+                    accelerations: Sequence[ArrayLike] | ArrayLike | None = None, *,
+                    joint_names: Sequence[str], order: Sequence[str] | None = None,
+                    start: Start | None = None) -> 'Motion':
+        """
+        Return the motion through points, by the rules of joint_trajectory_controller.
+
+        Parameters
+        ----------
+        times : (K,) array_like
+            s from the beginning of the motion; not negative, strictly increasing, K >= 1.
+        positions : (K, n) array_like
+            rad or m. Alone: one cubic spline with continuous udot, at rest at both ends (or with
+            the velocity of `start`).
+        velocities : (K, n) array_like, optional
+            rad/s or m/s: cubic Hermite segments, udot may jump at points. No rows, or only empty
+            ones, are the same as None.
+        accelerations : (K, n) array_like, optional
+            rad/s^2 or m/s^2, only with velocities: quintic segments.
+        joint_names : sequence of str
+            Names of the columns.
+        order : sequence of str, optional
+            The joints that the motion shall have, in this order; columns that it does not name
+            are left out. Default: `joint_names`.
+        start : (q, u, udot), optional
+            State at time 0, in the order of the motion, from which the first point is approached
+            if its time is positive; u and udot may be None (rest). Without it the motion waits
+            at the first point until that point's time.
+
+        Raises
+        ------
+        InputError
+            Names the point, the joint, the value and what is expected.
+        """
+        given = _names(joint_names, 'joint_names')
+        names = given if order is None else _names(order, 'order')
+        lacking = [name for name in names if name not in given]
+        if lacking:
+            raise InputError(f'the motion lacks the joints {lacking}; it names {list(given)}')
+        columns = [given.index(name) for name in names]
+        t = _times(times)
+        rows = [_rows(values, what, len(t), given) for values, what in (
+            (positions, 'positions'), (velocities, 'velocities'),
+            (accelerations, 'accelerations'))]
+        if rows[0] is None:
+            raise InputError('positions is empty; every point needs the positions of '
+                             f'{list(given)}')
+        if rows[2] is not None and rows[1] is None:
+            raise InputError('accelerations are given without velocities; give both or neither')
+        q, u, udot = (None if row is None else row[:, columns] for row in rows)
+        assert q is not None
+        rest = np.zeros(len(names))
+        if start is not None and t[0] > 0.0:
+            first = _start(start, names)
+            t = np.concatenate([[0.0], t])
+            q = np.vstack([first[0], q])
+            u = None if u is None else np.vstack([first[1], u])
+            udot = None if udot is None else np.vstack([first[2], udot])
+            rest = first[1]
+        if u is None:
+            u = _spline_velocities(t, q, rest)
+        return cls(names, t, q, _coefficients(t, q, u, udot))
+
+    def sample(self, t: float | Array) -> State:
+        """
+        Return q, u, udot at time t from the beginning of the motion.
+
+        Parameters
+        ----------
+        t : float or (K,) array
+            s, finite.
+
+        Returns
+        -------
+        q, u, udot : (n,) arrays, or (K, n) for an array of times
+        """
+        if isinstance(t, np.ndarray) and t.ndim:
+            return self._sample_many(t)
+        t = float(t)
+        n = self._n
+        knots = self._knots
+        if not knots[0] <= t < knots[-1]:
+            if not math.isfinite(t):
+                raise InputError(f't is {t}; expected a finite time in s')
+            return self.positions[0 if t < knots[0] else -1].copy(), np.zeros(n), np.zeros(n)
+        k = bisect_right(knots, t) - 1
+        x = (t - knots[k]) * self._inverse_h[k]
+        x2 = x * x
+        x3 = x2 * x
+        state = np.array((1.0, x, x2, x3, x2 * x2, x2 * x3)).dot(self._table[k])
+        return state[:n], state[n:2 * n], state[2 * n:]
+
+    def _sample_many(self, t: Array) -> State:
+        """Return (K, n) arrays for a (K,) array of times."""
+        t = np.asarray(t, dtype=np.float64)
+        if t.ndim != 1 or not np.isfinite(t).all():
+            raise InputError(f't has shape {t.shape}; expected one axis of finite times in s')
+        out = np.zeros((len(t), 3 * self._n))
+        inside = (t >= self.times[0]) & (t < self.times[-1])
+        out[:, :self._n] = self.positions[np.where(t < self.times[0], 0, -1)]
+        if inside.any():
+            k = np.searchsorted(self.times, t[inside], side='right') - 1
+            x = ((t[inside] - self.times[k]) * np.take(self._inverse_h, k))[:, None]
+            value = self._table[k, 5]
+            for power in (4, 3, 2, 1, 0):
+                value = value * x + self._table[k, power]
+            out[inside] = value
+        q, u, udot = (np.ascontiguousarray(part) for part in np.split(out, 3, axis=1))
+        return q, u, udot
+
+
+def _names(names: Sequence[str], what: str) -> tuple[str, ...]:
+    """Return unique joint names as a tuple, or raise InputError."""
+    names = tuple(names)
+    if not names or not all(isinstance(name, str) for name in names) or (
+            len(set(names)) != len(names)):
+        raise InputError(f'{what} is {list(names)}; expected one or more different joint names')
+    return names
+
+
+def _times(times: ArrayLike) -> Array:
+    """Return the times of the points as a (K,) array, or raise InputError."""
+    try:
+        t = np.array(times, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'times is {times!r}; expected one number a point, in s') from None
+    if t.ndim != 1 or not len(t):
+        raise InputError(f'times has shape {t.shape}; expected one number a point, and at least '
+                         'one point')
+    for i, value in enumerate(t.tolist()):
+        if not math.isfinite(value) or value < 0.0:
+            raise InputError(f'point {i}: time is {value} s; expected a finite time >= 0 s')
+        if i and value <= t[i - 1]:
+            raise InputError(f'point {i}: time is {value} s; expected more than the {t[i - 1]} s '
+                             f'of point {i - 1}')
+    return t
+
+
+def _rows(values: Sequence[ArrayLike] | ArrayLike | None, what: str, count: int,
+          names: tuple[str, ...]) -> Array | None:
+    """Return one row a point as a (K, n) array, None if nothing is given, or raise InputError."""
+    if values is None:
+        return None
+    try:
+        listed = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        raise InputError(f'{what} is {values!r}; expected one row of {len(names)} numbers a point '
+                         f'({", ".join(names)})') from None
+    if all(row.size == 0 for row in listed):
+        return None
+    if len(listed) != count:
+        raise InputError(f'{what} has {len(listed)} rows; expected {count}, one a time')
+    return np.array([_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
+
+
+def _row(values: ArrayLike, what: str, names: tuple[str, ...]) -> Array:
+    """Return one finite number a joint, or raise InputError that names the joint."""
+    row = np.array(values, dtype=np.float64)
+    if row.shape != (len(names),):
+        raise InputError(f'{what} has shape {row.shape}; expected {len(names)} numbers '
+                         f'({", ".join(names)})')
+    for name, value in zip(names, row.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise InputError(f"{what} of joint '{name}' is {value}; expected a finite number")
+    return row
+
+
+def _start(start: Start, names: tuple[str, ...]) -> State:
+    """Return the state before the first point as three (n,) arrays, or raise InputError."""
+    q, u, udot = start
+    rest = np.zeros(len(names))
+    return (_row(q, 'start: positions', names),
+            _row(rest if u is None else u, 'start: velocities', names),
+            _row(rest if udot is None else udot, 'start: accelerations', names))
+
+
+def _spline_velocities(t: Array, q: Array, first: Array) -> Array:
+    """
+    Return the (K, n) velocities that make udot continuous at every inner point.
+
+    The velocities at the ends are given: `first`, and zero at the last point. The inner ones
+    solve the tridiagonal, diagonally dominant system
+    ``u[i-1] / h[i-1] + 2 (1 / h[i-1] + 1 / h[i]) u[i] + u[i+1] / h[i]
+    = 3 (dq[i-1] / h[i-1]^2 + dq[i] / h[i]^2)`` by Thomas' elimination.
+    """
+    count = len(t)
+    u = np.zeros_like(q)
+    if count < 2:
+        return u
+    u[0] = first
+    r = 1.0 / np.diff(t)
+    slope = 3.0 * np.diff(q, axis=0) * (r * r)[:, None]
+    ratio = np.zeros(count)  # of the eliminated upper diagonal
+    for i in range(1, count - 1):
+        pivot = 2.0 * (r[i - 1] + r[i]) - r[i - 1] * ratio[i - 1]
+        ratio[i] = r[i] / pivot
+        u[i] = (slope[i - 1] + slope[i] - r[i - 1] * u[i - 1]) / pivot
+    for i in range(count - 2, 0, -1):
+        u[i] -= ratio[i] * u[i + 1]
+    return u
+
+
+def _coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
+    """Return the (K - 1, 6, n) coefficients of each segment's polynomial in x from 0 to 1."""
+    h = np.diff(t)[:, None]
+    ends = [q[:-1], h * u[:-1], q[1:], h * u[1:]]
+    if udot is not None:
+        ends = [q[:-1], h * u[:-1], h * h * udot[:-1], q[1:], h * u[1:], h * h * udot[1:]]
+    basis = _CUBIC if udot is None else _QUINTIC
+    out = np.zeros((len(t) - 1, 6, q.shape[1]))
+    out[:, :len(basis)] = np.einsum('pe,esn->spn', basis, np.array(ends))
+    return out
