@@ -1,0 +1,113 @@
+"""The last step before torques leave: the effort clamp and the torque-rate limit."""
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Flags = NDArray[np.bool_]
+
+
+class Command(NamedTuple):
+    """Torques to apply, (n,) N m or N, and which of them the two limits changed, (n,) bool."""
+
+    tau: Array
+    clamped: Flags
+    rate_limited: Flags
+
+    @property
+    def limited(self) -> bool:
+        """Whether any limit changed any torque."""
+        return bool(self.clamped.any() or self.rate_limited.any())
+
+
+class Limiter:
+    """
+    Clamps each torque to its limit, then its change since the last command.
+
+    A limiter that is new or was stopped counts as having commanded zero at the first stamp that
+    it sees, so a torque with a rate limit starts at zero. There are no limits until they are set.
+
+    Attributes
+    ----------
+    effort, rate : (n,) arrays
+        N m and N m/s, or N and N/s; infinite for no limit.
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self._last = np.zeros(len(self._names))
+        self._stamp: float | None = None
+        self.set_effort(np.full(len(self._names), math.inf))
+        self.set_rate(np.full(len(self._names), math.inf))
+
+    def set_effort(self, effort: Array) -> None:
+        """Change the largest torques; the last command is taken into them at once."""
+        self.effort = effort
+        # A command under a wider limit must not outlast it through the rate limit.
+        self._last = np.clip(self._last, -effort, effort)
+
+    def set_rate(self, rate: Array) -> None:
+        """Change the largest changes per second."""
+        self.rate = rate
+        # The step is slope * dt + free, which avoids inf * 0 where there is no limit.
+        self._slope = np.where(np.isfinite(rate), rate, 0.0)
+        self._free = np.where(np.isfinite(rate), 0.0, math.inf)
+
+    def apply(self, t: float, tau: Array) -> Command:
+        """
+        Return what of `tau` may be commanded at stamp `t`, s.
+
+        A stamp that lies before the last one leaves no time for a change.
+
+        Raises
+        ------
+        InputError
+            A torque is not finite; the last command stays as it was.
+        """
+        if not np.isfinite(tau).all():
+            raise InputError('the torques are not finite: '
+                             f'{dict(zip(self._names, tau.tolist(), strict=True))}; the state, '
+                             'the motion or the gains are beyond any physical range')
+        within = np.minimum(np.maximum(tau, -self.effort), self.effort)
+        elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
+        step = self._slope * elapsed + self._free
+        out = np.minimum(np.maximum(within, self._last - step), self._last + step)
+        self._last, self._stamp = out, t
+        return Command(out.copy(), within != tau, out != within)
+
+    def stop(self) -> Command:
+        """Return zeros, past every limit, and start anew with the next stamp."""
+        n = len(self._names)
+        self._last, self._stamp = np.zeros(n), None
+        return Command(np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool))
+
+
+def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
+              finite: bool = True) -> Array:
+    """
+    Return one number, or one a joint, as a read-only (n,) array of numbers >= 0.
+
+    Raises
+    ------
+    InputError
+        Names `what`, the joint, the value and what is valid.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'{what} is {value!r}; expected one number, or one a joint') from None
+    if array.shape not in ((), (len(names),)):
+        raise InputError(f'{what} is {value!r}; expected one number, or {len(names)} '
+                         f'({", ".join(names)})')
+    array = np.broadcast_to(array, len(names)).copy()
+    for name, number in zip(names, array.tolist(), strict=True):
+        if not number >= 0.0 or (finite and math.isinf(number)):
+            raise InputError(f"{what} of joint '{name}' is {number}; expected a "
+                             f'{"finite " if finite else ""}number >= 0')
+    array.flags.writeable = False
+    return array
