@@ -1,0 +1,67 @@
+"""A progress bar on the terminal: rich's if it is installed, a plain one otherwise."""
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+import sys
+import time
+
+PATIENCE = 0.5  # s: what is done sooner shows no bar
+_PERIOD = 0.1  # s between updates of the plain bar
+_WIDTH = 40
+
+
+@contextmanager
+def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
+    """
+    Show how much of `total` is done, on stderr, while the block runs.
+
+    Yields a function that takes the amount done and returns True, which is what `simulate` calls
+    its progress with. Nothing is shown if stderr is no terminal or the work is done at once.
+    """
+    if not sys.stderr.isatty():
+        yield lambda done: True
+        return
+    try:
+        bar = _rich(text, total)
+    except ImportError:
+        bar = _plain(text, total)
+    next(bar)
+    start = time.monotonic()
+
+    def report(done: float) -> bool:
+        if time.monotonic() - start > PATIENCE:
+            bar.send(done)
+        return True
+
+    try:
+        yield report
+    finally:
+        bar.close()
+
+
+def _rich(text: str, total: float) -> Generator[None, float, None]:
+    """Take amounts done by send(), and draw them with rich."""
+    from rich.console import Console
+    from rich.progress import Progress
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(text, total=total, visible=False)
+        while True:
+            progress.update(task, completed=(yield), visible=True)
+
+
+def _plain(text: str, total: float) -> Generator[None, float, None]:
+    """Take amounts done by send(), and draw them with number signs on one line."""
+    shown, last = '', 0.0
+    try:
+        while True:
+            done = yield
+            if time.monotonic() - last < _PERIOD:
+                continue
+            last = time.monotonic()
+            share = min(max(done / total, 0.0), 1.0) if total > 0.0 else 1.0
+            filled = round(_WIDTH * share)
+            shown = f'{text} [{"#" * filled}{"." * (_WIDTH - filled)}] {share:4.0%}'
+            print(f'\r{shown}', end='', file=sys.stderr, flush=True)
+    finally:
+        if shown:
+            print(f'\r{" " * len(shown)}\r', end='', file=sys.stderr, flush=True)

@@ -1,0 +1,155 @@
+"""
+Files of joint states over time: CSV in and out, and YAML trajectory points in.
+
+A CSV file has a header. Its columns are `t` and `<quantity>.<joint>` with a quantity of q, u,
+udot or tau; a joint's bare name means q; whatever else there is is left alone. A YAML file is
+laid out like a trajectory_msgs/JointTrajectory: `joint_names` and `points` with
+`time_from_start` and `positions`, and perhaps `velocities` and `accelerations`.
+"""
+
+from collections.abc import Mapping, Sequence
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+from kane_dynamics.motion import Motion
+import numpy as np
+import yaml
+
+QUANTITIES = ('q', 'u', 'udot', 'tau')
+
+
+@dataclass(frozen=True)
+class States:
+    """Rows of a file for the joints asked for: t is (K,), the others (K, n); None if not there."""
+
+    t: Array | None = None
+    q: Array | None = None
+    u: Array | None = None
+    udot: Array | None = None
+    tau: Array | None = None
+
+
+def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
+    """
+    Return the motion through the points of a CSV or YAML file, of the named joints.
+
+    Raises
+    ------
+    InputError
+        Names the file and what in it is wrong or missing.
+    """
+    if Path(path).suffix in ('.yaml', '.yml'):
+        return _read_yaml(path, joint_names)
+    states = read_states(path, joint_names)
+    if states.t is None or states.q is None:
+        raise InputError(f"{path}: a motion needs the columns 't' and 'q.<joint>'")
+    return _motion(path, states.t, [states.q, states.u, states.udot], joint_names, joint_names)
+
+
+def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
+    """
+    Return the columns of a CSV file for the named joints.
+
+    Raises
+    ------
+    InputError
+        Names the file, and the line and column of a bad number, or the joints that a quantity
+        lacks.
+    """
+    lines = [line for line in csv.reader(_text(path).splitlines(), skipinitialspace=True) if line]
+    if len(lines) < 2:
+        raise InputError(f'{path}: has {len(lines)} lines; expected a header and rows of numbers')
+    header = [name.strip() for name in lines[0]]
+    found: dict[str, Any] = {}
+    for quantity in QUANTITIES:
+        wanted = [_column(header, quantity, joint) for joint in joint_names]
+        if all(column is None for column in wanted):
+            continue
+        lacking = [name for name, column in zip(joint_names, wanted, strict=True)
+                   if column is None]
+        if lacking:
+            raise InputError(f"{path}: has '{quantity}' of some joints, but not of {lacking}")
+        found[quantity] = _numbers(path, lines, wanted)
+    if not found:
+        raise InputError(f'{path}: no column is of any joint; expected names like '
+                         f"'q.{joint_names[0]}', found {header}")
+    times = [column for column, name in enumerate(header) if name in ('t', 'time')]
+    return States(_numbers(path, lines, times[:1])[:, 0] if times else None, **found)
+
+
+def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],
+                 joint_names: Sequence[str]) -> None:
+    """Write (K, n) arrays by quantity as CSV, exactly."""
+    writer = csv.writer(stream, lineterminator='\n')
+    writer.writerow([*([] if t is None else ['t']),
+                     *(f'{quantity}.{joint}' for quantity in states for joint in joint_names)])
+    columns = [*([] if t is None else [t[:, None]]), *states.values()]
+    writer.writerows(np.hstack(columns).tolist())
+
+
+def _column(header: list[str], quantity: str, joint: str) -> int | None:
+    """Return the column of a joint's quantity, or None."""
+    names = [f'{quantity}.{joint}', *([joint] if quantity == 'q' else [])]
+    return next((header.index(name) for name in names if name in header), None)
+
+
+def _numbers(path: str | Path, lines: list[list[str]], columns: Sequence[int | None]) -> Array:
+    """Return the (K, n) numbers of some columns."""
+    out = np.empty((len(lines) - 1, len(columns)))
+    for i, line in enumerate(lines[1:]):
+        for k, column in enumerate(columns):
+            assert column is not None
+            try:
+                out[i, k] = float(line[column])
+            except (ValueError, IndexError):
+                value = repr(line[column]) if column < len(line) else 'missing'
+                raise InputError(f"{path}: row {i + 1}, column '{lines[0][column]}': {value}; "
+                                 'expected a number') from None
+    return out
+
+
+def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
+    """Return the motion through the points of a YAML file."""
+    try:
+        content = yaml.safe_load(_text(path))
+        points = content['points']
+        times = [_seconds(point['time_from_start']) for point in points]
+        rows = [[point.get(name) or [] for point in points]
+                for name in ('positions', 'velocities', 'accelerations')]
+        names = content['joint_names']
+    except yaml.YAMLError as error:
+        raise InputError(f'{path}: {error}') from None
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: expected 'joint_names' and 'points', each point with "
+                         f"'time_from_start' and 'positions'; trouble with {error}") from None
+    return _motion(path, times, rows, names, joint_names)
+
+
+def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],
+            order: Sequence[str]) -> Motion:
+    """Return the motion through points; errors name the file."""
+    try:
+        return Motion.from_points(times, *rows, joint_names=names, order=order)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from None
+
+
+def _seconds(value: Any) -> Any:
+    """Return a time that is a number or a builtin_interfaces/Duration in s."""
+    if isinstance(value, dict):
+        return value.get('sec', 0) + 1e-9 * value.get('nanosec', 0)
+    return value
+
+
+def _text(path: str | Path) -> str:
+    """Return the text of a file, or raise InputError."""
+    try:
+        return Path(path).read_text(encoding='utf-8-sig')
+    except OSError as error:
+        raise InputError(f'{path}: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise InputError(f'{path}: is not UTF-8 text') from None
