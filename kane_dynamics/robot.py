@@ -339,6 +339,23 @@ class Robot:
                           self.parameters.block, quantity.shape(self.n))
         return self._kept((name, ''), make)
 
+    def extra_kernel(self, name: str, program: Callable[[], Program],
+                     arguments: Sequence[Argument], block: Array, shape: Shape) -> Kernel:
+        """Return a kernel of the caller's own on this robot, compiling it at the first use."""
+        return self._kept((name, ''), lambda: Kernel(name, program, self._key, arguments, block,
+                                                     shape))
+
+    def rigid_program(self) -> Program:
+        """Trace inverse dynamics without friction, the part that feedback linearisation needs."""
+        equations = self.equations
+        quantity = QUANTITIES['inverse_dynamics']
+
+        def function(q: Any, u: Any, udot: Any, *rest: Any) -> Any:
+            wrench = rest[0] if equations.wrench_frames else None
+            return equations.rigid_dynamics(q, u, udot, wrench, rest[-1])
+        return trace_program('rigid_dynamics', function,
+                             self._inputs(quantity, bool(equations.wrench_frames)))
+
     def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:
         if key not in self._kernels:
             self._kernels[key] = make()

@@ -66,9 +66,13 @@ class Equations:
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return tau = M udot + bias - external, (n,)."""
+        return self.rigid_dynamics(q, u, udot, wrench, parameters) + self.friction_force(u)
+
+    def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return inverse dynamics without friction, (n,)."""
         rigid = recursive.inverse_dynamics(self.base_links(parameters), q, u, udot,
                                            parameters[:3])
-        return (rigid + self.armature(udot) + self.friction_force(u) + self.spring_force(q)
+        return (rigid + self.armature(udot) + self.spring_force(q)
                 - self.external_force(q, wrench))
 
     def bias_force(self, q: Any, u: Any, parameters: Any) -> Any:
