@@ -176,8 +176,9 @@ class Robot:
         if isinstance(wrench_frames, str):
             raise InputError(f"wrench_frames is the string '{wrench_frames}'; expected a sequence "
                              'of frame names')
-        self._options = {'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
-                         'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
+        self._options: dict[str, Any] = {
+            'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
+            'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
         self.model = model
         self.friction = bool(friction)
         self.equations = Equations(model, **self._options)
@@ -370,11 +371,12 @@ class Robot:
             inputs.append(('wrench', self._no_wrench.shape))
         return [*inputs, ('parameters', self.parameters.block.shape)]
 
-    def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None) -> Any:
-        return self.kernel(name)(*arguments, out=out)
+    def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None) -> Array:
+        result: Array = self.kernel(name)(*arguments, out=out)
+        return result
 
     def _dynamics(self, name: str, arguments: tuple[Any, ...], wrench: Any,
-                  out: Array | None) -> Any:
+                  out: Array | None) -> Array:
         if self.equations.wrench_frames:
             arguments = (*arguments, wrench)
         elif wrench is not None:
@@ -383,13 +385,14 @@ class Robot:
         return self._call(name, arguments, out)
 
     def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
-                  out: Array | None) -> Any:
+                  out: Array | None) -> Array:
         """Call a frame's kernel by its entry; compile it at the first use."""
         entry = self._frame_entries.get((name, frame))
         if entry is None:
             kernel = self._kept((name, frame), lambda: self._frame_kernel(name, frame))
             entry = self._frame_entries[name, frame] = kernel.entry('', kernel)
-        return entry(*arguments) if out is None else entry(*arguments, out=out)
+        result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
+        return result
 
     def _frame_kernel(self, name: str, frame_name: str) -> Kernel:
         quantity, frame = FRAME_QUANTITIES[name], self.model.frame(frame_name)

@@ -111,7 +111,7 @@ def _prepared(robot: Robot, step: float, count: int, torque: Any) -> _Run:
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
-        halves = np.arange(2 * count + 1) * (0.5 * step)
+        halves: Array = np.arange(2 * count + 1) * np.float64(0.5 * step)
         inputs = np.concatenate(torque.motion.sample(halves), axis=1)
         kernel = _kernel(robot, 'step_computed_torque', 3, [torque.kp, torque.kd])
         constants = np.concatenate([torque.kp, torque.kd, [step], robot.parameters.block])
@@ -177,8 +177,8 @@ def _run_native(run: _Run, state: Array, count: int, every: int,
                [buffer.strides[0], run.input_stride, 0, buffer.strides[0]], chunk)
         took = time.perf_counter() - started
         _finite(run.robot, buffer, done, run.step)
-        watch.look(buffer[1:], (done + 1 + np.arange(chunk)) * run.step)
         numbers = done + np.arange(1, chunk + 1)
+        watch.look(buffer[1:], numbers * np.float64(run.step))
         chosen = (numbers % every == 0) | (numbers == count)
         kept.extend(numbers[chosen].tolist())
         states.extend(buffer[1:][chosen])

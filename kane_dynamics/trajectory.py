@@ -75,8 +75,8 @@ class Trajectory:
             with np.load(path, allow_pickle=False) as file:
                 events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b))
                                for t, joint, limit, v, b in file['limit_events'])
-                return cls(*(file[name] for name in ARRAYS),
-                           tuple(map(str, file['joint_names'])), events)
+                return cls(**{name: file[name] for name in ARRAYS}, limit_events=events,
+                           joint_names=tuple(map(str, file['joint_names'])))
         except (KeyError, ValueError) as error:
             raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
 

@@ -82,7 +82,7 @@ class Link:
         return self.pseudo_inertia[:3, :3]
 
 
-def homogeneous(rotation: Any = None, translation: Any = None) -> Any:
+def homogeneous(rotation: Any = None, translation: Any = None) -> Array:
     """Return the (4, 4) matrix that maps [r; 1] by r -> R r + p."""
     T = np.eye(4)
     if rotation is not None:

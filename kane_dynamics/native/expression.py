@@ -103,7 +103,7 @@ class Expr:
         return _quotient(other, self) if isinstance(other, _SCALAR) else NotImplemented
 
     def __pow__(self, exponent: Any) -> Any:
-        if not (isinstance(exponent, numbers.Integral) and exponent >= 0):
+        if not isinstance(exponent, numbers.Integral) or int(exponent) < 0:
             return NotImplemented
         result: Scalar = 1.0
         for _ in range(int(exponent)):
@@ -129,7 +129,7 @@ class Expr:
         return self.trace.node('sqrt', self)
 
 
-_SCALAR = (Expr, numbers.Real)
+_SCALAR: Any = (Expr, numbers.Real)
 
 
 def _constant_factor(x: Scalar) -> tuple[Scalar, float]:
