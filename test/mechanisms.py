@@ -1,0 +1,78 @@
+"""Random mechanisms for tests: trees with every kind of joint that a Model can hold."""
+
+from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
+import numpy as np
+
+
+def random_rotation(rng):
+    """Return a rotation matrix, uniformly distributed; now and then quarter turns only."""
+    if rng.random() < 0.3:
+        order = rng.permutation(3)
+        R = np.eye(3)[:, order] * rng.choice([-1.0, 1.0], 3)
+        return R if np.linalg.det(R) > 0.0 else -R
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0.0 else -q
+
+
+def random_inertial(rng):
+    """Return the inertial of a cloud of points: always physical."""
+    points = rng.normal(size=(6, 3)) * 0.2 + rng.normal(size=3) * 0.2
+    masses = rng.uniform(0.1, 1.0, 6)
+    com = masses @ points / masses.sum()
+    r = points - com
+    inertia = sum(m * (d @ d * np.eye(3) - np.outer(d, d)) for m, d in zip(masses, r))
+    return Inertial(masses.sum(), com, inertia)
+
+
+def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='any',
+                 passive=True):
+    """
+    Return a random tree.
+
+    Parameters
+    ----------
+    seed : int
+    n : int
+        Coordinates.
+    prismatic, branching : float
+        Share of prismatic joints, and of bodies that do not hang on the one before.
+    mimics : int
+        Bodies whose joint follows another's coordinate.
+    axes : 'any' or 'principal'
+    passive : bool
+        Damping, friction, springs and armature at the joints.
+    """
+    rng = np.random.default_rng(seed)
+    bodies, names = [], []
+    for i in range(n + mimics):
+        follows = i > 0 and i >= n
+        parent = i - 1
+        if i and rng.random() < branching:
+            parent = int(rng.integers(WORLD, i))
+        axis = (np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+                if axes == 'principal' or rng.random() < 0.4 else rng.normal(size=3))
+        limits = Limits(-rng.uniform(1, 3), rng.uniform(1, 3), rng.uniform(1, 5),
+                        rng.uniform(10, 100))
+        extra = dict(damping=rng.uniform(0, 1), friction=rng.uniform(0, 1),
+                     armature=rng.uniform(0, 0.1), stiffness=rng.uniform(0, 5),
+                     rest=rng.normal()) if passive else {}
+        coordinate = int(rng.integers(n)) if follows else len(names)
+        multiplier, offset = (rng.uniform(-2, 2), rng.normal()) if follows else (1.0, 0.0)
+        name = f'joint{i}'
+        if not follows:
+            names.append(name)
+        joint = Joint(name, 'prismatic' if rng.random() < prismatic else 'revolute', axis,
+                      random_rotation(rng), rng.normal(size=3) * 0.5 * rng.integers(0, 2, 3),
+                      coordinate, multiplier, offset, limits, **extra)
+        bodies.append(Body(f'body{i}', parent, joint, random_inertial(rng)))
+    frames = [Frame('base', WORLD, np.eye(3), np.zeros(3))]
+    frames += [Frame(f'frame{i}', i, random_rotation(rng), rng.normal(size=3) * 0.3)
+               for i in range(len(bodies))]
+    return Model(f'random{seed}', tuple(bodies), tuple(names), tuple(frames),
+                 rng.normal(size=3) * 5.0)
+
+
+def random_state(model, seed, count=3):
+    """Return `count` vectors of length n, and no small ones."""
+    return np.random.default_rng(seed).uniform(-2.0, 2.0, (count, model.n))

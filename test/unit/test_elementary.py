@@ -1,0 +1,61 @@
+"""Promises of sine, cosine and hyperbolic tangent in native code."""
+
+from kane_dynamics.native import cache, llvm
+from kane_dynamics.native.emit import module_text
+from kane_dynamics.native.entry import repeat
+from kane_dynamics.native.program import trace_program
+import mpmath
+import numpy as np
+import pytest
+
+N = 1000
+
+
+@pytest.fixture(scope='module')
+def functions():
+    """Evaluate (sin, cos, tanh) of an array."""
+    program = trace_program('f', lambda x: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
+                            [('x', (1,))])
+    code = llvm.Code(cache.fetch(cache.key('test', 'elementary'),
+                                 lambda: llvm.assemble(module_text(program, 'f'))))
+
+    def run(x):
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        out = np.empty((len(x), 3))
+        repeat(code.address('f'), [x.ctypes.data, out.ctypes.data], [8, 24], len(x))
+        return out
+    return run
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e-8, 1e-3, 0.3, 1.0, 3.0, 100.0, 1e4, 1e6])
+def test_error_is_at_most_two_units_in_the_last_place(functions, size):
+    x = np.random.default_rng(1).uniform(-size, size, N)
+    got = functions(x)
+    with mpmath.workprec(200):
+        for k, exact in enumerate((mpmath.sin, mpmath.cos, mpmath.tanh)):
+            true = [exact(mpmath.mpf(v)) for v in x]
+            ulp = np.spacing(np.abs(np.array([float(v) for v in true])))
+            error = np.array([float(abs(mpmath.mpf(g) - v)) for g, v in zip(got[:, k], true)])
+            assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
+
+
+def test_near_multiples_of_a_quarter_turn_the_relative_error_stays_small(functions):
+    x = np.arange(-2000, 2000) * (np.pi / 2)
+    got = functions(x)
+    with mpmath.workprec(300):
+        exact = np.array([[float(mpmath.sin(mpmath.mpf(v))), float(mpmath.cos(mpmath.mpf(v)))]
+                          for v in x])
+    np.testing.assert_allclose(got[:, :2], exact, rtol=1e-12, atol=0.0)
+
+
+def test_nan_and_infinity_never_become_plausible_numbers(functions):
+    got = functions([np.nan, np.inf, -np.inf])
+    assert np.isnan(got[:, :2]).all()
+    assert np.isnan(got[0, 2])
+    assert got[1, 2] == 1.0 and got[2, 2] == -1.0
+
+
+def test_zero_and_saturation_are_exact(functions):
+    got = functions([0.0, -0.0, 50.0, -1e300])
+    assert (got[:2, 0] == 0.0).all() and (got[:2, 1] == 1.0).all() and np.signbit(got[1, 2])
+    assert got[2, 2] == 1.0 and got[3, 2] == -1.0

@@ -1,0 +1,209 @@
+"""Promises of calling a compiled robot: what is accepted, what is refused, and how."""
+
+import gc
+import pickle
+import re
+import threading
+import weakref
+
+from kane_dynamics import InputError, Robot
+from kane_dynamics.native import entry
+from mechanisms import random_model, random_state
+import numpy as np
+import pytest
+
+MODEL = random_model(3, 5)
+STATE = random_state(MODEL, 0)
+
+
+@pytest.fixture(scope='module')
+def robot():
+    """A compiled robot."""
+    return Robot(MODEL)
+
+
+def test_the_fast_entry_serves_this_interpreter():
+    assert entry.supported()
+
+
+def test_fast_entry_and_checked_road_agree_to_the_last_bit(robot):
+    fast = robot.inverse_dynamics
+    assert type(fast).__name__ == 'builtin_function_or_method'
+    assert np.array_equal(fast(*STATE), Robot.inverse_dynamics(robot, *STATE))
+
+
+@pytest.mark.parametrize('convert', [
+    list, lambda x: x.astype(np.float32), lambda x: np.repeat(x, 2)[::2],
+    lambda x: x.astype('>f8'), lambda x: x[::-1].copy()[::-1]])
+def test_anything_convertible_is_converted(robot, convert):
+    given = [convert(x) for x in STATE]
+    expected = robot.inverse_dynamics(*[np.array(x, dtype=np.float64) for x in given])
+    assert np.array_equal(robot.inverse_dynamics(*given), expected)
+
+
+def test_integers_are_numbers(robot):
+    ones = [1, 0, 2, 0, 1]
+    assert np.array_equal(robot.inverse_dynamics(ones, ones, ones),
+                          robot.inverse_dynamics(*3 * [np.array(ones, dtype=float)]))
+
+
+def test_a_batch_is_its_states_one_by_one(robot):
+    batch = np.random.default_rng(1).normal(size=(3, 17, 5))
+    for name, count in (('inverse_dynamics', 3), ('forward_dynamics', 3), ('mass_matrix', 1),
+                        ('bias_force', 2), ('kinetic_energy', 2), ('potential_energy', 1),
+                        ('torque_terms', 3)):
+        method = getattr(robot, name)
+        rows = [method(*[np.ascontiguousarray(x[k]) for x in batch[:count]]) for k in range(17)]
+        assert np.array_equal(method(*batch[:count]), np.array(rows)), name
+
+
+def test_an_empty_batch_gives_an_empty_result(robot):
+    none = np.empty((0, 5))
+    assert robot.inverse_dynamics(none, none, none).shape == (0, 5)
+
+
+@pytest.mark.parametrize('arguments, words', [
+    ((STATE[0][:3], STATE[1], STATE[2]), ['q', '(3,)', '(5,)']),
+    ((STATE[0], STATE[1], np.zeros((2, 4))), ['udot', '(2, 4)', '(N, 5)']),
+    ((STATE[0], 'abc', STATE[2]), ['u', 'dtype', '(5,)']),
+    ((STATE[0], STATE[1], np.array([None] * 5)), ['udot', 'object']),
+    ((STATE[0], STATE[1], STATE[2] + 0j), ['udot', 'complex']),
+    ((STATE[0], STATE[1], [[1.0], [1.0, 2.0]]), ['udot', 'rectangular']),
+    ((STATE[0], [0, 0, np.nan, 0, 0], STATE[2]), ['u[2]', "'joint2'", 'nan', 'finite']),
+    ((STATE[0], STATE[1], [0, 0, 0, 0, np.inf]), ['udot[4]', "'joint4'", 'inf']),
+    ((STATE[0], np.zeros((4, 5)), STATE[2]), ['single states or all batches', '(4, 5)']),
+    ((np.zeros((3, 5)), np.zeros((4, 5)), np.zeros((3, 5))), ['one length', '(4, 5)']),
+])
+def test_a_bad_argument_is_named_with_what_is_expected(robot, arguments, words):
+    with pytest.raises(InputError) as error:
+        robot.inverse_dynamics(*arguments)
+    for word in words:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('argument', range(3))
+@pytest.mark.parametrize('place', range(5))
+def test_no_number_comes_from_a_state_that_is_not_finite(robot, value, argument, place):
+    state = STATE.copy()
+    state[argument, place] = value
+    with pytest.raises(InputError, match=r'is -?(nan|inf)'):
+        robot.inverse_dynamics(*state)
+
+
+def test_wrong_argument_counts_are_type_errors(robot):
+    with pytest.raises(TypeError, match='udot'):
+        robot.inverse_dynamics(STATE[0], STATE[1])
+    with pytest.raises(TypeError):
+        robot.inverse_dynamics(*STATE, *STATE)
+    with pytest.raises(TypeError, match='colour'):
+        robot.inverse_dynamics(*STATE, colour=1)
+
+
+def test_out_is_written_to_and_returned(robot):
+    out = np.zeros(5)
+    assert robot.inverse_dynamics(*STATE, out=out) is out
+    assert np.array_equal(out, robot.inverse_dynamics(*STATE))
+    strided = np.zeros(10)[::2]
+    assert np.array_equal(robot.inverse_dynamics(*STATE, out=strided), out)
+    overlaid = STATE[2].copy()
+    robot.inverse_dynamics(STATE[0], STATE[1], overlaid, out=overlaid)
+    assert np.array_equal(overlaid, out)
+
+
+@pytest.mark.parametrize('out', [np.zeros(4), np.zeros(5, dtype=np.float32), [0.0] * 5,
+                                 np.broadcast_to(0.0, 5)])
+def test_an_out_that_cannot_take_the_result_is_refused(robot, out):
+    with pytest.raises(InputError, match=re.escape('(5,)')):
+        robot.inverse_dynamics(*STATE, out=out)
+
+
+def test_energies_of_single_states_are_floats(robot):
+    assert type(robot.kinetic_energy(STATE[0], STATE[1])) is float
+    assert type(robot.potential_energy(list(STATE[0]))) is float
+
+
+def test_gravity_changes_without_compiling(robot):
+    other = Robot(MODEL)
+    other.inverse_dynamics(*STATE)
+    address = other.kernel('inverse_dynamics').address
+    other.parameters.gravity = (1.0, 2.0, 3.0)
+    assert other.kernel('inverse_dynamics').address == address
+    moon = Robot(random_model(3, 5).__class__(**{
+        **{f: getattr(MODEL, f) for f in MODEL.__dataclass_fields__}, 'gravity': (1, 2, 3)}))
+    np.testing.assert_array_equal(other.inverse_dynamics(*STATE), moon.inverse_dynamics(*STATE))
+
+
+@pytest.mark.parametrize('value', [None, (1, 2), 'down', (0, 0, np.nan)])
+def test_bad_gravity_is_refused_and_the_old_one_stays(robot, value):
+    before = robot.parameters.gravity
+    with pytest.raises(InputError, match='gravity'):
+        robot.parameters.gravity = value
+    assert np.array_equal(robot.parameters.gravity, before)
+
+
+def test_a_payload_without_its_frame_is_refused(robot):
+    with pytest.raises(InputError, match='payload_frame'):
+        robot.parameters.payload = None
+
+
+@pytest.mark.parametrize('options', [{'payload_frame': 'nowhere'}, {'wrench_frames': ['nowhere']},
+                                     {'wrench_frames': 'frame1'}])
+def test_an_unknown_frame_is_named_with_the_valid_ones(options):
+    with pytest.raises(InputError, match='frame'):
+        Robot(MODEL, **options)
+    with pytest.raises(InputError, match=r"'nowhere'; valid: .*frame0"):
+        Robot(MODEL).frame_pose('nowhere', STATE[0])
+
+
+def test_a_wrench_needs_a_declared_frame(robot):
+    with pytest.raises(InputError, match='wrench_frames'):
+        robot.inverse_dynamics(*STATE, wrench=np.zeros((1, 6)))
+
+
+def test_a_robot_survives_pickling():
+    robot = Robot(MODEL, payload_frame='frame4', friction=False)
+    robot.parameters.gravity = (0.0, 1.0, 2.0)
+    robot.parameters.payload = MODEL.bodies[0].inertial
+    copy = pickle.loads(pickle.dumps(robot))
+    assert np.array_equal(copy.inverse_dynamics(*STATE), robot.inverse_dynamics(*STATE))
+
+
+def test_a_robot_and_its_code_are_freed():
+    robot = Robot(MODEL)
+    robot.inverse_dynamics(*STATE)
+    ghost = weakref.ref(robot)
+    del robot
+    gc.collect()
+    assert ghost() is None
+
+
+def test_calls_from_many_threads_do_not_mix(robot):
+    states = random_state(MODEL, 5, 3 * 4).reshape(4, 3, 5)
+    expected = [robot.inverse_dynamics(*s) for s in states]
+    wrong = []
+
+    def work(k):
+        for _ in range(2000):
+            if not np.array_equal(robot.inverse_dynamics(*states[k]), expected[k]):
+                wrong.append(k)
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_the_slow_road_alone_gives_the_same(monkeypatch):
+    monkeypatch.setattr(entry, 'supported', lambda: False)
+    robot = Robot(MODEL)
+    assert type(robot.inverse_dynamics).__name__ == 'method'
+    assert np.array_equal(robot.inverse_dynamics(*STATE), Robot(MODEL).inverse_dynamics(*STATE))
+    with pytest.raises(InputError, match='nan'):
+        robot.inverse_dynamics(STATE[0], STATE[1] * np.nan, STATE[2])
+
+
+def test_every_kernel_documents_itself(robot):
+    assert 'inverse' in robot.inverse_mass_matrix.__doc__
+    assert 'Parameters' in Robot.inverse_dynamics.__doc__
