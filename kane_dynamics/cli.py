@@ -78,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(run=run)
         return sub
 
-    sub = command('torque', commands.torque, 'Inverse dynamics of a state, or of a whole trajectory')
+    sub = command('torque', commands.torque, 'Inverse dynamics of a state or of a trajectory')
     _add_model(sub)
     for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')

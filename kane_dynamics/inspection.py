@@ -114,7 +114,8 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
 
 def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
     """Print columns: words to the left, numbers to the right, six digits each."""
-    lines = [[cell if isinstance(cell, str) else f'{cell + 0.0:.6g}' for cell in row] for row in rows]
+    lines = [[cell if isinstance(cell, str) else f'{cell + 0.0:.6g}' for cell in row]
+             for row in rows]
     numeric = [all(_is_number(line[k]) for line in lines) for k in range(len(header))]
     widths = [max(len(line[k]) for line in [list(header), *lines]) for k in range(len(header))]
     for line in [list(header), *lines]:

@@ -117,7 +117,7 @@ def test_computed_torque_before_any_motion_holds_the_first_pose_it_saw():
     first = Q.copy()
     control.command(0.0, first, np.zeros(2))
     first[:] = 9.0  # the caller's own array may change afterwards
-    moved = Q + [0.2, -0.1]
+    moved = Q + np.array([0.2, -0.1])
     tau = control.command(0.1, moved, U).tau
     expected = expected_terms(Terms(), moved, U, np.zeros(2), np.zeros(2),
                               -KD * U - KP * [0.2, -0.1])

@@ -10,7 +10,7 @@ NAMES = ('shoulder', 'elbow', 'wrist')
 TIMES = np.array([0.0, 0.3, 0.45, 1.2, 2.0])
 
 
-def points(seed=1, count=len(TIMES)):
+def points(seed=1, count=5):
     """Return random positions, velocities and accelerations of `count` points."""
     return np.random.default_rng(seed).normal(size=(3, count, len(NAMES)))
 

@@ -28,7 +28,7 @@ def test_what_is_written_is_read_back_exactly(tmp_path):
 
 
 def test_columns_are_found_by_name_in_any_order_and_others_are_left_alone(tmp_path):
-    path = file(tmp_path, '\ufeffnote,reach, time,q.lift,kinetic_energy\nx,1, 5,2,3\n\ny,4,6,7,8\n')
+    path = file(tmp_path, '\ufeffnote,reach, time,q.lift,other\nx,1, 5,2,3\n\ny,4,6,7,8\n')
     states = read_states(path, NAMES)
     np.testing.assert_array_equal(states.q, [[2.0, 1.0], [7.0, 4.0]])
     np.testing.assert_array_equal(states.t, [5.0, 6.0])
