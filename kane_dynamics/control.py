@@ -250,7 +250,11 @@ class Controller:
 
     def _measured(self, values: ArrayLike, what: str) -> Array:
         """Return (n,) finite numbers, or raise InputError that names the joint."""
-        array = np.asarray(values, dtype=np.float64)
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f'the measured {what} is {values!r}; expected {len(self._names)} '
+                             f'numbers ({", ".join(self._names)})') from None
         if array.shape != self._zero.shape:
             raise InputError(f'the measured {what} has shape {array.shape}; expected '
                              f'{self._zero.shape} ({", ".join(self._names)})')

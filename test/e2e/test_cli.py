@@ -259,7 +259,8 @@ def test_bad_input_exits_2_and_says_what_was_wrong(urdf, arguments, words, capsy
 
 @pytest.mark.parametrize('arguments', [
     [], ['fly'], ['torque'], ['torque', 'x.urdf', '--wings'],
-    ['simulate', 'x.urdf', '--step', 'x'],    ['inspect', 'x.urdf', '--against', 'itself'],
+    ['simulate', 'x.urdf', '--step', 'x'],
+    ['inspect', 'x.urdf', '--against', 'itself'],
 ])
 def test_bad_usage_exits_2(arguments, capsys):
     with pytest.raises(SystemExit) as left:
@@ -272,6 +273,20 @@ def test_help_exits_0(arguments, capsys):
     with pytest.raises(SystemExit) as left:
         main(arguments)
     assert left.value.code == 0 and 'usage: kane-dynamics' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('module', 'arguments', 'words'), [
+    ('matplotlib', ['simulate', '--plot', 'x.png'], ["'matplotlib'", 'kane_dynamics[plot]']),
+    ('pinocchio', ['inspect', '--against', 'pinocchio'], ['Pinocchio', 'pip install pin']),
+])
+def test_a_missing_extra_is_named_with_what_to_install(urdf, module, arguments, words,
+                                                       monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.delitem(sys.modules, 'kane_dynamics.plot', raising=False)
+    assert main([arguments[0], urdf, *arguments[1:]]) == 2
+    error = capsys.readouterr().err
+    for word in words:
+        assert word in error
 
 
 def test_a_malformed_urdf_leaves_no_traceback(tmp_path):
