@@ -154,9 +154,11 @@ class Motion:
         -------
         q, u, udot : (n,) arrays, or (K, n) for an array of times
         """
-        if isinstance(t, np.ndarray | list | tuple) and np.ndim(t):
-            return self._sample_many(np.asarray(t, dtype=np.float64))
-        t = float(t)
+        if not isinstance(t, float | int):
+            array = np.asarray(t, dtype=np.float64)
+            if array.ndim:
+                return self._sample_many(array)
+            t = float(array)
         n = self._n
         knots = self._knots
         if not knots[0] <= t < knots[-1]:
