@@ -7,12 +7,12 @@ Everything here is plain library code; the ROS node only converts messages aroun
 from dataclasses import dataclass
 from enum import StrEnum
 import math
-from typing import Any, Protocol
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.limiter import Command, Limiter, per_joint
 from kane_dynamics.model import Array, freeze
 from kane_dynamics.motion import Motion
+from kane_dynamics.robot import Robot, TORQUE_TERMS
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -66,24 +66,6 @@ class ComputedTorque:
         freeze(self, 'kd', per_joint(self.kd, 'kd', self.motion.joint_names))
 
 
-class Dynamics(Protocol):
-    """What a controller uses of a Robot."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]: ...  # noqa: D102
-
-    @property
-    def limits(self) -> Any: ...  # noqa: D102
-
-    def inverse_dynamics(self, q: Array, u: Array, udot: Array) -> Array: ...  # noqa: D102
-
-    def gravity_force(self, q: Array) -> Array: ...  # noqa: D102
-
-    def friction_force(self, u: Array) -> Array: ...  # noqa: D102
-
-    def torque_terms(self, q: Array, u: Array, udot: Array) -> Array: ...  # noqa: D102
-
-
 class Controller:
     """
     Torques for one measured state after another.
@@ -127,7 +109,7 @@ class Controller:
         Names the argument, the joint, the value and what is valid.
     """
 
-    def __init__(self, robot: Dynamics, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
+    def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
                  compensate: Terms = Terms(), kp: ArrayLike = 100.0, kd: ArrayLike = 20.0,
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf) -> None:
         self.robot = robot
@@ -170,13 +152,13 @@ class Controller:
             self.mode, self._pose = Mode(mode), None
         if compensate is not None:
             self.compensate = compensate
-            # Rows of torque_terms: inertia, Coriolis, gravity, friction, spring.
-            rows = [compensate.inertia, compensate.coriolis, compensate.gravity,
-                    compensate.friction, True]
-            self._all = all(rows)
-            self._forward = np.array(rows, dtype=np.float64)
+            # One weight a row of torque_terms; the springs have no switch.
+            rows = {name: getattr(compensate, name, True) for name in TORQUE_TERMS}
+            self._all = all(rows.values())
+            self._forward = np.array(list(rows.values()), dtype=np.float64)
             # Feedback acts through M in any case; friction is added at the desired speed.
-            self._back = np.array([True, *rows[1:3], False, True], dtype=np.float64)
+            rows |= {'inertia': True, 'friction': False}
+            self._back = np.array(list(rows.values()), dtype=np.float64)
 
     @property
     def effort_limit(self) -> Array:
@@ -268,11 +250,15 @@ class Controller:
 
     def _measured(self, values: ArrayLike, what: str) -> Array:
         """Return (n,) finite numbers, or raise InputError that names the joint."""
-        array = np.asarray(values, dtype=np.float64)
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f'the measured {what} is {values!r}; expected {len(self._names)} '
+                             f'numbers ({", ".join(self._names)})') from None
         if array.shape != self._zero.shape:
             raise InputError(f'the measured {what} has shape {array.shape}; expected '
                              f'{self._zero.shape} ({", ".join(self._names)})')
-        if not np.isfinite(array).all():
+        if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
             for name, value in zip(self._names, array.tolist(), strict=True):
                 if not math.isfinite(value):
                     raise InputError(f"the measured {what} of joint '{name}' is {value}; "

@@ -141,22 +141,24 @@ class Motion:
             u = _spline_velocities(t, q, rest)
         return cls(names, t, q, _coefficients(t, q, u, udot))
 
-    def sample(self, t: float | Array) -> State:
+    def sample(self, t: float | Array | Sequence[float]) -> State:
         """
         Return q, u, udot at time t from the beginning of the motion.
 
         Parameters
         ----------
-        t : float or (K,) array
+        t : float or (K,) array_like
             s, finite.
 
         Returns
         -------
         q, u, udot : (n,) arrays, or (K, n) for an array of times
         """
-        if isinstance(t, np.ndarray) and t.ndim:
-            return self._sample_many(t)
-        t = float(t)
+        if not isinstance(t, float | int):
+            array = np.asarray(t, dtype=np.float64)
+            if array.ndim:
+                return self._sample_many(array)
+            t = float(array)
         n = self._n
         knots = self._knots
         if not knots[0] <= t < knots[-1]:
@@ -172,7 +174,6 @@ class Motion:
 
     def _sample_many(self, t: Array) -> State:
         """Return (K, n) arrays for a (K,) array of times."""
-        t = np.asarray(t, dtype=np.float64)
         if t.ndim != 1 or not np.isfinite(t).all():
             raise InputError(f't has shape {t.shape}; expected one axis of finite times in s')
         out = np.zeros((len(t), 3 * self._n))
@@ -235,7 +236,11 @@ def _rows(values: Sequence[ArrayLike] | ArrayLike | None, what: str, count: int,
 
 def _row(values: ArrayLike, what: str, names: tuple[str, ...]) -> Array:
     """Return one finite number a joint, or raise InputError that names the joint."""
-    row = np.array(values, dtype=np.float64)
+    try:
+        row = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'{what} is {values!r}; expected {len(names)} numbers '
+                         f'({", ".join(names)})') from None
     if row.shape != (len(names),):
         raise InputError(f'{what} has shape {row.shape}; expected {len(names)} numbers '
                          f'({", ".join(names)})')

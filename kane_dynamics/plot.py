@@ -7,10 +7,11 @@ the call. Each function returns its figure and, given a path, saves it (png, pdf
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain, cycle, islice
-from pathlib import Path
-from typing import Any, Protocol
+import os
+from typing import Any
 
 from kane_dynamics.model import Array
+from kane_dynamics.trajectory import Trajectory
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,21 +37,11 @@ _STYLE: Any = {
     'legend.fontsize': 10.0, 'legend.handlelength': 1.6, 'path.simplify': True,
 }
 
+Path = str | os.PathLike[str]
 Run = tuple[Array, Array, Array]
 
 
-class Recorded(Protocol):
-    """What a trajectory must hold to be drawn; see `simulation.Trajectory`."""
-
-    t: Array
-    q: Array
-    u: Array
-    tau: Array
-    energy: Array
-    joint_names: Any
-
-
-def plot_trajectory(trajectory: Recorded, path: str | Path | None = None, *,
+def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                     prismatic: Collection[str] = (), title: str = 'Simulated motion') -> Figure:
     """
     Draw positions, speeds, torques and energies of a simulation over time.
@@ -75,21 +66,22 @@ def plot_trajectory(trajectory: Recorded, path: str | Path | None = None, *,
             for name, row, (color, dash) in zip(names, np.asarray(rows).T, lines, strict=True):
                 axes.plot(trajectory.t, row, color=color, linestyle=dash, label=name)
             axes.set_ylabel(f'{what}\n[{_unit(what, names, prismatic)}]')
-        panels[0].legend(loc='upper left', bbox_to_anchor=(1.01, 1.03), borderaxespad=0.0,
-                         title='Joint', alignment='left', ncols=1 + len(names) // 28)
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc='outside right upper', title='Joint',
+                      alignment='left', ncols=1 + len(names) // 32)
         kinetic, potential = np.asarray(trajectory.energy).T
         for label, energy, color, dash in (('kinetic', kinetic, ORANGE, '-'),
                                            ('potential', potential, SKY, '-'),
                                            ('total', kinetic + potential, INK, '--')):
             panels[3].plot(trajectory.t, energy, color=color, linestyle=dash, label=label)
         panels[3].set_ylabel('Energy\n[J]')
-        panels[3].legend(loc='upper left', bbox_to_anchor=(1.01, 1.03), borderaxespad=0.0,
-                         title='Energy', alignment='left')
+        panels[3].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0,
+                         ncols=3)
         return _finish(figure, panels, title, path)
 
 
 def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
-                  path: str | Path | None = None, *,
+                  path: Path | None = None, *,
                   sources: tuple[Array, Array] | None = None, prismatic: Collection[str] = (),
                   title: str = 'Tracking of the desired motion') -> Figure:
     """
@@ -142,7 +134,7 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
 
 
 def plot_torque_sources(t: Array, terms: Array, joint_names: Sequence[str],
-                        path: str | Path | None = None, *, prismatic: Collection[str] = (),
+                        path: Path | None = None, *, prismatic: Collection[str] = (),
                         title: str = 'Torque by source') -> Figure:
     """
     Draw what each joint's torque is made of as areas stacked away from zero, and their sum.
@@ -212,7 +204,7 @@ def _unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:
     return sliding if all(slides) else f'{turning}, {sliding}' if any(slides) else turning
 
 
-def _finish(figure: Figure, panels: Any, title: str, path: str | Path | None) -> Figure:
+def _finish(figure: Figure, panels: Any, title: str, path: Path | None) -> Figure:
     """Label the time axes, title the figure, and save it if there is a path."""
     for column in np.asarray(panels).reshape(len(panels), -1).T:
         [axes for axes in column if axes.figure is not None][-1].set_xlabel('Time [s]')

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 import sys
 import time
 
@@ -21,10 +22,7 @@ def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
     if not sys.stderr.isatty():
         yield lambda done: True
         return
-    try:
-        bar = _rich(text, total)
-    except ImportError:
-        bar = _plain(text, total)
+    bar = _rich(text, total) if find_spec('rich') else _plain(text, total)
     next(bar)
     start = time.monotonic()
 

@@ -4,7 +4,9 @@ from types import SimpleNamespace
 
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.model import Body, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
+from kane_dynamics.robot import Robot
 import numpy as np
 import pytest
 
@@ -51,28 +53,47 @@ KP, KD = np.array([80.0, 120.0]), np.array([18.0, 22.0])
 SWITCHES = [Terms(*(bool(bits >> k & 1) for k in range(4))) for bits in range(16)]
 
 
-def expected_terms(terms, q, u, udot, u_friction, feedback=(0.0, 0.0)):
+def compiled_robot(**options):
+    """Return a real robot of two joints with friction, a spring and an effort limit."""
+    inertial = Inertial(2.0, [0.1, 0.0, 0.2], np.diag([0.02, 0.03, 0.04]))
+    joint = {'damping': 0.4, 'friction': 0.7, 'translation': [0.0, 0.1, 0.3]}
+    return Robot(Model('arm', (
+        Body('upper', -1, Joint(NAMES[0], 'revolute', [0.0, 1.0, 0.0], **joint), inertial),
+        Body('fore', 0, Joint(NAMES[1], 'prismatic', [1.0, 0.0, 0.0], coordinate=1,
+                              stiffness=9.0, limits=Limits(effort=1e3), **joint), inertial),
+    ), NAMES), **options)
+
+
+ROBOTS = {'closed form': ROBOT, 'compiled': compiled_robot(),
+          'frictionless': compiled_robot(friction=False)}
+
+
+def expected_terms(terms, q, u, udot, u_friction, feedback=(0.0, 0.0), robot=ROBOT):
     """Return the torque from the terms one by one, the springs always in."""
-    inertia, coriolis, gravity, _, spring = ROBOT.torque_terms(q, u, udot)
-    back = ROBOT.torque_terms(q, u, feedback)[0]
+    inertia, coriolis, gravity, _, spring = robot.torque_terms(q, u, udot)
+    back = robot.torque_terms(q, u, np.array(feedback))[0]
     return (terms.inertia * inertia + terms.coriolis * coriolis + terms.gravity * gravity
-            + terms.friction * ROBOT.friction_force(u_friction) + spring + back)
+            + terms.friction * robot.friction_force(u_friction) + spring + back)
 
 
+@pytest.mark.parametrize('robot', ROBOTS.values(), ids=ROBOTS)
 @pytest.mark.parametrize('terms', SWITCHES)
-def test_inverse_dynamics_is_the_torque_at_the_desired_state(terms):
-    tau = Controller(ROBOT, compensate=terms).command(T, Q, U, MOTION).tau
+def test_inverse_dynamics_is_the_torque_at_the_desired_state(terms, robot):
+    tau = Controller(robot, compensate=terms).command(T, Q, U, MOTION).tau
     q_d, u_d, udot_d = MOTION.sample(T)
-    np.testing.assert_allclose(tau, expected_terms(terms, q_d, u_d, udot_d, u_d), rtol=1e-14)
+    expected = expected_terms(terms, q_d, u_d, udot_d, u_d, robot=robot)
+    np.testing.assert_allclose(tau, expected, rtol=1e-13)
 
 
+@pytest.mark.parametrize('robot', ROBOTS.values(), ids=ROBOTS)
 @pytest.mark.parametrize('terms', SWITCHES)
-def test_computed_torque_acts_at_the_measured_state_with_friction_at_the_desired_speed(terms):
-    control = Controller(ROBOT, mode='computed_torque', compensate=terms, kp=KP, kd=KD)
+def test_computed_torque_acts_at_the_measured_state_with_friction_at_the_desired_speed(
+        terms, robot):
+    control = Controller(robot, mode='computed_torque', compensate=terms, kp=KP, kd=KD)
     tau = control.command(T, Q, U, MOTION).tau
     q_d, u_d, udot_d = MOTION.sample(T)
     feedback = KD * (u_d - U) + KP * (q_d - Q)
-    expected = expected_terms(terms, Q, U, udot_d, u_d, feedback)
+    expected = expected_terms(terms, Q, U, udot_d, u_d, feedback, robot)
     np.testing.assert_allclose(tau, expected, rtol=1e-13)
 
 
@@ -96,7 +117,7 @@ def test_computed_torque_before_any_motion_holds_the_first_pose_it_saw():
     first = Q.copy()
     control.command(0.0, first, np.zeros(2))
     first[:] = 9.0  # the caller's own array may change afterwards
-    moved = Q + [0.2, -0.1]
+    moved = Q + np.array([0.2, -0.1])
     tau = control.command(0.1, moved, U).tau
     expected = expected_terms(Terms(), moved, U, np.zeros(2), np.zeros(2),
                               -KD * U - KP * [0.2, -0.1])
@@ -218,6 +239,7 @@ OTHER = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=NAMES[::-1])
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     ((np.nan, Q, U), ['t is nan']),
+    ((T, ['a', 'b'], U), ['position', "['a', 'b']", 'lift']),
     ((T, Q[:1], U), ['position', '(1,)', '(2,)', 'slide']),
     ((T, Q, np.zeros((2, 2))), ['speed', '(2, 2)']),
     ((T, Q, None), ['no speeds', 'inverse_dynamics']),

@@ -10,7 +10,7 @@ NAMES = ('shoulder', 'elbow', 'wrist')
 TIMES = np.array([0.0, 0.3, 0.45, 1.2, 2.0])
 
 
-def points(seed=1, count=len(TIMES)):
+def points(seed=1, count=5):
     """Return random positions, velocities and accelerations of `count` points."""
     return np.random.default_rng(seed).normal(size=(3, count, len(NAMES)))
 
@@ -159,6 +159,7 @@ ZERO = [[0.0] * 3] * 2
     (([0.0, 1.0], ZERO, NAN_ROW), {}, ['point 1', 'velocities', "'elbow'"]),
     (([0.0, 1.0], ZERO), {'joint_names': ['a', 'a', 'b']}, ['joint_names', 'different']),
     (([0.0, 1.0], ZERO), {'order': ['wrist', 'hand']}, ['lacks', 'hand', 'elbow']),
+    (([1.0, 2.0], ZERO), {'start': (['a', 'b', 'c'], None, None)}, ['start', "'a'", '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0, 0.0], None, None)}, ['start', 'positions', '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0] * 3, [0, 0, np.inf], None)},
      ['start', 'velocities', "'wrist'", 'inf']),

@@ -1,0 +1,129 @@
+"""The command line, `kane-dynamics`: arguments and exit codes; the work is in `commands`."""
+
+import argparse
+from collections.abc import Callable, Sequence
+import sys
+from typing import Any
+
+from kane_dynamics import commands
+from kane_dynamics.errors import KaneError
+from kane_dynamics.model import GRAVITY
+
+EXAMPLES = {
+    'torque': """
+examples:
+  kane-dynamics torque arm.urdf --q 0.1 -0.5 1.2 --u 0 0.3 0 --udot 1 0 0
+  kane-dynamics torque arm.urdf --trajectory motion.csv --out torques.csv
+  xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
+
+A trajectory is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file
+like a trajectory_msgs/JointTrajectory. Speeds and accelerations that it lacks come from the
+smooth curve through its points.""",
+    'simulate': """
+examples:
+  kane-dynamics simulate arm.urdf --q0 0.5 0 0 --duration 5 --plot fall.png
+  kane-dynamics simulate arm.urdf --duration 2 --torque 3.0 0 0 --out push.csv
+  kane-dynamics simulate arm.urdf --motion motion.yaml --kp 400 --kd 40 --out track.npz
+
+Without --motion and --torque no torque acts. A torque file is a CSV file with the columns
+tau.<joint>: with a column t each row is held until the next one's time, without it one step.""",
+    'inspect': """
+examples:
+  kane-dynamics inspect arm.urdf
+  kane-dynamics inspect arm.urdf --tip tool0 --json
+  kane-dynamics inspect arm.urdf --against pinocchio
+
+Exits with 1 if the numbers differ from the peer's.""",
+    'demo': '',
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; return its exit code, 2 for bad usage or input, told on stderr."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    parser = _parser()
+    # A blank in front keeps argparse from reading a negative number like -1e-3 as an option.
+    options, rest = parser.parse_known_args([f' {a}' if _is_number(a) else a for a in given])
+    options.rest = [argument.strip() for argument in rest]
+    if rest and options.command != 'demo':
+        parser.error(f'unrecognized arguments: {" ".join(options.rest)}')
+    try:
+        return int(options.run(options) or 0)
+    except (KaneError, OSError) as error:
+        print(f'kane-dynamics: error: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _is_number(text: str) -> bool:
+    """Tell whether an argument is one number, or several with commas in between."""
+    try:
+        return bool([float(part) for part in text.split(',') if part])
+    except ValueError:
+        return False
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    parser = argparse.ArgumentParser('kane-dynamics', description='Manipulator dynamics by '
+                                     "Kane's method, compiled for one robot at a time.")
+    parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+
+    def command(name: str, run: Callable[[Any], int | None], text: str, *, add_help: bool = True
+                ) -> argparse.ArgumentParser:
+        sub = parsers.add_parser(name, help=text, description=f'{text}.', epilog=EXAMPLES[name],
+                                 formatter_class=argparse.RawDescriptionHelpFormatter,
+                                 add_help=add_help)
+        sub.set_defaults(run=run)
+        return sub
+
+    sub = command('torque', commands.torque, 'Inverse dynamics of a state or of a trajectory')
+    _add_model(sub)
+    for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
+        sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
+    sub.add_argument('--trajectory', metavar='FILE', help='CSV or YAML file; one answer a row')
+    sub.add_argument('--out', metavar='CSV', help='file for the torques of a trajectory')
+    sub = command('simulate', commands.simulation, 'Forward dynamics over time')
+    _add_model(sub)
+    sub.add_argument('--q0', nargs='+', metavar='X',
+                     help="positions at the start (default: the motion's, else zeros)")
+    sub.add_argument('--u0', nargs='+', metavar='X', help='speeds at the start (default: zeros)')
+    sub.add_argument('--duration', type=float, metavar='S',
+                     help="simulated seconds (default: the motion's, else 1)")
+    sub.add_argument('--step', type=float, default=1e-3, metavar='S', help='default: 0.001')
+    source = sub.add_mutually_exclusive_group()
+    source.add_argument('--motion', metavar='FILE', help='follow it by computed torque')
+    source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')
+    sub.add_argument('--kp', type=float, nargs='+', default=[100.0], metavar='X',
+                     help='for --motion, one or one a joint, 1/s^2; default: 100')
+    sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
+                     help='for --motion, one or one a joint, 1/s; default: 20')
+    sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
+    sub.add_argument('--plot', metavar='FILE', help='picture of the trajectory, .png or .pdf')
+    sub = command('inspect', commands.inspect, 'Tree, masses, limits, operation counts')
+    _add_model(sub)
+    sub.add_argument('--against', choices=['pinocchio'],
+                     help='compare inverse dynamics at random states')
+    command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
+    return parser
+
+
+def _add_model(sub: argparse.ArgumentParser) -> None:
+    """Add the arguments that choose the robot, and --json."""
+    sub.add_argument('urdf', metavar='URDF', help="path of the URDF, or '-' for standard input")
+    group = sub.add_argument_group('robot')
+    group.add_argument('--joints', nargs='+', metavar='NAME',
+                       help='joints that move, in the order of all numbers')
+    group.add_argument('--base', metavar='LINK', help='first link of the part that moves')
+    group.add_argument('--tip', metavar='LINK', help='last link of the part that moves')
+    group.add_argument('--gravity', nargs=3, type=float, default=GRAVITY, metavar=('X', 'Y', 'Z'),
+                       help='m/s^2; default: 0 0 -9.81')
+    group.add_argument('--supplement', metavar='YAML',
+                       help='springs, armature and friction that a URDF cannot say')
+    group.add_argument('--no-friction', action='store_true', help='leave damping and friction out')
+    sub.add_argument('--json', action='store_true', help='print JSON')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

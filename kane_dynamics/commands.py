@@ -1,0 +1,246 @@
+"""What the subcommands of `kane-dynamics` do."""
+
+from argparse import Namespace
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+import json
+import math
+import sys
+import time
+from typing import Any
+import warnings
+
+from kane_dynamics import inspection
+from kane_dynamics.control import ComputedTorque
+from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model import Array, Model
+from kane_dynamics.progress import progress_bar
+from kane_dynamics.robot import Robot, TORQUE_TERMS
+from kane_dynamics.simulation import simulate
+from kane_dynamics.tables import read_motion, read_states, write_states
+from kane_dynamics.urdf import load_urdf
+import numpy as np
+
+_MOST_EVENTS = 10  # printed for people
+
+
+def torque(options: Namespace) -> None:
+    """Print the torques of one state, or write those of a trajectory."""
+    model, robot = _load(options)
+    if options.trajectory is None:
+        if options.out:
+            raise InputError('--out is for a --trajectory; the torque of one state is printed')
+        _print_torque(options, model, robot)
+        return
+    if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
+        raise InputError('--trajectory holds the states; leave out --q, --u and --udot')
+    t, *state = _rows(options.trajectory, robot.joint_names)
+    rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
+    rows['tau'] = robot.inverse_dynamics(*state)
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, t, rows, robot.joint_names)
+    if options.json:
+        _print_json({'joint_names': robot.joint_names, 't': t, **rows})
+    elif options.out:
+        print(f'wrote {len(rows["tau"])} rows to {options.out}')
+    else:
+        write_states(sys.stdout, t, rows, robot.joint_names)
+
+
+def simulation(options: Namespace) -> None:
+    """Simulate, save, draw and sum up."""
+    if options.out and not options.out.endswith(('.npz', '.csv')):
+        raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
+    plot = _extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    model, robot = _load(options)
+    q0, u0, duration, source = _plan(options, robot)
+    start = time.perf_counter()
+    with progress_bar('simulating', duration) as progress:
+        result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
+                          progress=progress)
+    wall = time.perf_counter() - start
+    if options.out:
+        (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
+    if plot is not None:
+        plot.plot_trajectory(result, options.plot, prismatic=_sliding(model))
+    before, after = result.energy[[0, -1]].sum(axis=1).tolist()
+    events = [str(event) for event in result.limit_events]
+    if options.json:
+        _print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
+                     'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
+                     'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
+                     'limit_events': events})
+        return
+    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
+          f'from {before:.6g} J to {after:.6g} J')
+    inspection.print_table(['joint', 'q', 'u', 'tau'], zip(
+        robot.joint_names, result.q[-1], result.u[-1], result.tau[-1], strict=True))
+    more = len(events) - _MOST_EVENTS
+    for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
+                 *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
+        print(line)
+
+
+def inspect(options: Namespace) -> int:
+    """Print what is known about a robot; compare it with a peer on request."""
+    caught: list[str] = []
+    model, robot = _load(options, caught)
+    facts = inspection.describe(model, robot, caught)
+    if options.against:
+        # The peer knows neither a supplement nor friction.
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', ModelWarning)
+            bare = load_urdf(_source(options), **_selection(options))
+        facts['against'] = inspection.compare_pinocchio(_source(options), bare)
+    if options.json:
+        _print_json(facts)
+    else:
+        inspection.print_facts(facts)
+    return 0 if facts.get('against', {'agrees': True})['agrees'] else 1
+
+
+def demo(options: Namespace) -> int:
+    """Run the demo with the arguments that follow."""
+    return int(_extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
+
+
+def _extra(module: str, extra: str) -> Any:
+    """Import a module that needs more than the library does; InputError says what is missing."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise InputError(f"this needs '{error.name}', which is not installed; pip install "
+                         f"'kane_dynamics[{extra}]'") from None
+
+
+def _source(options: Namespace) -> str | bytes:
+    """Return the URDF as load_urdf takes it: a path, or what standard input holds."""
+    if options.urdf == '-':
+        options.urdf = sys.stdin.buffer.read()  # kept, for it can be read only once
+    source: str | bytes = options.urdf
+    return source
+
+
+def _selection(options: Namespace) -> dict[str, Any]:
+    """Return the arguments of load_urdf that choose the part and its gravity."""
+    joints = None if options.joints is None else _split(options.joints)
+    return {'base': options.base, 'tip': options.tip, 'joints': joints,
+            'gravity': tuple(options.gravity)}
+
+
+def _load(options: Namespace, caught: list[str] | None = None) -> tuple[Model, Robot]:
+    """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter('always', ModelWarning)
+        model = load_urdf(_source(options), supplement=options.supplement, **_selection(options))
+        robot = Robot(model, friction=not options.no_friction)
+    for record in records:
+        if caught is None:
+            print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
+        else:
+            caught.append(str(record.message))
+    return model, robot
+
+
+def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
+    """Return q0, u0, duration and torque source of a simulation."""
+    zero, duration, step = np.zeros(robot.n), options.duration, options.step
+    q0 = _vector(options, 'q0', robot)
+    u0 = _vector(options, 'u0', robot)
+    source: Any = None
+    if options.motion:
+        motion = read_motion(options.motion, robot.joint_names)
+        q_d, u_d, _ = motion.sample(0.0)
+        q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
+        gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
+        source = ComputedTorque(motion, *gains)
+        if duration is None and motion.duration > 0.0 and step > 0.0:
+            duration = math.ceil(motion.duration / step - 1e-6) * step
+    duration = 1.0 if duration is None else duration
+    if options.torque:
+        tokens = _split(options.torque)
+        source = (_held(tokens[0], robot, duration, step)
+                  if len(tokens) == 1 and tokens[0].endswith('.csv')
+                  else _vector(options, 'torque', robot))
+    return q0 + zero, u0 + zero, duration, source
+
+
+def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
+    """Return the torques of a file as one row a step."""
+    states = read_states(path, robot.joint_names)
+    if states.tau is None:
+        raise InputError(f"{path}: has no columns 'tau.<joint>'")
+    if states.t is None or not step > 0.0:
+        return states.tau
+    if (np.diff(states.t) <= 0.0).any():
+        raise InputError(f"{path}: column 't' must increase from row to row")
+    now = np.arange(max(1, round(duration / step))) * step
+    rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
+    return states.tau[np.maximum(rows, 0)]
+
+
+def _rows(path: str, joint_names: Sequence[str]) -> tuple[Array | None, Array, Array, Array]:
+    """Return t, q, u, udot of a trajectory file at its own rows."""
+    if not path.endswith(('.yaml', '.yml')):
+        states = read_states(path, joint_names)
+        if states.q is not None and states.u is not None and states.udot is not None:
+            return states.t, states.q, states.u, states.udot
+    motion = read_motion(path, joint_names)
+    t = motion.times.copy()
+    t[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
+    return motion.times, *motion.sample(t)
+
+
+def _split(tokens: Iterable[str]) -> list[str]:
+    """Return arguments that are parted by blanks or commas."""
+    return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
+
+
+def _vector(options: Namespace, name: str, robot: Robot) -> Array:
+    """Return an argument as one number a joint; zeros if it was not given."""
+    given = getattr(options, name)
+    if given is None:
+        return np.zeros(robot.n)
+    try:
+        values = np.array([float(part) for part in _split(given)])
+    except ValueError as error:
+        raise InputError(f'--{name}: {error}') from None
+    if len(values) != robot.n:
+        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
+                         f'{", ".join(robot.joint_names)}')
+    return values
+
+
+def _sliding(model: Model) -> set[str]:
+    """Return the names of the joints whose coordinate is a length."""
+    return {joint.name for joint in model.coordinate_joints if joint.kind == 'prismatic'}
+
+
+def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
+    """Print the torque of one state, and what it is made of."""
+    state = [_vector(options, name, robot) for name in ('q', 'u', 'udot')]
+    tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
+    if options.json:
+        _print_json({'joint_names': robot.joint_names, 'tau': tau,
+                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
+        return
+    sliding = _sliding(model)
+    inspection.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
+        [name, total, 'N' if name in sliding else 'N m', *row]
+        for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])
+
+
+def _print_json(value: Any) -> None:
+    """Print JSON on one line; infinite and missing numbers become null."""
+    print(json.dumps(_plain(value), allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
