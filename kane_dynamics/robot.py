@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
-from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics import frames
+from kane_dynamics.errors import CompileError, InputError, ModelError
+from kane_dynamics.mechanics import frames, kane
 from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
+from kane_dynamics.mechanics.payload import with_payload
 from kane_dynamics.model import Array, constant, Frame, Inertial, Model
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import OperationCount, Program, Shape, trace_program
@@ -15,6 +16,7 @@ import numpy as np
 
 __all__ = ['JointLimits', 'Parameters', 'Robot', 'TORQUE_TERMS']
 
+VERIFIED = 1e-9  # relative error of a kernel at which it is taken to be wrong, not rounded
 Method = TypeVar('Method', bound=Callable[..., Any])
 
 
@@ -309,7 +311,53 @@ class Robot:
     def compile(self) -> None:
         """Compile every kernel now (frame quantities compile at the first use of a frame)."""
         for name in QUANTITIES:
-            getattr(self, name)
+            try:
+                getattr(self, name)
+            except ModelError:
+                continue  # no forward dynamics with massless joints; a call says so
+
+    def verify(self, states: int = 5) -> float:
+        """
+        Compare the compiled kernels with Kane's equations as defined, at random states.
+
+        Returns
+        -------
+        float
+            The largest error found, relative to the largest entry of its quantity. Forward
+            dynamics is judged by the torque that its answer asks for.
+
+        Raises
+        ------
+        CompileError
+            An error is larger than 1e-9: names the quantity and the error.
+        """
+        rng = np.random.default_rng(0)
+        gravity, payload = self.parameters.gravity, self.parameters.payload
+        model = self.model
+        if payload is not None and self.equations.payload_frame is not None:
+            model = with_payload(model, self.equations.payload_frame.name, payload)
+        worst = 0.0
+        for _ in range(states):
+            q, u, udot = rng.uniform(-2.0, 2.0, (3, self.n))
+            M = kane.mass_matrix(model, q)
+            bias = kane.bias_force(model, q, u, gravity=gravity, friction=self.friction)
+            tau = M @ udot + bias
+            pairs = {
+                'mass_matrix': (self.mass_matrix(q), M),
+                'bias_force': (self.bias_force(q, u), bias),
+                'gravity_force': (self.gravity_force(q),
+                                  kane.gravity_force(model, q, gravity=gravity)),
+                'inverse_dynamics': (self.inverse_dynamics(q, u, udot), tau)}
+            if np.linalg.cond(M) < 1e12:
+                pairs['forward_dynamics'] = (M @ self.forward_dynamics(q, u, tau) + bias, tau)
+            for name, (value, reference) in pairs.items():
+                size = max(float(np.abs(reference).max()), 1e-300)
+                error = float(np.abs(value - reference).max()) / size
+                if not error < VERIFIED:
+                    raise CompileError(f'{name} is off by {error:.3g} of its size from the '
+                                       f'definition; at most {VERIFIED:g} is rounding')
+                worst = max(worst, error)
+        return worst
 
     def operation_count(self) -> dict[str, OperationCount]:
         """Return the arithmetic of one call of every kernel."""

@@ -9,6 +9,7 @@ tests run them on numbers.
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics import frames, recursive
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
@@ -91,13 +92,22 @@ class Equations:
 
     def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return M^-1, (n, n)."""
-        return inverse(factorize(self.mass_matrix(q, parameters), self.order), self.order)
+        return inverse(self._factors(q, parameters), self.order)
 
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
         """Return udot = M^-1 (tau + external - bias), (n,)."""
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
-        factors = factorize(self.mass_matrix(q, parameters), self.order)
-        return solve(factors, self.order, tau - held)
+        return solve(self._factors(q, parameters), self.order, tau - held)
+
+    def _factors(self, q: Any, parameters: Any) -> Any:
+        """Factorise M; ModelError where it is singular in every posture."""
+        try:
+            return factorize(self.mass_matrix(q, parameters), self.order)
+        except ZeroDivisionError as error:
+            name = self.model.coordinate_names[error.args[0]]
+            raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass, so no "
+                             'torque determines its acceleration; give its body an inertia or '
+                             'the joint an armature') from None
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""

@@ -29,11 +29,18 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
         Unit lower triangular in `order`: L[i][j] for j before i.
     reciprocal : list
         1 / D.
+
+    Raises
+    ------
+    ZeroDivisionError
+        A pivot is zero by structure; its argument is the row.
     """
     A = [[M[r, s] for s in order] for r in order]
     n = len(order)
     reciprocal: list[Any] = [None] * n
     for k in reversed(range(n)):
+        if is_zero(A[k][k]):
+            raise ZeroDivisionError(order[k])
         reciprocal[k] = 1.0 / A[k][k]
         for i in reversed(range(k)):
             if is_zero(A[k][i]):

@@ -24,7 +24,8 @@ POINTER_SLOTS = 16  # most arguments, defaults and result together, of one kerne
 
 # Slots of the table of 64-bit words that an entry carries as its `self`.
 (KERNEL, NDARRAY, FLOAT64, FALLBACK, VECTORCALL, NEW_ARRAY, NEW_FLOAT, N_ARGUMENTS, LENGTHS,
- N_DEFAULTS, DEFAULTS, RESULT_NDIM, RESULT_SHAPE) = range(13)
+ N_DEFAULTS, DEFAULTS, RESULT_NDIM, RESULT_SHAPE, RESULT_SIZE,
+ RELEASE) = range(15)
 
 SUPPORT = """
 ; Call `kernel` N times, moving each pointer by its stride (bytes) in between. When the result of
@@ -150,6 +151,11 @@ give.scalar:
   store ptr %scalar, ptr %result.at
   call void %kernel(ptr %pointers)
   %number = load double, ptr %scalar
+  %number.word = load i64, ptr %scalar
+  %number.shifted = shl i64 %number.word, 1
+  %number.ok = icmp ult i64 %number.shifted, -9007199254740992
+  br i1 %number.ok, label %give.float, label %slow
+give.float:
   %new.float.at = getelementptr ptr, ptr %table, i64 NEW_FLOAT
   %new.float = load ptr, ptr %new.float.at
   %float = call ptr %new.float(double %number)
@@ -169,7 +175,30 @@ run:
   %out.data = load ptr, ptr %out.data.at
   store ptr %out.data, ptr %result.at
   call void %kernel(ptr %pointers)
+  %words.at = getelementptr i64, ptr %table, i64 RESULT_SIZE
+  %words = load i64, ptr %words.at
+  br label %rescan
+rescan:
+  %m = phi i64 [0, %run], [%m.next, %rescan]
+  %bad = phi i64 [0, %run], [%bad.next, %rescan]
+  %result.word.at = getelementptr i64, ptr %out.data, i64 %m
+  %result.word = load i64, ptr %result.word.at
+  %result.shifted = shl i64 %result.word, 1
+  %result.larger = icmp ugt i64 %result.shifted, %bad
+  %bad.next = select i1 %result.larger, i64 %result.shifted, i64 %bad
+  %m.next = add i64 %m, 1
+  %m.more = icmp slt i64 %m.next, %words
+  br i1 %m.more, label %rescan, label %judge
+judge:
+  %result.ok = icmp ult i64 %bad.next, -9007199254740992
+  br i1 %result.ok, label %good, label %discard
+good:
   ret ptr %out
+discard:                                          ; the fallback computes it again and explains
+  %release.at = getelementptr ptr, ptr %table, i64 RELEASE
+  %release = load ptr, ptr %release.at
+  call void %release(ptr %out)
+  br label %slow
 failed:
   ret ptr null
 slow:
@@ -189,7 +218,7 @@ def _support_text() -> str:
     text = SUPPORT.replace('SLOTS', str(POINTER_SLOTS))
     for name in ('KERNEL', 'NDARRAY', 'FLOAT64', 'FALLBACK', 'VECTORCALL', 'NEW_ARRAY',
                  'NEW_FLOAT', 'N_ARGUMENTS', 'LENGTHS', 'N_DEFAULTS', 'DEFAULTS', 'RESULT_NDIM',
-                 'RESULT_SHAPE'):
+                 'RESULT_SHAPE', 'RESULT_SIZE', 'RELEASE'):
         text = text.replace(f'i64 {name}\n', f'i64 {globals()[name]}\n')
     return text
 
@@ -263,7 +292,8 @@ def _build(name: str, doc: str, kernel: llvm.Address, lengths: Sequence[int],
              NEW_ARRAY: _numpy_function(PY_ARRAY_NEW), NEW_FLOAT: _symbol('PyFloat_FromDouble'),
              N_ARGUMENTS: len(lengths), LENGTHS: length_words.ctypes.data,
              N_DEFAULTS: len(defaults), DEFAULTS: default_words.ctypes.data,
-             RESULT_NDIM: len(shape), RESULT_SHAPE: shape_words.ctypes.data}
+             RESULT_NDIM: len(shape), RESULT_SHAPE: shape_words.ctypes.data,
+             RESULT_SIZE: int(np.prod(shape)), RELEASE: _symbol('Py_DecRef')}
     table = np.zeros(len(words), dtype=np.uint64).view(_Table)
     for slot, word in words.items():
         table[slot] = word
@@ -310,7 +340,8 @@ def _self_test(probe: np.ndarray) -> bool:
     bad = np.array([1.0, np.nan, 0.0])
     return (np.array_equal(twice(probe), 2.0 * probe) and twice(bad)[0][0] is bad
             and twice() == ((), {}) and twice(probe, out=1)[1] == {'out': 1}
-            and twice(probe[::2])[0][0].shape == (2,) and twice(1.0) == ((1.0,), {}))
+            and twice(probe[::2])[0][0].shape == (2,) and twice(1.0) == ((1.0,), {})
+            and twice(np.full(3, 1e308))[0][0].shape == (3,))
 
 
 def fast_entry(name: str, doc: str, kernel: llvm.Address, lengths: Sequence[int],
@@ -337,6 +368,6 @@ def fast_entry(name: str, doc: str, kernel: llvm.Address, lengths: Sequence[int]
     """
     if len(lengths) + len(defaults) + 1 > POINTER_SLOTS:
         raise CompileError(f'{name} takes {len(lengths)} arguments; at most {POINTER_SLOTS - 2}')
-    if not lengths or 0 in lengths or not supported():
+    if not lengths or 0 in (*lengths, *shape) or not supported():
         return fallback
     return _build(name, doc, kernel, lengths, defaults, shape, fallback, owner)

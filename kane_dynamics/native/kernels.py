@@ -110,7 +110,8 @@ class Kernel:
         Raises
         ------
         InputError
-            Names the argument, what was given, and what is expected.
+            Names the argument, what was given, and what is expected; also where the result is
+            not finite.
         """
         arrays = [self._default(a) if v is None else checked(a, v)
                   for a, v in zip(self.arguments, values, strict=True)]
@@ -126,11 +127,23 @@ class Kernel:
         stride = 8 * size_of(self.shape)
         repeat(self.address, [block.ctypes.data for block in blocks], [*strides, 0, stride],
                1 if count is None else count)
+        self._check(result, count)
         if out is not None:
             if result is not out:
                 out[...] = result
             return out
         return float(result) if shape == () else result
+
+    def _check(self, result: Array, count: int | None) -> None:
+        """Raise where the result is not finite, whatever the arguments: no torque is made up."""
+        if np.isfinite(result).all():
+            return
+        place = ''
+        if count is not None:
+            bad = ~np.isfinite(result).reshape(count, -1).all(axis=1)
+            place = f' of state {int(np.argmax(bad))}'
+        raise InputError(f'{self.name}: the result{place} is not finite: the numbers are too '
+                         'large, or the mass matrix is singular there (a massless moving body)')
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:

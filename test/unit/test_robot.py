@@ -1,0 +1,209 @@
+"""Promises of Robot: the compiled kernels, the recursion and the definition are one thing."""
+
+from dataclasses import replace
+
+from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Model, ModelError,
+                           Robot)
+from kane_dynamics.mechanics import kane
+from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
+from kane_dynamics.mechanics.payload import with_payload
+from mechanisms import random_inertial, random_model, random_state
+import numpy as np
+import pytest
+
+SEEDS = range(6)
+
+
+def assert_equal(value, reference, tolerance=1e-11):
+    """Compare relative to the largest entry."""
+    scale = max(np.abs(reference).max(), 1e-300)
+    assert np.abs(np.asarray(value) - reference).max() <= tolerance * scale
+
+
+@pytest.mark.parametrize('options', [{}, {'friction': False}, {'frame_reduction': False}])
+@pytest.mark.parametrize('seed', SEEDS)
+def test_definition_recursion_and_compiled_code_agree(seed, options):
+    model = random_model(seed, 5, mimics=seed % 3)
+    q, u, udot = random_state(model, seed)
+    friction = options.get('friction', True)
+    robot, equations = Robot(model, **options), Equations(model, **options)
+    g = model.gravity
+    for given, reference in (
+            ((robot.inverse_dynamics(q, u, udot), equations.inverse_dynamics(q, u, udot, None, g)),
+             kane.inverse_dynamics(model, q, u, udot, friction=friction)),
+            ((robot.mass_matrix(q), equations.mass_matrix(q, g)), kane.mass_matrix(model, q)),
+            ((robot.bias_force(q, u), equations.bias_force(q, u, g)),
+             kane.bias_force(model, q, u, friction=friction)),
+            ((robot.gravity_force(q), equations.gravity_force(q, g)),
+             kane.gravity_force(model, q))):
+        for value in given:
+            assert_equal(value, reference)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_forward_dynamics_inverts_inverse_dynamics(seed):
+    model = random_model(seed, 6, mimics=seed % 2)
+    robot = Robot(model)
+    q, u, udot = random_state(model, seed)
+    M = robot.mass_matrix(q)
+    tolerance = 10 * np.finfo(float).eps * np.linalg.cond(M) * 10
+    assert_equal(robot.forward_dynamics(q, u, robot.inverse_dynamics(q, u, udot)), udot,
+                 tolerance)
+    assert_equal(robot.inverse_mass_matrix(q) @ M, np.eye(6), tolerance)
+
+
+def test_coordinates_in_any_order_mean_the_same():
+    model = random_model(4, 5)
+    order = [3, 0, 4, 1, 2]
+    rank = {old: new for new, old in enumerate(order)}
+    shuffled = replace(
+        model, coordinate_names=tuple(model.coordinate_names[k] for k in order),
+        bodies=tuple(replace(b, joint=replace(b.joint, coordinate=rank[b.joint.coordinate]))
+                     for b in model.bodies))
+    q, u, udot = random_state(model, 1)
+    a, b = Robot(model), Robot(shuffled)
+    assert_equal(b.inverse_dynamics(q[order], u[order], udot[order]),
+                 a.inverse_dynamics(q, u, udot)[order])
+    assert_equal(b.forward_dynamics(q[order], u[order], udot[order]),
+                 a.forward_dynamics(q, u, udot)[order], 1e-9)
+
+
+def test_a_payload_is_matter_on_the_model_and_changes_without_compiling():
+    model = random_model(5, 5)
+    robot = Robot(model, payload_frame='frame3')
+    payload = random_inertial(np.random.default_rng(2))
+    q, u, udot = random_state(model, 3)
+    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(model, q, u, udot))
+    robot.parameters.payload = payload
+    loaded = with_payload(model, 'frame3', payload)
+    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(loaded, q, u, udot))
+    assert_equal(robot.mass_matrix(q), kane.mass_matrix(loaded, q))
+    assert_equal(robot.potential_energy(q), Robot(loaded).potential_energy(q))
+    assert_equal(robot.kinetic_energy(q, u), Robot(loaded).kinetic_energy(q, u))
+    robot.parameters.payload = None
+    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(model, q, u, udot))
+
+
+@pytest.mark.parametrize('count', [1, 2])
+def test_wrenches_act_where_they_are_declared(count):
+    model = random_model(6, 5, mimics=1)
+    names = ['frame4', 'frame2'][:count]
+    robot = Robot(model, wrench_frames=names)
+    q, u, udot = random_state(model, 3)
+    wrench = np.random.default_rng(0).normal(size=(count, 6))
+    reference = kane.inverse_dynamics(
+        model, q, u, udot, wrenches={n: (w[:3], w[3:]) for n, w in zip(names, wrench)})
+    assert_equal(robot.inverse_dynamics(q, u, udot, wrench=wrench), reference)
+    assert_equal(robot.inverse_dynamics(q, u, udot), kane.inverse_dynamics(model, q, u, udot))
+    udot_pushed = robot.forward_dynamics(q, u, reference, wrench=wrench)
+    assert_equal(udot_pushed, udot, 1e-9)
+    batch = np.stack([wrench, 2.0 * wrench])
+    two = robot.inverse_dynamics(*(np.stack([x, x]) for x in (q, u, udot)), wrench=batch)
+    assert_equal(two[0], reference)
+    with pytest.raises(InputError, match='wrench has shape'):
+        robot.inverse_dynamics(q, u, udot, wrench=wrench[:, :5])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_terms_sum_to_inverse_dynamics_and_are_what_they_say(seed):
+    model = random_model(seed, 5, mimics=1)
+    robot = Robot(model)
+    q, u, udot = random_state(model, seed)
+    terms = dict(zip(TORQUE_TERMS, robot.torque_terms(q, u, udot)))
+    assert_equal(sum(terms.values()), robot.inverse_dynamics(q, u, udot))
+    assert_equal(terms['inertia'], robot.mass_matrix(q) @ udot)
+    assert_equal(terms['gravity'], robot.gravity_force(q))
+    assert_equal(terms['friction'], robot.friction_force(u))
+    assert_equal(terms['coriolis'], kane.bias_force(replace(model, gravity=np.zeros(3)), q, u,
+                                                    friction=False) - terms['spring'])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_frames_move_as_their_partial_velocities_say(seed):
+    model = random_model(seed, 5, mimics=1)
+    robot = Robot(model)
+    q, u, udot = random_state(model, seed)
+    h = 1e-5
+    for name in ('frame5', 'frame2', 'base'):
+        assert_equal(robot.partial_velocities(name, q), kane.partial_velocities(model, q, name))
+        velocity = robot.frame_velocity(name, q, u)
+        np.testing.assert_allclose(velocity, robot.partial_velocities(name, q) @ u, atol=1e-12)
+        before, after = (robot.frame_pose(name, q + s * h * u) for s in (-1.0, 1.0))
+        rate = (after - before) / (2.0 * h)
+        np.testing.assert_allclose(velocity[:3], rate[:3, 3], atol=1e-8)
+        spin = rate[:3, :3] @ robot.frame_pose(name, q)[:3, :3].T
+        np.testing.assert_allclose(velocity[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
+        before, after = (robot.frame_velocity(name, q + s * h * u, u + s * h * udot)
+                         for s in (-1.0, 1.0))
+        np.testing.assert_allclose(robot.frame_acceleration(name, q, u, udot),
+                                   (after - before) / (2.0 * h), atol=2e-7)
+
+
+def test_a_joint_that_moves_no_mass_has_no_forward_dynamics():
+    model = Model('light', (Body('a', -1, Joint('j', 'revolute', [0, 0, 1])),), ('j',))
+    robot = Robot(model)
+    robot.compile()
+    with pytest.raises(ModelError, match="joint 'j' moves no mass"):
+        robot.forward_dynamics([0.0], [0.0], [1.0])
+    assert robot.inverse_dynamics([0.0], [0.0], [1.0]) == 0.0
+
+
+def test_a_posture_with_a_singular_mass_matrix_is_reported():
+    point = Inertial(1.0, [0.0, 0.0, 0.0], np.zeros((3, 3)))
+    hinge = Joint('a', 'revolute', [0, 0, 1])
+    slide = Joint('b', 'prismatic', [1, 0, 0], coordinate=1)  # at 0 the point is on the hinge
+    robot = Robot(Model('polar', (Body('1', -1, hinge), Body('2', 0, slide, point)), ('a', 'b')))
+    assert robot.forward_dynamics([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])[0] == pytest.approx(1.0)
+    for kind in (list, np.array):
+        with pytest.raises(InputError, match='mass matrix is singular'):
+            robot.forward_dynamics(kind([0.0, 0.0]), kind([0.0, 0.0]), kind([1.0, 0.0]))
+
+
+def test_overflow_is_an_error_and_not_a_torque():
+    model = random_model(1, 3)
+    huge = np.full(3, 1e308)
+    with pytest.raises(InputError, match='not finite'):
+        Robot(model).inverse_dynamics(np.zeros(3), huge, huge)
+    with pytest.raises(InputError, match='state 1 is not finite'):
+        rows = np.stack([np.ones(3), huge])
+        Robot(model).inverse_dynamics(np.zeros((2, 3)), rows, rows)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_verify_reports_rounding(seed):
+    robot = Robot(random_model(seed, 5, mimics=1), payload_frame='frame2')
+    robot.parameters.payload = random_inertial(np.random.default_rng(seed))
+    assert robot.verify() < 1e-11
+
+
+def test_verify_finds_a_wrong_kernel():
+    robot = Robot(random_model(1, 3))
+    other = Robot(random_model(2, 3))
+    robot._kernels['mass_matrix', ''] = other.kernel('mass_matrix')
+    with pytest.raises(CompileError, match='mass_matrix is off'):
+        robot.verify()
+
+
+def test_a_mechanism_of_one_joint_and_one_of_thirty_compile():
+    for n in (1, 30):
+        robot = Robot(random_model(7, n, passive=False))
+        assert robot.verify(1) < 1e-11
+
+
+def test_limits_stand_in_the_order_of_the_coordinates():
+    model = random_model(2, 4)
+    limits = Robot(model).limits
+    for k, body in enumerate(model.bodies):
+        joint = body.joint.limits
+        assert (limits.lower[k], limits.upper[k], limits.velocity[k], limits.effort[k]) == (
+            joint.lower, joint.upper, joint.velocity, joint.effort)
+
+
+def test_operation_counts_are_those_of_the_hand_derived_closed_forms():
+    link = random_model(0, 1, prismatic=0.0, passive=False).bodies[0].inertial
+    z = Joint('a', 'revolute', [0, 0, 1])
+    elbow = Joint('b', 'revolute', [0, 0, 1], translation=[0.4, 0.0, 0.0], coordinate=1)
+    flat = Model('2R', (Body('1', -1, z, link), Body('2', 0, elbow, link)), ('a', 'b'),
+                 gravity=[0.0, -9.81, 0.0])
+    count = Robot(flat).operation_count()['inverse_dynamics']
+    assert count.multiplications <= 30 and count.additions <= 20
