@@ -141,7 +141,7 @@ class Motion:
             u = _spline_velocities(t, q, rest)
         return cls(names, t, q, _coefficients(t, q, u, udot))
 
-    def sample(self, t: float | Array | Sequence[float]) -> State:
+    def sample(self, t: ArrayLike) -> State:
         """
         Return q, u, udot at time t from the beginning of the motion.
 
