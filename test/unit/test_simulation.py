@@ -1,0 +1,183 @@
+"""Promises of simulate: the integrator's order, torque sources, sampling, limits, refusals."""
+
+from kane_dynamics import (Body, ComputedTorque, Inertial, InputError, Joint, Limits, Model,
+                           Motion, Robot, simulate, Trajectory)
+from kane_dynamics.mechanics.integration import runge_kutta_4
+from mechanisms import random_model, random_state
+import numpy as np
+import pytest
+
+MODEL = random_model(11, 4, mimics=1, passive=False)
+Q0, U0, _ = random_state(MODEL, 2)
+
+
+@pytest.fixture(scope='module')
+def robot():
+    """A conservative robot."""
+    return Robot(MODEL)
+
+
+def pendulum(**joint):
+    """A pendulum of 1 kg at 1 m about a horizontal axis, angle from the downward vertical."""
+    bob = Inertial(1.0, [0.0, 0.0, -1.0], np.zeros((3, 3)))
+    hinge = Joint('hinge', 'revolute', [0, 1, 0], **joint)
+    return Robot(Model('pendulum', (Body('bob', -1, hinge, bob),), ('hinge',)))
+
+
+def test_native_steps_are_the_readable_integrators_steps(robot):
+    h, steps = 1e-3, 50
+    tau = np.array([1.0, -2.0, 0.5, 3.0])
+    q, u = Q0, U0
+    for _ in range(steps):
+        q, u = runge_kutta_4(lambda q, u, t: robot.forward_dynamics(q, u, t), q, u, [tau] * 3, h)
+    run = simulate(robot, Q0, U0, steps * h, step=h, torque=tau)
+    np.testing.assert_allclose(run.q[-1], q, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(run.u[-1], u, rtol=1e-12, atol=1e-12)
+
+
+def test_energy_drift_falls_at_the_integrators_order(robot):
+    drift = []
+    for step in (4e-3, 2e-3, 1e-3):
+        run = simulate(robot, Q0, 0.3 * U0, 0.4, step=step)
+        energy = run.energy.sum(axis=1)
+        drift.append(abs(energy[-1] - energy[0]))
+    assert drift[0] / drift[1] > 12.0 and drift[1] / drift[2] > 12.0
+
+
+def test_computed_torque_follows_its_motion(robot):
+    motion = Motion.from_points([0.0, 0.5, 1.0], [Q0, Q0 + 0.3, Q0 - 0.2],
+                                [0 * Q0, 0 * Q0 + 0.1, 0 * Q0], joint_names=robot.joint_names)
+    run = simulate(robot, Q0, 0 * U0, 1.5, torque=ComputedTorque(motion, 400.0, 40.0))
+    desired = motion.sample(run.t)[0]
+    assert np.abs(run.q - desired).max() < 1e-3
+    middle = len(run.t) // 3
+    np.testing.assert_allclose(
+        run.tau[middle], robot.inverse_dynamics(run.q[middle], run.u[middle], run.udot[middle]),
+        rtol=1e-9, atol=1e-9)
+
+
+def test_computed_torque_with_friction_uses_the_desired_speed():
+    robot = pendulum(damping=0.3, friction=0.5)
+    motion = Motion.from_points([0.0, 1.0], [[0.2], [1.2]], joint_names=['hinge'])
+    run = simulate(robot, [0.2], [0.4], 1.0, torque=ComputedTorque(motion, 100.0, 20.0))
+    q_d, u_d, udot_d = motion.sample(run.t)
+    wanted = udot_d + 20.0 * (u_d - run.u) + 100.0 * (q_d - run.q)
+    expected = (wanted + 9.81 * np.sin(run.q) + 0.3 * u_d + 0.5 * np.tanh(u_d / 0.05))
+    np.testing.assert_allclose(run.tau, expected, rtol=1e-12)
+
+
+def test_a_table_is_held_row_by_row_and_a_callable_step_by_step(robot):
+    table = np.random.default_rng(0).normal(size=(40, 4))
+    by_table = simulate(robot, Q0, U0, 0.04, torque=table, sample=1e-3)
+    by_call = simulate(robot, Q0, U0, 0.04, sample=1e-3,
+                       torque=lambda t, q, u: table[min(round(t / 1e-3), 39)])
+    np.testing.assert_array_equal(by_table.q, by_call.q)
+    np.testing.assert_array_equal(by_table.tau, by_call.tau)
+    np.testing.assert_array_equal(by_table.tau[:40], table)
+
+
+def test_a_constant_torque_balances_gravity(robot):
+    held = robot.gravity_force(Q0)
+    run = simulate(robot, Q0, np.zeros(4), 0.1, torque=held)
+    np.testing.assert_allclose(run.q[-1], Q0, atol=1e-10)
+
+
+def test_rows_are_where_sample_says_and_ends_are_in(robot):
+    run = simulate(robot, Q0, U0, 0.025, step=1e-3, sample=0.01)
+    np.testing.assert_allclose(run.t, [0.0, 0.01, 0.02, 0.025])
+    long = simulate(robot, Q0, 0 * U0, 0.5, step=1e-4)
+    assert 900 < len(long.t) <= 1001 and long.t[-1] == pytest.approx(0.5)
+
+
+def test_rows_hold_together(robot):
+    run = simulate(robot, Q0, U0, 0.05, torque=np.ones(4))
+    k = 20
+    np.testing.assert_array_equal(run.udot[k],
+                                  robot.forward_dynamics(run.q[k], run.u[k], run.tau[k]))
+    assert run.energy[k, 0] == robot.kinetic_energy(run.q[k], run.u[k])
+    assert run.energy[k, 1] == robot.potential_energy(run.q[k])
+
+
+def test_limits_are_reported_when_they_are_passed():
+    robot = pendulum(limits=Limits(-0.5, 0.5, 2.0, 10.0))
+    run = simulate(robot, [0.4], [1.0], 3.0)
+    kinds = [event.limit for event in run.limit_events]
+    assert kinds[0] == 'upper' and {'lower', 'upper'} <= set(kinds)
+    first = run.limit_events[0]
+    assert first.joint == 'hinge' and first.bound == 0.5 and 0.5 < first.value < 0.51
+    assert "joint 'hinge' passes its upper limit" in str(first)
+    assert [e.t for e in run.limit_events] == sorted(e.t for e in run.limit_events)
+
+
+def test_a_start_beyond_a_limit_is_reported():
+    run = simulate(pendulum(limits=Limits(-0.5, 0.5)), [0.7], [0.0], 0.01)
+    assert run.limit_events[0].t == 0.0
+
+
+def test_progress_is_told_and_can_end_it(robot):
+    seen = []
+    simulate(robot, Q0, 0 * U0, 2.0, progress=lambda t: seen.append(t))
+    assert seen == sorted(seen) and seen[-1] == pytest.approx(2.0) and len(seen) > 1
+    run = simulate(robot, Q0, 0 * U0, 100.0, sample=1e-2, progress=lambda t: False)
+    assert 0.0 < run.t[-1] < 10.0
+    run = simulate(robot, Q0, 0 * U0, 10.0, torque=lambda t, q, u: 0 * q,
+                   progress=lambda t: False)
+    assert 0.0 < run.t[-1] < 5.0
+
+
+def test_files_keep_every_number(robot, tmp_path):
+    run = simulate(pendulum(limits=Limits(-0.5, 0.5)), [0.4], [1.0], 0.5)
+    run.save_npz(tmp_path / 'run.npz')
+    back = Trajectory.load_npz(tmp_path / 'run.npz')
+    for name in ('t', 'q', 'u', 'udot', 'tau', 'energy'):
+        np.testing.assert_array_equal(getattr(back, name), getattr(run, name))
+    assert back.joint_names == run.joint_names and back.limit_events == run.limit_events
+    run.save_csv(tmp_path / 'run.csv')
+    table = np.genfromtxt(tmp_path / 'run.csv', delimiter=',', names=True, deletechars='')
+    np.testing.assert_array_equal(table['q.hinge'], run.q[:, 0])
+    np.testing.assert_array_equal(table['potential_energy'], run.energy[:, 1])
+    (tmp_path / 'other.npz').write_bytes(b'nothing')
+    with pytest.raises(InputError, match='other.npz'):
+        Trajectory.load_npz(tmp_path / 'other.npz')
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'q0': np.zeros(3)}, ['q0', '(3,)']),
+    ({'q0': np.zeros((2, 4))}, ['q0', '(2, 4)']),
+    ({'u0': [0, np.nan, 0, 0]}, ['u0[1]', 'nan']),
+    ({'duration': -1.0}, ['duration', '-1.0', 'positive']),
+    ({'duration': np.inf}, ['duration', 'inf']),
+    ({'duration': 'long'}, ['duration', "'long'"]),
+    ({'step': 0.0}, ['step', '0.0']),
+    ({'step': 3e-4}, ['duration', 'whole number of steps']),
+    ({'sample': 1.5e-3}, ['sample', 'whole number']),
+    ({'duration': 1e9}, ['duration', 'at most 100000000']),
+    ({'duration': 1e4, 'sample': 1e-3}, ['10000000 steps', 'at most 1000000']),
+    ({'torque': np.zeros((5, 4))}, ['torque has 5 rows', '100']),
+    ({'torque': np.zeros(3)}, ['torque', '(3,)']),
+    ({'torque': lambda t, q, u: [1.0]}, ['torque at 0 s', '(1,)']),
+    ({'torque': lambda t, q, u: [np.nan] * 4}, ['torque at 0 s', 'nan']),
+    ({'u0': [1e200] * 4}, ['leaves the finite numbers', 'joint']),
+])
+def test_bad_requests_are_refused_in_words(robot, change, words):
+    request = {'q0': Q0, 'u0': U0, 'duration': 0.1, **change}
+    with pytest.raises(InputError) as error:
+        simulate(robot, **request)
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_a_motion_of_other_joints_is_refused(robot):
+    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=['x'])
+    with pytest.raises(InputError, match=r"\['x'\]; expected \['joint0'"):
+        simulate(robot, Q0, U0, 0.1, torque=ComputedTorque(motion, 1.0, 1.0))
+
+
+def test_gravity_and_payload_are_those_of_the_moment():
+    robot = Robot(MODEL, payload_frame='frame2')
+    before = simulate(robot, Q0, 0 * U0, 0.1).q[-1]
+    robot.parameters.gravity = np.zeros(3)
+    np.testing.assert_allclose(simulate(robot, Q0, 0 * U0, 0.1).q[-1], Q0, atol=1e-12)
+    robot.parameters.gravity = MODEL.gravity
+    robot.parameters.payload = Inertial(2.0, [0.1, 0.0, 0.0])
+    assert np.abs(simulate(robot, Q0, 0 * U0, 0.1).q[-1] - before).max() > 1e-5
