@@ -1,0 +1,40 @@
+# Lets CMake find a ROS that was installed with pip: `-DCMAKE_PROJECT_INCLUDE=.../pip_ros.cmake`.
+
+# 1. Every folder on Python's path may be the prefix of ROS wheels, or lie in one.
+find_package(Python3 REQUIRED COMPONENTS Interpreter)
+execute_process(
+  COMMAND "${Python3_EXECUTABLE}" -c "
+import os, sys
+found = {sys.prefix}
+for path in sys.path:
+    while path and path != os.path.dirname(path):
+        found.add(path)
+        path = os.path.dirname(path)
+print(';'.join(sorted(p for p in found
+                      if os.path.isdir(os.path.join(p, 'share', 'ament_cmake_core', 'cmake')))))"
+  OUTPUT_VARIABLE ros_prefixes OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+list(PREPEND CMAKE_PREFIX_PATH ${ros_prefixes})
+string(REPLACE ";" ":" joined "${ros_prefixes}")
+if(DEFINED ENV{AMENT_PREFIX_PATH} AND NOT "$ENV{AMENT_PREFIX_PATH}" STREQUAL "")
+  set(ENV{AMENT_PREFIX_PATH} "${joined}:$ENV{AMENT_PREFIX_PATH}")
+else()
+  set(ENV{AMENT_PREFIX_PATH} "${joined}")
+endif()
+
+# 2. The wheels' targets carry include folders of the machine that built them: drop those.
+function(_drop_missing_include_directories)
+  get_property(targets DIRECTORY "${CMAKE_SOURCE_DIR}" PROPERTY IMPORTED_TARGETS)
+  foreach(target IN LISTS targets)
+    get_target_property(folders ${target} INTERFACE_INCLUDE_DIRECTORIES)
+    if(folders)
+      set(kept "")
+      foreach(folder IN LISTS folders)
+        if(NOT folder MATCHES "^/opt/python" OR EXISTS "${folder}")
+          list(APPEND kept "${folder}")
+        endif()
+      endforeach()
+      set_target_properties(${target} PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${kept}")
+    endif()
+  endforeach()
+endfunction()
+cmake_language(DEFER CALL _drop_missing_include_directories)

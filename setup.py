@@ -1,0 +1,45 @@
+"""Build the library and the ROS package; name, version and words come from package.xml."""
+
+from glob import glob
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+package = ElementTree.parse('package.xml').getroot()
+name = package.findtext('name')
+share = f'share/{name}'
+ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
+plot = ['matplotlib>=3.8']
+demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
+test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1',
+        'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1', *plot]
+lint = ['ruff>=0.6', 'mypy>=1.10', 'types-PyYAML', 'types-setuptools', 'flake8>=7.0',
+        'flake8-import-order', 'flake8-quotes', 'flake8-builtins', 'flake8-comprehensions',
+        'flake8-class-newline', 'flake8-deprecated', 'flake8-docstrings', 'pydocstyle>=6.3']
+
+setup(
+    name=name,
+    version=package.findtext('version'),
+    description=package.findtext('description'),
+    license=package.findtext('license'),
+    maintainer=package.findtext('maintainer'),
+    maintainer_email=package.find('maintainer').get('email'),
+    long_description=open('README.md', encoding='utf-8').read(),
+    long_description_content_type='text/markdown',
+    packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
+    package_data={'kane_dynamics': ['py.typed']},
+    python_requires='>=3.11',
+    install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
+    extras_require={'ros': ros, 'plot': plot, 'demo': demo, 'test': test, 'lint': lint},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{name}']),
+        (share, ['package.xml']),
+        *[(f'{share}/{folder}', sorted(glob(f'{folder}/*.*')))
+          for folder in ('config', 'launch', 'urdf')],
+    ],
+    entry_points={'console_scripts': [
+        'dynamics_node = kane_dynamics.ros.main:main',
+        'kane-dynamics = kane_dynamics.cli:main',
+    ]},
+    zip_safe=False,
+)
