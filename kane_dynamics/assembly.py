@@ -1,0 +1,231 @@
+"""Merge the links of a URDF into the moving bodies of a Model."""
+
+from dataclasses import dataclass, field
+import heapq
+import math
+
+from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.model import Array, Body, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.notices import Notices
+from kane_dynamics.selection import Selection
+from kane_dynamics.supplement import Supplement
+from kane_dynamics.tree import Link, listing, Single, snapped, StatedLimits, UrdfTree
+import numpy as np
+from numpy.typing import ArrayLike
+
+EYE = np.eye(3)
+EYE.flags.writeable = False
+
+
+@dataclass
+class Place:
+    """Where a link sits: in the axes of body `body` (or WORLD)."""
+
+    body: int
+    rotation: Array = field(default_factory=lambda: EYE)
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+
+    def frame(self, rotation: Array, translation: Array) -> 'Place':
+        """Return the place of what sits at (rotation, translation) in this one's axes."""
+        if self.rotation is EYE and not self.translation.any():
+            return Place(self.body, rotation, translation)
+        offset = self.rotation @ translation
+        moved = self.translation + offset
+        size = np.abs(self.translation).max() + np.abs(offset).max()
+        moved[np.abs(moved) < 1e-15 * size] = 0.0  # what cancels leaves no residue
+        R = self.rotation if np.array_equal(rotation, EYE) else self.rotation @ rotation
+        return Place(self.body, snapped(R), moved)
+
+
+@dataclass
+class Moving:
+    """A body in the making: the joint that carries it, its parent, and what rides on it."""
+
+    single: Single
+    place: Place
+    riders: list[tuple[str, Inertial]] = field(default_factory=list)
+
+
+def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravity: ArrayLike,
+             notices: Notices, *, strict: bool) -> Model:
+    """
+    Return the Model of the selected part of a URDF.
+
+    Raises
+    ------
+    ModelError
+        A body or joint is physically impossible; names it.
+    """
+    places, moving = _place(selection)
+    links = [tree.links[name] for name in places if name in tree.links]
+    base: list[Inertial] = []
+    kept = [x for x in links if x.inertial is not None and x.name not in selection.drop]
+    check_inertials(kept, notices, strict)
+    for link in kept:
+        assert link.inertial is not None
+        _load(link.name, link.inertial, places[link.name], moving, base)
+    if supplement.payload is not None:
+        name, inertial = supplement.payload
+        if name not in places or name not in tree.links:
+            raise InputError(f"supplement: payload: link is '{name}', and no such link is part "
+                             f'of the model; valid: {listing(x.name for x in links)}')
+        _load('payload', inertial, places[name], moving, base)
+    _note_masses(tree, selection, moving, notices)
+    names = [m.single.name for m in moving if m.single.name in selection.free]
+    names = list(selection.order) if selection.order is not None else names
+    index = {name: k for k, name in enumerate(names)}
+    bodies = [Body(m.single.child, m.place.body, _joint(m, selection, index, supplement, notices),
+                   _sum([inertial for _, inertial in m.riders])) for m in moving]
+    frames = [Frame(x.name, places[x.name].body, places[x.name].rotation,
+                    places[x.name].translation) for x in links]
+    return Model(tree.name, tuple(bodies), tuple(names), tuple(frames), np.asarray(gravity),
+                 selection.base, _sum(base))
+
+
+def _place(selection: Selection) -> tuple[dict[str, Place], list[Moving]]:
+    """
+    Return where every link sits, and the moving bodies in topological order, ties as in the URDF.
+
+    Joints that stand still are taken at once, so that they do not delay those behind them.
+    """
+    places = {selection.base: Place(WORLD)}
+    moving: list[Moving] = []
+    ready: list[tuple[bool, tuple[int, int], Single]] = []
+
+    def reach(name: str) -> None:
+        for single in selection.behind[name]:
+            moves = single.name in selection.free or single.name in selection.followers
+            heapq.heappush(ready, (moves, single.order, single))
+
+    reach(selection.base)
+    while ready:
+        moves, _, single = heapq.heappop(ready)
+        place = places[single.parent].frame(single.rotation, single.translation)
+        if moves:
+            moving.append(Moving(single, place))
+            places[single.child] = Place(len(moving) - 1)
+        else:
+            position = selection.positions.get(single.name, 0.0)
+            places[single.child] = place.frame(*_motion(single, position))
+        reach(single.child)
+    return places, moving
+
+
+def _motion(single: Single, position: float) -> tuple[Array, Array]:
+    """Return the pose of a joint's child at a position, in the joint's frame."""
+    if position == 0.0 or single.kind == 'fixed':
+        return EYE, np.zeros(3)
+    a = single.axis / math.sqrt(single.axis @ single.axis)
+    if single.kind == 'prismatic':
+        return EYE, position * a
+    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    R = math.cos(position) * EYE + math.sin(position) * cross + (
+        1.0 - math.cos(position)) * np.outer(a, a)  # Rodrigues
+    return snapped(R), np.zeros(3)
+
+
+def _load(name: str, inertial: Inertial, place: Place, moving: list[Moving],
+          base: list[Inertial]) -> None:
+    """Put the matter of a link on the body on which the link sits."""
+    if place.rotation is not EYE or place.translation.any():
+        inertial = inertial.moved(place.rotation, place.translation)
+    if place.body == WORLD:
+        base.append(inertial)
+    else:
+        moving[place.body].riders.append((name, inertial))
+
+
+def _sum(parts: list[Inertial]) -> Inertial:
+    """Return the inertial of parts that are welded together."""
+    total = Inertial()
+    for part in parts:
+        total = total + part
+    return total
+
+
+def _joint(body: Moving, selection: Selection, index: dict[str, int], supplement: Supplement,
+           notices: Notices) -> Joint:
+    """Return the joint of a moving body."""
+    single, source = body.single, body.single.source
+    mimic = selection.followers.get(single.name)
+    own = {'damping': source.damping, 'friction': source.friction,
+           **supplement.joints.get(single.name, {})}
+    return Joint(
+        single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute', single.axis,
+        body.place.rotation, body.place.translation,
+        index[single.name if mimic is None else mimic.master],
+        1.0 if mimic is None else mimic.multiplier, 0.0 if mimic is None else mimic.offset,
+        Limits() if mimic is not None or source.type in ('floating', 'planar')
+        else _limits(single.name, source.limits, source.type == 'continuous', notices), **own)
+
+
+def _limits(name: str, stated: StatedLimits | None, continuous: bool,
+            notices: Notices) -> Limits:
+    """Return a joint's limits, infinite where nothing sensible is stated; note what is not."""
+    if stated is None:
+        if not continuous:
+            notices.no_limit.append(name)
+        return Limits()
+    lower, upper = stated.lower, stated.upper
+    missing = [key for key in ('velocity', 'effort') if getattr(stated, key) is None]
+    if lower is None and upper is None and not continuous:
+        missing = ['lower', 'upper', *missing]
+    if missing:
+        notices.no_limit.append(f'{name} ({", ".join(missing)})')
+    zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
+    if zero:
+        notices.zero_limit.append(f'{name} ({", ".join(zero)})')
+    for key in ('velocity', 'effort'):
+        if (getattr(stated, key) or 0.0) < 0.0:
+            raise ModelError(f"joint '{name}': <limit> {key} is {getattr(stated, key)}; it must "
+                             'not be negative')
+    bounds = (-math.inf, math.inf)
+    if continuous:
+        if lower is not None or upper is not None:
+            notices.unused.append(f"joint '{name}' (continuous): <limit> lower and upper")
+    elif lower is not None or upper is not None:
+        bounds = (lower or 0.0, upper or 0.0)  # URDF: 0 where only the other is stated
+        if bounds[0] >= bounds[1]:
+            notices.bad_limit.append(f'{name} ({bounds[0]:g} to {bounds[1]:g})')
+            bounds = (-math.inf, math.inf)
+    return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
+
+
+def _note_masses(tree: UrdfTree, selection: Selection, moving: list[Moving],
+                 notices: Notices) -> None:
+    """Note moving links without <inertial> and moving bodies without mass."""
+    for body in moving:
+        link = tree.links.get(body.single.child)
+        if link is None:
+            continue  # it stands between the freedoms of one joint: without mass by design
+        if link.inertial is None:
+            notices.no_inertial.append(link.name)
+        elif not any(inertial.mass > 0.0 for _, inertial in body.riders):
+            notices.massless.append(link.name)
+
+
+def check_inertials(links: list[Link], notices: Notices, strict: bool) -> None:
+    """
+    Note the inertias that no matter, or only thin matter, can have.
+
+    Raises
+    ------
+    ModelError
+        An inertia is indefinite, and `strict` is set; names the link and the moments.
+    """
+    if not links:
+        return
+    moments = np.linalg.eigvalsh(np.array([x.inertial.inertia for x in links if x.inertial]))
+    for link, (a, b, c) in zip(links, moments.tolist(), strict=True):
+        assert link.inertial is not None
+        size = max(abs(a), abs(c))
+        if a < -1e-9 * size:
+            if strict:
+                raise ModelError(
+                    f"link '{link.name}': <inertia> has principal moments {a:g}, {b:g}, {c:g} "
+                    'kg m^2; none may be negative. Correct it, or load with strict=False')
+            notices.indefinite.append(link.name)
+        elif link.inertial.mass > 0.0 and a <= 1e-9 * size:
+            notices.singular.append(link.name)
+        elif c > (a + b) * (1.0 + 1e-6):
+            notices.triangle.append(link.name)

@@ -1,0 +1,43 @@
+"""Doubts about a model, gathered while it is loaded and issued one warning a kind."""
+
+from dataclasses import dataclass, field, fields
+import warnings
+
+from kane_dynamics.errors import ModelWarning
+
+Names = list[str]
+
+
+def _kind(text: str) -> Names:
+    """Declare a kind of doubt with the sentence that introduces its names."""
+    names: Names = field(default_factory=list, metadata={'text': text})
+    return names
+
+
+@dataclass
+class Notices:
+    """Lists of what each doubt concerns; `issue` turns each that is not empty into a warning."""
+
+    unused: Names = _kind('the URDF states these, but they are not used')
+    no_axis: Names = _kind('joints without <axis>, taken as "1 0 0" as URDF says')
+    long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); normalised')
+    no_limit: Names = _kind('joints whose <limit> lacks something, taken as unlimited there')
+    bad_limit: Names = _kind('joints whose <limit> lower is not below upper, taken as unlimited')
+    zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity, taken as not '
+                              'stated: unlimited')
+    indefinite: Names = _kind('links whose inertia has a negative principal moment, used as it '
+                              'stands because strict=False')
+    triangle: Names = _kind('links whose inertia no matter can have: a principal moment exceeds '
+                            'the sum of the other two')
+    singular: Names = _kind('links that have mass, but a principal moment of inertia of zero')
+    no_inertial: Names = _kind('moving links without <inertial>, taken as without mass')
+    massless: Names = _kind('moving bodies without mass; forward dynamics fails if their joints '
+                            'move nothing else')
+
+    def issue(self) -> None:
+        """Warn, once for each kind of doubt, as from the caller of load_urdf."""
+        for kind in fields(self):
+            names = getattr(self, kind.name)
+            if names:
+                warnings.warn(f'{kind.metadata["text"]}: {", ".join(names)}', ModelWarning,
+                              stacklevel=3)

@@ -1,0 +1,165 @@
+"""
+The supplement: what URDF has no words for, from one YAML file beside it.
+
+Schema, every key optional::
+
+    joints:
+      <joint>:                  # a joint of the URDF that can move; <joint>/rx and the like too
+        armature: 0.1           # rotor inertia seen through the gear, kg m^2 or kg, >= 0
+        stiffness: 5.0          # spring towards `rest`, N m/rad or N/m, >= 0
+        rest: 0.0               # rad or m
+        damping: 0.5            # viscous friction in place of the URDF's, N m s/rad or N s/m, >= 0
+        friction: 1.2           # Coulomb friction in place of the URDF's, N m or N, >= 0
+        friction_speed: 0.05    # friction * tanh(rate / friction_speed); rad/s or m/s, > 0
+    payload:
+      link: tool0               # required: the link that carries it
+      mass: 2.0                 # required: kg, >= 0
+      com: [0.0, 0.0, 0.05]     # mass centre from the link's origin, in its axes, m; default 0
+      inertia:                  # about the mass centre, in the link's axes, kg m^2; default 0
+        {ixx: 0.01, iyy: 0.01, izz: 0.01, ixy: 0.0, ixz: 0.0, iyz: 0.0}
+
+What is said of a joint that is locked, or on a branch that was cut off, has no effect.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.model import Inertial
+from kane_dynamics.tree import listing
+import numpy as np
+import yaml
+
+JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed')
+PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
+INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+
+
+@dataclass(frozen=True)
+class Supplement:
+    """Values by joint name and key; the payload's link and inertial."""
+
+    joints: dict[str, dict[str, float]] = field(default_factory=dict)
+    payload: tuple[str, Inertial] | None = None
+
+
+def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -> Supplement:
+    """
+    Return the supplement in a YAML file or in a dict of the same layout.
+
+    Raises
+    ------
+    UrdfError
+        Names the key, its value and what is valid.
+    ModelError
+        The payload's inertia has a negative principal moment.
+    """
+    if source is None:
+        return Supplement()
+    data = source if isinstance(source, Mapping) else _load(source)
+    top = _mapping(data, 'supplement', ('joints', 'payload'))
+    joints = _mapping(top.get('joints', {}), 'supplement: joints')
+    values = {}
+    for name, entry in joints.items():
+        what = f"supplement: joint '{name}'"
+        values[name] = {key: _number(value, f'{what}: {key}', signed=key == 'rest',
+                                     positive=key == 'friction_speed')
+                        for key, value in _mapping(entry, what, JOINT_KEYS).items()}
+    payload = top.get('payload')
+    return Supplement(values, None if payload is None else _payload(payload))
+
+
+def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
+    """Raise UrdfError if the supplement speaks of a joint that is not among `valid`."""
+    for name in supplement.joints:
+        if name not in valid:
+            raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; valid: "
+                            f'{listing(valid)}')
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML that refuses a key given twice, which plain YAML settles in silence."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping after checking that its scalar keys differ."""
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        twice = sorted({key for key in keys if keys.count(key) > 1}) if (
+            len(set(keys)) < len(keys)) else []
+        if twice:
+            raise yaml.YAMLError(f'given more than once: {listing(twice)} '
+                                 f'(line {node.start_mark.line + 1})')
+        return super().construct_mapping(node, deep)
+
+
+def _load(source: Any) -> Any:
+    """Return what a YAML file holds."""
+    if not isinstance(source, (str, os.PathLike)):
+        raise UrdfError(f'supplement is {source!r}; valid: the path of a YAML file, or a dict')
+    try:
+        data = yaml.load(Path(source).read_bytes(), _Loader)  # noqa: S506 (a SafeLoader)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UrdfError(f'supplement {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
+                        'file, or a dict') from None
+    except (yaml.YAMLError, RecursionError) as error:
+        raise UrdfError(f"supplement '{source}' is not valid YAML: {error}") from None
+    return {} if data is None else data
+
+
+def _mapping(data: Any, what: str, valid: tuple[str, ...] | None = None) -> Mapping[str, Any]:
+    """Return a mapping with string keys, all of them among `valid`."""
+    expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of joint names'
+    if not isinstance(data, Mapping):
+        raise UrdfError(f'{what} is {data!r}; expected {expected}')
+    for key in data:
+        if not isinstance(key, str) or (valid and key not in valid):
+            raise UrdfError(f'{what}: unknown key {key!r}; valid: {listing(valid or ["names"])}')
+    return data
+
+
+def _number(value: Any, what: str, *, signed: bool = False, positive: bool = False) -> float:
+    """Return a finite number within its bounds; YAML reads 1e-3 as text, so text will do."""
+    number = math.nan
+    if isinstance(value, (int, float, str, np.floating, np.integer)) and (
+            not isinstance(value, bool)):
+        try:
+            number = float(value)
+        except (ValueError, OverflowError):
+            pass
+    if not math.isfinite(number) or (not signed and number < 0.0) or (positive and number == 0.0):
+        expected = 'finite number' if signed else (
+            'positive number' if positive else 'finite number that is not negative')
+        raise UrdfError(f'{what} is {value!r}; expected a {expected}')
+    return number
+
+
+def _payload(data: Any) -> tuple[str, Inertial]:
+    """Return the payload's link and inertial."""
+    what = 'supplement: payload'
+    entry = _mapping(data, what, PAYLOAD_KEYS)
+    for key in ('link', 'mass'):
+        if key not in entry:
+            raise UrdfError(f"{what} has no '{key}'; it needs link and mass, and may have com "
+                            'and inertia')
+    if not isinstance(entry['link'], str):
+        raise UrdfError(f'{what}: link is {entry["link"]!r}; expected the name of a link')
+    com = entry.get('com', (0.0, 0.0, 0.0))
+    if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
+        raise UrdfError(f'{what}: com is {com!r}; expected three numbers, m')
+    moments = dict.fromkeys(INERTIA_KEYS, 0.0)
+    for key, value in _mapping(entry.get('inertia', {}), f'{what}: inertia',
+                               INERTIA_KEYS).items():
+        moments[key] = _number(value, f'{what}: inertia: {key}', signed=True)
+    xx, xy, xz, yy, yz, zz = moments.values()
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    lowest = float(np.linalg.eigvalsh(inertia)[0])
+    if lowest < -1e-9 * float(np.abs(inertia).max()):
+        raise ModelError(f'{what}: inertia has the principal moment {lowest:g} kg m^2; none may '
+                         'be negative')
+    return entry['link'], Inertial(
+        _number(entry['mass'], f'{what}: mass'),
+        np.array([_number(x, f'{what}: com', signed=True) for x in com]), inertia)

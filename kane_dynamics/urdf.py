@@ -1,0 +1,161 @@
+"""Load a URDF, by yourdfpy, with the checks that yourdfpy does not make."""
+
+from collections.abc import Mapping, Sequence
+import io
+import os
+from typing import Any
+
+from kane_dynamics.assembly import assemble
+from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.model import Array, GRAVITY, Inertial, Model
+from kane_dynamics.notices import Notices
+from kane_dynamics.selection import select
+from kane_dynamics.supplement import read_supplement
+from kane_dynamics.tree import (build_tree, Link, Mimic, snapped, StatedLimits, UrdfJoint,
+                                UrdfTree)
+from kane_dynamics.urdf_schema import check_schema, CHILDREN
+from kane_dynamics.urdf_xml import Element, parse, read_source, rebuilt
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ['load_urdf']
+
+
+def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None,
+              tip: str | None = None, joints: Sequence[str] | None = None,
+              locked: Mapping[str, float] | None = None, drop: Sequence[str] = (),
+              supplement: Any = None, gravity: ArrayLike = GRAVITY,
+              strict: bool = True) -> Model:
+    """
+    Return the model of a robot described in URDF; meshes are never opened.
+
+    Every joint of the model has one freedom. Fixed and locked joints merge: their masses ride on
+    the moving body behind which they stand, or on the base. A mimic joint moves with its master
+    and is no freedom. A floating joint becomes <joint>/x, /y, /z (prismatic, axes of the joint's
+    frame) and then <joint>/rx, /ry, /rz (revolute, each about the axes that the one before has
+    turned); a planar joint becomes <joint>/x, /y (prismatic, in the plane normal to its axis) and
+    <joint>/rz (revolute, about its axis). These names serve wherever a joint is named.
+
+    Parameters
+    ----------
+    source : path, or str or bytes of XML
+        UTF-8, UTF-16, UTF-32 or a declared single-byte encoding. Document type and entity
+        declarations are refused.
+    base : str, optional
+        The link to fix in the world, in place of the root; all that is not behind it is cut off.
+    tip : str, optional
+        Only joints between the base and this link move. What hangs elsewhere or beyond stays,
+        locked, with its mass.
+    joints : sequence of str, optional
+        The joints that move, in the order of q; the others are locked. Without it all move, in
+        topological order (parents first), ties in the order of the URDF.
+    locked : mapping of str to float, optional
+        Positions (rad or m) at which to lock joints; 0 for those locked but not named here. A
+        mimic joint whose master is locked stands where the master's position puts it; one whose
+        master moves follows it, wherever it is.
+    drop : sequence of str, optional
+        Links whose own inertial to leave out (not those of links attached to them). Their frames
+        stay.
+    supplement : path or dict, optional
+        What URDF has no words for; see `kane_dynamics.supplement`.
+    gravity : (3,) array
+        m/s^2, world axes; the base link's axes are the world's.
+    strict : bool
+        Whether an indefinite inertia is an error; otherwise a warning.
+
+    Warns
+    -----
+    ModelWarning
+        Once for each kind of doubt, naming all links or joints that it concerns.
+
+    Raises
+    ------
+    UrdfError
+        The URDF or the supplement is malformed.
+    ModelError
+        It is well-formed, but physically or topologically impossible.
+    InputError
+        An argument names a link or joint that does not exist or cannot serve.
+    """
+    root = parse(read_source(source))
+    notices = Notices()
+    notices.unused.extend(check_schema(root))
+    tree = _tree(root, notices)
+    selection = select(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
+    extra = read_supplement(supplement)
+    model = assemble(tree, selection, extra, gravity, notices, strict=strict)
+    notices.issue()
+    return model
+
+
+def _tree(root: Element, notices: Notices) -> UrdfTree:
+    """Return checked XML as records, by way of yourdfpy."""
+    import yourdfpy  # it loads trimesh, for more than a second: only who loads a URDF shall wait
+    clean = rebuilt(root, CHILDREN)
+    try:
+        robot = yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
+                                   build_scene_graph=False).robot
+    except Exception as error:  # whatever it raises is about this text
+        raise UrdfError(f'yourdfpy cannot read the URDF: {error}') from error
+    stated = {joint.attributes['name']: joint for joint in root.all('joint')}
+    links = [_link(link) for link in robot.links]
+    joints = [_joint(joint, stated[joint.name], notices) for joint in robot.joints]
+    return build_tree(robot.name, links, joints)
+
+
+def _pose(origin: Any) -> tuple[Array, Array]:
+    """Return yourdfpy's (4, 4) origin, or None, as rotation and translation."""
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    return snapped(origin[:3, :3]), origin[:3, 3] + 0.0
+
+
+def _link(link: Any) -> Link:
+    """Return a link with its inertial in link axes."""
+    if link.inertial is None:
+        return Link(link.name)
+    R, com = _pose(link.inertial.origin)
+    what = f"link '{link.name}'"
+    if link.inertial.mass < 0.0:
+        raise ModelError(f'{what}: <mass> value is {link.inertial.mass} kg; a mass must not be '
+                         'negative')
+    inertia = link.inertial.inertia
+    if not np.array_equal(R, np.eye(3)):
+        inertia = R @ inertia @ R.T
+    return Link(link.name, Inertial(link.inertial.mass, com, inertia))
+
+
+def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:
+    """Return a joint; note what about its axis is doubtful and what of it is not used."""
+    what = f"joint '{joint.name}'"
+    moves = joint.type in ('revolute', 'continuous', 'prismatic', 'planar')
+    single = moves and joint.type != 'planar'
+    axis = np.array([1.0, 0.0, 0.0])
+    if moves:
+        axis = snapped(joint.axis)
+        length = float(np.sqrt(axis @ axis))
+        if length < 1e-12:
+            raise ModelError(f'{what}: <axis> xyz is {axis.tolist()}; an axis must not be zero')
+        if stated.first('axis') is None:
+            notices.no_axis.append(joint.name)
+        elif abs(length - 1.0) > 1e-4:
+            notices.long_axis.append(f'{joint.name} ({length:g})')
+    R, p = _pose(joint.origin)
+    if not single:
+        notices.unused.extend(f'{what} ({joint.type}): <{tag}>'
+                              for tag in ('limit', 'dynamics', 'mimic')
+                              if joint.type != 'fixed' and stated.first(tag) or (
+                                  tag == 'mimic' and stated.first(tag)))
+        return UrdfJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
+    friction = {name: float(getattr(joint.dynamics, name, None) or 0.0)
+                for name in ('damping', 'friction')}
+    for name, value in friction.items():
+        if value < 0.0:
+            raise ModelError(f'{what}: <dynamics> {name} is {value}; it must not be negative')
+    limit, mimic = joint.limit, joint.mimic
+    limits = StatedLimits(limit.lower, limit.upper, limit.velocity, limit.effort) if (
+        limit is not None) else None
+    return UrdfJoint(
+        joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
+        friction['damping'], friction['friction'],
+        None if mimic is None else Mimic(mimic.joint, mimic.multiplier, mimic.offset))

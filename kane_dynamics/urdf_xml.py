@@ -1,0 +1,156 @@
+"""
+The text of a URDF: read, decoded, refused where dangerous, and cut down to plain elements.
+
+Together with `urdf.py`, which hands what is left to yourdfpy, this is all that knows of XML.
+"""
+
+import codecs
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+import os
+from pathlib import Path
+import re
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from kane_dynamics.errors import InputError, UrdfError
+
+DEPTH = 4  # robot / link / inertial / mass: nothing that we read lies deeper
+BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
+        (codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
+        (codecs.BOM_UTF16_BE, 'utf-16'), (b'<\0\0\0', 'utf-32-le'), (b'\0\0\0<', 'utf-32-be'),
+        (b'<\0', 'utf-16-le'), (b'\0<', 'utf-16-be'))
+ENCODING = re.compile(rb'\s*<\?xml[^>]{0,200}?encoding\s*=\s*["\']([\w.-]{1,40})["\']')
+ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d', re.I)
+UNREAD = ('visual', 'collision', 'material')  # looks only; meshes and textures are not touched
+
+
+@dataclass
+class Element:
+    """An XML element: tag, attributes, line in the text, children in order."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list['Element'] = field(default_factory=list)
+
+    def all(self, tag: str) -> Iterator['Element']:
+        """Yield the children called `tag`."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> 'Element | None':
+        """Return the first child called `tag`."""
+        return next(self.all(tag), None)
+
+
+def read_source(source: str | bytes | os.PathLike[str]) -> str:
+    """Return the text of a URDF given as path, as text or as bytes; UrdfError says why not."""
+    if isinstance(source, (bytes, bytearray)):
+        return _decode(bytes(source))
+    if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
+        return source.lstrip('\ufeff')
+    if not isinstance(source, (str, os.PathLike)):
+        raise InputError(f'source is {type(source).__name__}; valid: a path, or the XML as str '
+                         'or bytes')
+    try:
+        return _decode(Path(source).read_bytes())
+    except (OSError, ValueError) as error:
+        if isinstance(error, UrdfError):
+            raise
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UrdfError(f'source is {_short(os.fspath(source))}: {reason}; valid: the path of a '
+                        'URDF file, or its XML as str or bytes') from None
+
+
+def parse(text: str) -> Element:
+    """
+    Return the root of the text's elements down to `DEPTH`, without `UNREAD` parts.
+
+    Not namespace-aware, as the parsers of ROS are not: real files use prefixes that they never
+    declare.
+    """
+    _refuse_declarations(text)
+    try:
+        data = text.encode()
+    except UnicodeEncodeError as error:
+        raise UrdfError(f'the text holds the lone surrogate {text[error.start]!r}; expected '
+                        'Unicode text') from None
+    parser = expat.ParserCreate('utf-8')
+    top = Element('', {}, 0)
+    path, depth, skipped = [top], 0, 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, skipped
+        depth += 1
+        if skipped or depth > DEPTH:
+            skipped += 1
+            return
+        element = Element(tag, attributes, parser.CurrentLineNumber)
+        path[-1].children.append(element)
+        path.append(element)
+        skipped = int(tag in UNREAD)
+
+    def end(tag: str) -> None:
+        nonlocal depth, skipped
+        depth -= 1
+        skipped = max(skipped - 1, 0)
+        if not skipped and depth + 1 < len(path):
+            path.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise UrdfError(f'not well-formed XML: {error}; near '
+                        f'{_near(data, parser.ErrorByteIndex)}') from None
+    return top.children[0]
+
+
+def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
+    """Return XML that holds of `root` only the children that `tags` names under each tag."""
+    def copy(element: Element) -> ElementTree.Element:
+        made = ElementTree.Element(element.tag, element.attributes)
+        made.extend(copy(child) for child in element.children
+                    if child.tag in tags.get(element.tag, ()))
+        return made
+    return ElementTree.tostring(copy(root), encoding='utf-8', xml_declaration=True)
+
+
+def _decode(data: bytes) -> str:
+    """Return the text of XML bytes by byte order mark, declaration, or UTF-8."""
+    declared = ENCODING.match(data)
+    name = next((name for mark, name in BOMS if data.startswith(mark)),
+                declared[1].decode() if declared else 'utf-8')
+    if name != 'utf-8-sig' and not re.fullmatch(r'utf-(16|32)-[bl]e', name) and (
+            not ENCODINGS.fullmatch(name)):
+        raise UrdfError(f"the XML declares encoding '{name}'; valid: UTF-8, UTF-16, UTF-32, "
+                        'US-ASCII, ISO-8859-x, windows-125x')
+    try:
+        return data.decode(name)
+    except (UnicodeError, LookupError) as error:
+        raise UrdfError(f'the bytes are not {name} text: {error}; valid: XML in its declared '
+                        'encoding, or UTF-8') from None
+
+
+def _refuse_declarations(text: str) -> None:
+    """Refuse DOCTYPE, ENTITY and their like outside comments, before any parser sees them."""
+    at = text.find('<!')
+    while at >= 0:
+        closing = ('-->' if text.startswith('<!--', at)
+                   else ']]>' if text.startswith('<![CDATA[', at) else None)
+        if closing is None:
+            raise UrdfError(f'the XML holds the declaration {_short(text[at:at + 60])}; document '
+                            'type and entity declarations are refused: a URDF needs none')
+        at = text.find(closing, at + 4)
+        at = text.find('<!', at) if at >= 0 else -1
+
+
+def _short(text: object) -> str:
+    """Return a text quoted, and cut where long."""
+    text = str(text)
+    return repr(text if len(text) <= 80 else f'{text[:60]}...')
+
+
+def _near(data: bytes, at: int) -> str:
+    """Return the bytes around an index, quoted."""
+    return repr(data[max(at - 20, 0):max(at, 0) + 20].decode('utf-8', 'replace'))
