@@ -18,7 +18,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from kane_dynamics.mechanics.kinematics import (Configuration, configurations,
-                                                frame_partial_velocities, motions, position, rate)
+                                                frame_partial_velocities, motions,
+                                                position, rate)
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Body, Joint, Model
 import numpy as np

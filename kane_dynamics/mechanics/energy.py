@@ -1,0 +1,134 @@
+"""
+The energy road to the equations of motion, independent of Kane's two sums.
+
+Poses are homogeneous 4x4 matrices; a body's kinetic energy is 1/2 tr(T' J T'^T) with its
+pseudo-inertia J about its own origin (Uicker 1965, Kahn 1969). Passerello and Huston give
+the generalized inertia forces
+
+    F_r* = -( d/dt dKE/dq_r' - dKE/dq_r )                                 (for u = q')
+
+and exact differentiation gives the numbers. No function is shared with `kane`, `kinematics` or
+`recursive`: what agrees with them agrees for a reason.
+"""
+
+from typing import Any
+
+from kane_dynamics.mechanics.hyperdual import HyperDual, seeded
+from kane_dynamics.model import Array, Joint, Model, WORLD
+import numpy as np
+
+
+def joint_matrix(joint: Joint, q: Any) -> Any:
+    """Return the (4, 4) pose of a joint's body in its parent at the coordinates q."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = joint.rotation, joint.translation
+    K, KK = generator(joint)
+    x = joint.multiplier * q[joint.coordinate] + joint.offset
+    if joint.kind == 'prismatic':
+        return T @ (np.eye(4) + K * x)
+    return T @ (np.eye(4) + K * np.sin(x) + KK * (1.0 - np.cos(x)))  # Rodrigues: exp(K x)
+
+
+def generator(joint: Joint) -> tuple[Array, Array]:
+    """Return the (4, 4) K, with the joint's matrix exp(K x) after its fixed pose, and K K."""
+    K = np.zeros((4, 4))
+    if joint.kind == 'prismatic':
+        K[:3, 3] = joint.axis
+    else:
+        x, y, z = joint.axis
+        K[0, 1:3], K[1, 2] = (-z, y), -x
+        K[:3, :3] -= K[:3, :3].T
+    return K, K @ K
+
+
+def poses(model: Model, q: Any) -> list[Any]:
+    """Return every body's (4, 4) pose in the world."""
+    result: list[Any] = []
+    for body in model.bodies:
+        T = joint_matrix(body.joint, q)
+        result.append(T if body.parent == WORLD else result[body.parent] @ T)
+    return result
+
+
+def pose_rates(model: Model, q: Any, u: Any) -> list[Any]:
+    """Return the time derivative of every body's (4, 4) pose."""
+    here = poses(model, q)
+    result: list[Any] = []
+    for i, body in enumerate(model.bodies):
+        joint = body.joint
+        # The joint turns or slides about its own axis, so its generator commutes with exp(K x).
+        rate = (here[i] @ generator(joint)[0]) * (joint.multiplier * u[joint.coordinate])
+        if body.parent != WORLD:
+            rate = result[body.parent] @ joint_matrix(joint, q) + rate
+        result.append(rate)
+    return result
+
+
+def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
+    """
+    Return the kinetic energy of bodies and rotors, J.
+
+    Parameters
+    ----------
+    model : Model
+    q, u : (n,) arrays of scalars
+        u = q'.
+    """
+    twice: Any = 0.0
+    for body, T in zip(model.bodies, pose_rates(model, q, u)):
+        twice = twice + np.sum((T @ body.inertial.pseudo_inertia) * T)
+        rate = body.joint.multiplier * u[body.joint.coordinate]
+        twice = twice + body.joint.armature * (rate * rate)
+    return 0.5 * twice
+
+
+def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
+    """Return the energy of gravity, zero at the world's origin, and of springs, J."""
+    g = model.gravity if gravity is None else gravity
+    total: Any = 0.0
+    for body, T in zip(model.bodies, poses(model, q)):
+        first_moment = T @ body.inertial.pseudo_inertia[:, 3]
+        total = total - g @ first_moment[:3]
+        joint = body.joint
+        stretch = joint.multiplier * q[joint.coordinate] + joint.offset - joint.rest
+        total = total + 0.5 * joint.stiffness * (stretch * stretch)
+    return total
+
+
+def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> Array:
+    """
+    Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by exact differentiation.
+
+    Parameters
+    ----------
+    model : Model
+    q, u, udot : (n,) arrays of float
+    """
+    n = model.n
+    energy = _hyperdual(kinetic_energy(model, seeded(q, u, 0, 2 * n),
+                                       seeded(u, udot, n, 2 * n)), 2 * n)
+    return energy.gradient[:n] - energy.gradient_rate[n:]
+
+
+def conservative_force(model: Model, q: Array, *, gravity: Any = None) -> Array:
+    """Return -dPE/dq, (n,): the generalized active force of gravity and springs, N m or N."""
+    n = model.n
+    energy = potential_energy(model, seeded(q, np.zeros(n), 0, n), gravity=gravity)
+    return -_hyperdual(energy, n).gradient
+
+
+def mass_matrix(model: Model, q: Array) -> Array:
+    """Return M_rs = d2 KE / dq_r' dq_s', (n, n), exactly: KE is quadratic in q'."""
+    n = model.n
+    rows = []
+    for unit in np.eye(n):  # the direction along which KE's gradient at u = 0 is taken
+        energy = _hyperdual(kinetic_energy(model, q, seeded(np.zeros(n), unit, 0, n)), n)
+        rows.append(energy.gradient_rate)
+    return np.array(rows)
+
+
+def _hyperdual(value: Any, count: int) -> HyperDual:
+    """Return a result that may have turned out constant as a HyperDual."""
+    if isinstance(value, HyperDual):
+        return value
+    return HyperDual(float(value), np.zeros(count), 0.0, np.zeros(count))
