@@ -1,0 +1,182 @@
+"""
+The demo's director: starts the arm and the node, moves the arm, and tells what came of it.
+
+Three processes over Fast DDS: this one, the arm (`plant`, MuJoCo behind ROS topics) and the
+dynamics node. The arm makes the same motion twice, first with its soft servo alone (the node
+deactivated), then with the node's feedforward torques on top. Last it is let go, and its fall is
+held against what the node's simulate service had predicted.
+"""
+
+from argparse import ArgumentParser
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from kane_dynamics.demo.arm import desired_motion, DURATION, HOME, JOINTS, NODE, PLANT, URDF
+from kane_dynamics.demo.report import Recording, report
+from kane_dynamics.errors import KaneError
+from kane_dynamics.motion import Motion
+from kane_dynamics.progress import progress_bar
+from kane_dynamics_interfaces.srv import Simulate
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+LEAD = 0.3  # s between sending a motion and its start
+FALL = 0.5  # s
+PATIENCE = 30.0  # s for anything to answer
+
+
+class DemoError(KaneError):
+    """Something that the demo needs did not start or answer."""
+
+
+class Director(Node):  # type: ignore[misc]
+    """Clients of the arm and of the dynamics node."""
+
+    def __init__(self) -> None:
+        super().__init__('director')
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._to_plant = self.create_publisher(JointTrajectory, 'desired', latched)
+        self._to_node = self.create_publisher(JointTrajectory, f'{NODE}/joint_trajectory', 1)
+
+    def ask(self, service: type[Any], name: str, **fields: Any) -> Any:
+        """Call a service and return its answer."""
+        client = self.create_client(service, name)
+        try:
+            if not client.wait_for_service(PATIENCE):
+                raise DemoError(f"service '{name}' does not appear")
+            future = client.call_async(service.Request(**fields))
+            rclpy.spin_until_future_complete(self, future, timeout_sec=PATIENCE)
+            if not future.done():
+                raise DemoError(f"service '{name}' does not answer")
+            return future.result()
+        finally:
+            self.destroy_client(client)
+
+    def node_state(self) -> int:
+        """Return the node's lifecycle state."""
+        return int(self.ask(GetState, f'{NODE}/get_state').current_state.id)
+
+    def wait_until_active(self) -> None:
+        """Wait for the node's kernels and its activation."""
+        deadline = time.monotonic() + PATIENCE
+        while self.node_state() != State.PRIMARY_STATE_ACTIVE:
+            if time.monotonic() > deadline:
+                raise DemoError('the node does not become active')
+            time.sleep(0.1)
+
+    def change(self, transition: int) -> None:
+        """Take the node through a lifecycle transition."""
+        answer = self.ask(ChangeState, f'{NODE}/change_state',
+                          transition=Transition(id=transition))
+        if not answer.success:
+            raise DemoError(f'the node refuses lifecycle transition {transition}')
+
+    def send(self, motion: Motion) -> None:
+        """Send a motion to arm and node, to begin a little later."""
+        message = JointTrajectory(joint_names=list(motion.joint_names))
+        start = time.time_ns() + int(LEAD * 1e9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
+        for t, positions in zip(motion.times, motion.positions):
+            point = JointTrajectoryPoint(positions=positions.tolist())
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
+                                                                              10**9)
+            message.points.append(point)
+        self._to_plant.publish(message)
+        self._to_node.publish(message)
+
+    def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> Recording:
+        """Make the arm perform a motion from rest; return what it did."""
+        self.change(Transition.TRANSITION_ACTIVATE if feedforward
+                    else Transition.TRANSITION_DEACTIVATE)
+        self.ask(Trigger, f'{PLANT}/reset')
+        time.sleep(1.0)
+        self.send(motion)
+        end = time.monotonic() + LEAD + DURATION
+        with progress_bar(label, DURATION) as progress:
+            while (left := end - time.monotonic()) > 0.0:
+                time.sleep(min(left, 0.1))
+                progress(DURATION - left)
+        return self._recorded(record)
+
+    def _recorded(self, record: Path) -> Recording:
+        answer = self.ask(Trigger, f'{PLANT}/save')
+        if not answer.success:
+            raise DemoError(f'the arm cannot save its record: {answer.message}')
+        return Recording.load(record)
+
+    def predict_and_let_go(self, record: Path) -> tuple[Any, Recording]:
+        """Ask for the arm's fall from home, then let it fall; return both."""
+        self.change(Transition.TRANSITION_DEACTIVATE)
+        prediction = self.ask(
+            Simulate, f'{NODE}/simulate', joint_names=list(JOINTS), position=HOME.tolist(),
+            duration=FALL, step=5e-4, sample_period=2e-3)
+        if not prediction.success:
+            raise DemoError(f'the simulate service refuses: {prediction.message}')
+        self.ask(Trigger, f'{PLANT}/reset')
+        self.ask(SetBool, f'{PLANT}/servo', data=False)
+        time.sleep(FALL + 0.1)
+        return prediction, self._recorded(record)
+
+
+@contextmanager
+def processes(record: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run arm and node while the block runs; end them as an operator would, by SIGINT."""
+    plant = [sys.executable, '-m', 'kane_dynamics.demo.plant', str(URDF), str(record)]
+    node = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args',
+            '-p', f'urdf:={URDF}', '-p', 'mode:=inverse_dynamics', '-p', 'gravity:=[0.0,0.0,-9.81]',
+            '-p', f'joints:=[{",".join(JOINTS)}]', '-p', 'state_timeout:=0.1']
+    running: list[subprocess.Popen[bytes]] = []
+    try:
+        for command in (plant, node):
+            running.append(subprocess.Popen(command, stderr=subprocess.PIPE))
+        yield running
+    finally:
+        for process in reversed(running):
+            process.send_signal(signal.SIGINT)
+        for process in running:
+            try:
+                process.communicate(timeout=5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+
+
+def run(arguments: Sequence[str] = ()) -> int:
+    """Run the demo; return the exit code."""
+    parser = ArgumentParser(prog='kane-dynamics demo', description=__doc__)
+    parser.add_argument('--output', type=Path, default=Path('demo_output'),
+                        help='folder for the pictures (default: %(default)s)')
+    options = parser.parse_args(list(arguments))
+    options.output.mkdir(parents=True, exist_ok=True)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
+    record = (options.output / 'record.npz').resolve()
+    print('Starting a simulated arm (MuJoCo), the dynamics node, and this director ...')
+    rclpy.init()
+    director = Director()
+    try:
+        with processes(record):
+            director.ask(Trigger, f'{PLANT}/reset')
+            director.wait_until_active()
+            motion = desired_motion()
+            alone = director.perform('Servo alone         ', motion, record, False)
+            helped = director.perform('Servo + feedforward ', motion, record, True)
+            prediction, fall = director.predict_and_let_go(record)
+    finally:
+        director.destroy_node()
+        rclpy.try_shutdown()
+    record.unlink(missing_ok=True)
+    return report(motion, alone, helped, prediction, fall, options.output)

@@ -1,0 +1,32 @@
+"""Files that come with the package: URDFs, configurations, launch files."""
+
+import os
+from pathlib import Path
+import sys
+
+from kane_dynamics.errors import InputError
+
+
+def resource_path(folder: str, name: str) -> Path:
+    """
+    Return the path of a file that the package ships.
+
+    Parameters
+    ----------
+    folder : 'config', 'launch' or 'urdf'
+    name : str
+
+    Raises
+    ------
+    InputError
+        There is no such file; the message lists those that there are.
+    """
+    checkout = Path(__file__).resolve().parent.parent
+    prefixes = [sys.prefix, *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':'))]
+    places = [checkout / folder] if (checkout / 'package.xml').exists() else []
+    places += [Path(prefix) / 'share' / 'kane_dynamics' / folder for prefix in prefixes]
+    for place in places:
+        if (place / name).is_file():
+            return place / name
+    known = sorted({path.name for place in places if place.is_dir() for path in place.iterdir()})
+    raise InputError(f"no file '{name}' in {folder}; there are: {', '.join(known) or 'none'}")
