@@ -122,6 +122,8 @@ def _add_model(sub: argparse.ArgumentParser) -> None:
     group.add_argument('--supplement', metavar='YAML',
                        help='springs, armature and friction that a URDF cannot say')
     group.add_argument('--no-friction', action='store_true', help='leave damping and friction out')
+    group.add_argument('--no-strict', action='store_true',
+                       help='warn of impossible inertias instead of refusing them')
     sub.add_argument('--json', action='store_true', help='print JSON')
 
 

@@ -126,7 +126,7 @@ def _selection(options: Namespace) -> dict[str, Any]:
     """Return the arguments of load_urdf that choose the part and its gravity."""
     joints = None if options.joints is None else _split(options.joints)
     return {'base': options.base, 'tip': options.tip, 'joints': joints,
-            'gravity': tuple(options.gravity)}
+            'gravity': tuple(options.gravity), 'strict': not options.no_strict}
 
 
 def _load(options: Namespace, caught: list[str] | None = None) -> tuple[Model, Robot]:

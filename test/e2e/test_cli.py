@@ -206,6 +206,16 @@ def test_inspect_reports_warnings_and_unlimited_joints_are_null_in_json(tmp_path
     assert facts['bodies'][0]['limits']['effort'] is None
 
 
+def test_an_impossible_inertia_is_refused_unless_no_strict_makes_it_a_warning(tmp_path, capsys):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(ARM.replace('ixx="0.05"', 'ixx="-0.05"'))
+    assert main(['torque', str(path)]) == 2
+    assert 'fore' in capsys.readouterr().err
+    assert main(['torque', str(path), '--no-strict']) == 0
+    error = capsys.readouterr().err
+    assert error.startswith('kane-dynamics: warning: ') and 'fore' in error
+
+
 MIMIC = ARM.replace('</robot>', """
   <link name="finger"><inertial><mass value="0.5"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
