@@ -129,17 +129,17 @@ def _kernel(robot: Robot, name: str, rows: int, gains: list[Array]) -> Kernel:
     width = n if rows == 1 else 3 * n
     arguments = [Argument('state', (2 * n,)), Argument('inputs', (rows, width))]
     block = np.zeros(len(gains) * n + 1 + len(robot.parameters.block))
-    return robot.extra_kernel(name, lambda: _step_program(robot, name, rows, len(gains)),
+    return robot.kernels.extra(name, lambda: _step_program(robot, name, rows, len(gains)),
                               arguments, block, (2 * n,))
 
 
 def _step_program(robot: Robot, name: str, rows: int, n_gains: int) -> Program:
     """Trace one step, with the robot's dynamics as subroutines."""
     n = robot.n
-    forward = robot.program('forward_dynamics')
-    no_wrench = np.zeros((len(robot.equations.wrench_frames), 6))
+    forward = robot.kernels.program('forward_dynamics')
+    no_wrench = robot.kernels.no_wrench
     wrench = [no_wrench] if len(no_wrench) else []
-    rigid = robot.rigid_program() if n_gains else None
+    rigid = robot.kernels.rigid_program() if n_gains else None
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [n_gains * n, n_gains * n + 1])

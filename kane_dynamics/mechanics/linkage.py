@@ -23,7 +23,8 @@ from typing import Any, Literal
 from kane_dynamics.model import Array, Model, WORLD
 import numpy as np
 
-SNAP = 1e-12  # entries this close to 0, 1 or -1 are just that; coarser would cost accuracy
+SNAP = 1e-14  # entries this close to 0, 1 or -1 are rounding; coarser would cost accuracy
+NEARLY_PARALLEL = 1e-4  # rad: the common normal of such axes lies far off, at a loss of digits
 Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -179,13 +180,13 @@ def _common_normal(child: Link) -> tuple[float, float]:
     """Return the angle and height, about and along z, of the way to a child's joint axis."""
     z, p = child.rotation[:, 2], child.translation
     x, shift = np.cross(Z, z), 0.0
-    if np.linalg.norm(x) > 1e-9:
+    if np.linalg.norm(x) > NEARLY_PARALLEL:
         x /= np.linalg.norm(x)
         if child.kind == 'revolute':  # p + t z = shift Z + a x: the feet of the common normal
             shift = float(np.linalg.solve(np.stack([Z, x, -z], axis=1), p)[0])
     elif child.kind == 'revolute':
         x, shift = np.array([p[0], p[1], 0.0]), float(p[2])
-    if np.linalg.norm(x) < 1e-9:
+    if np.linalg.norm(x) < 1e-9:  # the axes are one
         return 0.0, shift
     angle = math.atan2(x[1], x[0])
     half = math.pi / 2.0 + 1e-9

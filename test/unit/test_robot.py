@@ -179,7 +179,7 @@ def test_verify_reports_rounding(seed):
 def test_verify_finds_a_wrong_kernel():
     robot = Robot(random_model(1, 3))
     other = Robot(random_model(2, 3))
-    robot._kernels['mass_matrix', ''] = other.kernel('mass_matrix')
+    robot.kernels._made['mass_matrix', ''] = other.kernels.quantity('mass_matrix')
     with pytest.raises(CompileError, match='mass_matrix is off'):
         robot.verify()
 

@@ -1,0 +1,161 @@
+"""The kernels of one robot: what each computes, how it is traced, and the one of each made."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics.mechanics import frames
+from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
+from kane_dynamics.model import Array
+from kane_dynamics.native.kernels import Argument, Kernel
+from kane_dynamics.native.program import Program, Shape, trace_program
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """
+    What a kernel computes.
+
+    Attributes
+    ----------
+    arguments : tuple of str
+        Of `Equations`' method of the same name, before the wrench and the parameters.
+    shape : callable
+        Shape of the result from the number of coordinates.
+    wrench, parameters : bool
+        Whether the method takes these as well.
+    """
+
+    arguments: tuple[str, ...]
+    shape: Callable[[int], Shape]
+    wrench: bool = False
+    parameters: bool = True
+
+
+def _vector(n: int) -> Shape:
+    return (n,)
+
+
+def _matrix(n: int) -> Shape:
+    return (n, n)
+
+
+QUANTITIES = {
+    'inverse_dynamics': Quantity(('q', 'u', 'udot'), _vector, wrench=True),
+    'forward_dynamics': Quantity(('q', 'u', 'tau'), _vector, wrench=True),
+    'mass_matrix': Quantity(('q',), _matrix),
+    'inverse_mass_matrix': Quantity(('q',), _matrix),
+    'bias_force': Quantity(('q', 'u'), _vector),
+    'gravity_force': Quantity(('q',), _vector),
+    'friction_force': Quantity(('u',), _vector, parameters=False),
+    'torque_terms': Quantity(('q', 'u', 'udot'), lambda n: (len(TORQUE_TERMS), n)),
+    'kinetic_energy': Quantity(('q', 'u'), lambda n: ()),
+    'potential_energy': Quantity(('q',), lambda n: ()),
+}
+FRAME_QUANTITIES = {
+    'frame_pose': Quantity(('q',), lambda n: (4, 4)),
+    'frame_velocity': Quantity(('q', 'u'), lambda n: (6,)),
+    'frame_acceleration': Quantity(('q', 'u', 'udot'), lambda n: (6,)),
+    'partial_velocities': Quantity(('q',), lambda n: (6, n)),
+}
+
+
+class KernelSet:
+    """
+    The kernels of one robot, each compiled at its first use.
+
+    Parameters
+    ----------
+    equations : Equations
+    key : str
+        Everything that the equations depend on, for the cache.
+    parameters : array
+        The block that kernels read at each call.
+    """
+
+    def __init__(self, equations: Equations, key: str, parameters: Array) -> None:
+        """Compile nothing yet."""
+        self.equations = equations
+        self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
+        self._key = key
+        self._parameters = parameters
+        self._made: dict[tuple[str, str], Kernel] = {}
+
+    def quantity(self, name: str) -> Kernel:
+        """Return the kernel of one of `QUANTITIES`."""
+        def make() -> Kernel:
+            quantity = QUANTITIES[name]
+            arguments = self._states(quantity)
+            if quantity.wrench and len(self.no_wrench):
+                arguments.append(Argument('wrench', self.no_wrench.shape,
+                                          default=self.no_wrench))
+            return Kernel(name, lambda: self.program(name), self._key, arguments,
+                          self._parameters, quantity.shape(self.equations.n))
+        return self._kept((name, ''), make)
+
+    def at_frame(self, name: str, frame: str) -> Kernel:
+        """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
+        def make() -> Kernel:
+            quantity = FRAME_QUANTITIES[name]
+            return Kernel(name, lambda: self._frame_program(name, frame), self._key + frame,
+                          self._states(quantity), self._parameters,
+                          quantity.shape(self.equations.n))
+        self.equations.model.frame(frame)
+        return self._kept((name, frame), make)
+
+    def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
+              block: Array, shape: Shape) -> Kernel:
+        """Return a kernel of the caller's own on this robot; `name` tells its program apart."""
+        return self._kept((name, ''), lambda: Kernel(name, program, self._key, arguments, block,
+                                                     shape))
+
+    def program(self, name: str) -> Program:
+        """Trace one of `QUANTITIES`."""
+        quantity = QUANTITIES[name]
+        method = getattr(self.equations, name)
+
+        def function(*inputs: Any) -> Any:
+            *given, parameters = inputs
+            if quantity.wrench and not len(self.no_wrench):
+                given.append(None)
+            return method(*given, parameters) if quantity.parameters else method(*given)
+        return trace_program(name, function, self._inputs(quantity))
+
+    def rigid_program(self) -> Program:
+        """Trace inverse dynamics without friction, the part that feedback linearisation needs."""
+        def function(q: Any, u: Any, udot: Any, *rest: Any) -> Any:
+            wrench = rest[0] if len(self.no_wrench) else None
+            return self.equations.rigid_dynamics(q, u, udot, wrench, rest[-1])
+        return trace_program('rigid_dynamics', function,
+                             self._inputs(QUANTITIES['inverse_dynamics']))
+
+    def _frame_program(self, name: str, frame_name: str) -> Program:
+        frame = self.equations.model.frame(frame_name)
+
+        def function(*inputs: Any) -> Any:
+            *state, parameters = inputs
+            links = self.equations.links(parameters)
+            if name == 'frame_velocity':
+                return frames.frame_motion(links, frame, *state, self.equations.zeros)[0]
+            if name == 'frame_acceleration':
+                return frames.frame_motion(links, frame, *state)[1]
+            return getattr(frames, name)(links, frame, *state)
+        return trace_program(name, function, self._inputs(FRAME_QUANTITIES[name]))
+
+    def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
+
+    def _states(self, quantity: Quantity) -> list[Argument]:
+        model = self.equations.model
+        return [Argument(name, (model.n,), model.coordinate_names)
+                for name in quantity.arguments]
+
+    def _inputs(self, quantity: Quantity) -> list[tuple[str, Shape]]:
+        inputs: list[tuple[str, Shape]] = [(name, (self.equations.n,))
+                                           for name in quantity.arguments]
+        if quantity.wrench and len(self.no_wrench):
+            inputs.append(('wrench', self.no_wrench.shape))
+        return [*inputs, ('parameters', self._parameters.shape)]
