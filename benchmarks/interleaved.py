@@ -1,0 +1,57 @@
+"""Timing that a noisy machine cannot fool: contenders take turns, ratios are formed turn by turn."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import random
+import time
+
+import numpy as np
+
+TURNS = 25
+TURN_SECONDS = 0.01
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds a call of each contender, one a turn."""
+
+    seconds: Mapping[str, np.ndarray]
+
+    def median(self, name: str) -> float:
+        """Return the median time of a call, s."""
+        return float(np.median(self.seconds[name]))
+
+    def ratio(self, slow: str, fast: str) -> tuple[float, float, float]:
+        """Return how many times faster `fast` is: median, and the 10th and 90th percentile."""
+        ratios = self.seconds[slow] / self.seconds[fast]
+        low, middle, high = np.percentile(ratios, [10, 50, 90])
+        return float(middle), float(low), float(high)
+
+
+def interleaved(contenders: Mapping[str, Callable[[], object]], turns: int = TURNS) -> Timing:
+    """Let contenders take turns in shuffled order, each for about `TURN_SECONDS` a turn."""
+    counts = {name: _calls_a_turn(call) for name, call in contenders.items()}
+    seconds: dict[str, list[float]] = {name: [] for name in contenders}
+    order = list(contenders)
+    shuffle = random.Random(0).shuffle
+    for _ in range(turns):
+        shuffle(order)
+        for name in order:
+            seconds[name].append(_time(contenders[name], counts[name]) / counts[name])
+    return Timing({name: np.array(values) for name, values in seconds.items()})
+
+
+def _time(call: Callable[[], object], count: int) -> float:
+    loop = range(count)
+    start = time.perf_counter()
+    for _ in loop:
+        call()
+    return time.perf_counter() - start
+
+
+def _calls_a_turn(call: Callable[[], object]) -> int:
+    """Return how many calls fill a turn; warms up on the way."""
+    count = 1
+    while (took := _time(call, count)) < 0.2 * TURN_SECONDS:
+        count *= 4
+    return max(1, round(count * TURN_SECONDS / took))
