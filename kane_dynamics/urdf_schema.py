@@ -15,6 +15,7 @@ from kane_dynamics.tree import MOVING, TYPES
 from kane_dynamics.urdf_xml import Element
 
 NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?', re.ASCII)
+LONGEST = 1000  # characters of a name or number
 LARGEST = 1e60  # beyond it products overflow; only limits may be larger, for 'none'
 
 
@@ -111,6 +112,9 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
             raise UrdfError(f"{what} has no attribute '{name}' (line {element.line}); it needs "
                             f"{', '.join(rule.required)}")
     for name, text in element.attributes.items():
+        if len(text) > LONGEST:
+            raise UrdfError(f'<{element.tag}> (line {element.line}): {name} is {len(text)} '
+                            f"characters long, '{text[:40]}...'; valid: at most {LONGEST}")
         if name in rule.numbers:
             _check_numbers(element, text, rule.numbers[name], f'{what} {name}')
         elif name not in rule.required + rule.optional and ':' not in name and (
