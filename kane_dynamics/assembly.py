@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 import heapq
 import math
 
-from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Array, Body, Frame, Inertial, Joint, Limits, Model, WORLD
 from kane_dynamics.notices import Notices
 from kane_dynamics.selection import Selection
@@ -67,7 +67,7 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
     if supplement.payload is not None:
         name, inertial = supplement.payload
         if name not in places or name not in tree.links:
-            raise InputError(f"supplement: payload: link is '{name}', and no such link is part "
+            raise UrdfError(f"supplement: payload: link is '{name}', and no such link is part "
                              f'of the model; valid: {listing(x.name for x in links)}')
         _load('payload', inertial, places[name], moving, base)
     _note_masses(tree, selection, moving, notices)
@@ -78,7 +78,8 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
                    _sum([inertial for _, inertial in m.riders])) for m in moving]
     frames = [Frame(x.name, places[x.name].body, places[x.name].rotation,
                     places[x.name].translation) for x in links]
-    return Model(tree.name, tuple(bodies), tuple(names), tuple(frames), np.asarray(gravity),
+    return Model(tree.name, tuple(bodies), tuple(names), tuple(frames), gravity,  # type: ignore[arg-type]  # Model converts and checks it
+                
                  selection.base, _sum(base))
 
 
@@ -182,7 +183,7 @@ def _limits(name: str, stated: StatedLimits | None, continuous: bool,
     bounds = (-math.inf, math.inf)
     if continuous:
         if lower is not None or upper is not None:
-            notices.unused.append(f"joint '{name}' (continuous): <limit> lower and upper")
+            notices.not_used('<limit> lower and upper of a continuous joint', name)
     elif lower is not None or upper is not None:
         bounds = (lower or 0.0, upper or 0.0)  # URDF: 0 where only the other is stated
         if bounds[0] >= bounds[1]:
@@ -218,14 +219,15 @@ def check_inertials(links: list[Link], notices: Notices, strict: bool) -> None:
     moments = np.linalg.eigvalsh(np.array([x.inertial.inertia for x in links if x.inertial]))
     for link, (a, b, c) in zip(links, moments.tolist(), strict=True):
         assert link.inertial is not None
-        size = max(abs(a), abs(c))
-        if a < -1e-9 * size:
+        # Rounding: of the largest moment, and what the mass has a micrometre off the axis.
+        noise = 1e-9 * max(abs(a), abs(c)) + 1e-12 * link.inertial.mass
+        if a < -noise:
             if strict:
                 raise ModelError(
                     f"link '{link.name}': <inertia> has principal moments {a:g}, {b:g}, {c:g} "
                     'kg m^2; none may be negative. Correct it, or load with strict=False')
             notices.indefinite.append(link.name)
-        elif link.inertial.mass > 0.0 and a <= 1e-9 * size:
+        elif link.inertial.mass > 0.0 and a <= noise:
             notices.singular.append(link.name)
-        elif c > (a + b) * (1.0 + 1e-6):
+        if c > (a + b) * (1.0 + 1e-6) + noise and a >= -noise:
             notices.triangle.append(link.name)

@@ -18,7 +18,7 @@ def _kind(text: str) -> Names:
 class Notices:
     """Lists of what each doubt concerns; `issue` turns each that is not empty into a warning."""
 
-    unused: Names = _kind('the URDF states these, but they are not used')
+    unused: dict[str, Names] = field(default_factory=dict)
     no_axis: Names = _kind('joints without <axis>, taken as "1 0 0" as URDF says')
     long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); normalised')
     no_limit: Names = _kind('joints whose <limit> lacks something, taken as unlimited there')
@@ -34,9 +34,18 @@ class Notices:
     massless: Names = _kind('moving bodies without mass; forward dynamics fails if their joints '
                             'move nothing else')
 
+    def not_used(self, what: str, name: str) -> None:
+        """Note that `what` is stated of the link or joint `name`, but not used."""
+        self.unused.setdefault(what, []).append(name)
+
     def issue(self) -> None:
         """Warn, once for each kind of doubt, as from the caller of load_urdf."""
-        for kind in fields(self):
+        if self.unused:
+            listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
+                               for what, names in self.unused.items())
+            warnings.warn(f'the URDF states these, but they are not used: {listed}',
+                          ModelWarning, stacklevel=3)
+        for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:
                 warnings.warn(f'{kind.metadata["text"]}: {", ".join(names)}', ModelWarning,

@@ -1,6 +1,7 @@
 """Which joints of a URDF move, which stand still and where: base, tip, joints, locked, drop."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -30,8 +31,8 @@ class Selection:
         The order of the coordinates, where it was asked for.
     drop : frozenset of str
         Links without their inertial.
-    names : dict
-        Every joint of the file by name, for whoever must tell what is valid.
+    singles : dict
+        Every joint of the file by name.
     """
 
     base: str
@@ -41,7 +42,7 @@ class Selection:
     positions: dict[str, float]
     order: tuple[str, ...] | None
     drop: frozenset[str]
-    names: dict[str, Single]
+    singles: dict[str, Single]
 
 
 def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
@@ -133,9 +134,7 @@ def _link(tree: UrdfTree, name: Any, argument: str) -> str:
 def _names(given: Any, argument: str) -> list[Any]:
     """Return a collection of names as a list; a lone string is not one."""
     if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Collection):
-        raise InputError(f'{argument} is {given!r}; valid: a list of names, like '
-                         f"['{given}']" if isinstance(given, str) else
-                         f'{argument} is {given!r}; valid: a list of names')
+        raise InputError(f'{argument} is {given!r}; valid: a list of names of type str')
     return list(given)
 
 
@@ -143,13 +142,16 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, Single],
             mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
     """Return the names in `joints`, checked."""
     names = _names(joints, 'joints')
+    if isinstance(joints, Set):
+        raise InputError(f'joints is {joints!r}; valid: a list or tuple, as its order is that of '
+                         'the coordinates')
     valid = set(candidates)
     for name in names:
         if not isinstance(name, str) or name not in valid:
             raise InputError(f'joints: {_fault(name, singles, mimics)}; valid: '
                              f'{listing(candidates)}')
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
         raise InputError(f'joints names {listing(twice)} more than once; valid: each once')
     return tuple(names)
 
@@ -171,7 +173,7 @@ def _locked(locked: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mim
             number = float(value)
         except (TypeError, ValueError):
             number = math.nan
-        if isinstance(value, (str, bool)) or not math.isfinite(number):
+        if isinstance(value, (str, bool)) or not abs(number) < 1e60:
             raise InputError(f"locked: joint '{name}' is {value!r}; expected a finite number, "
                              'rad or m')
         positions[name] = number

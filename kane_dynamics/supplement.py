@@ -21,7 +21,9 @@ Schema, every key optional::
 What is said of a joint that is locked, or on a branch that was cut off, has no effect.
 """
 
+from collections import Counter
 from collections.abc import Collection, Mapping
+import contextlib
 from dataclasses import dataclass, field
 import math
 import os
@@ -87,8 +89,7 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping after checking that its scalar keys differ."""
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        twice = sorted({key for key in keys if keys.count(key) > 1}) if (
-            len(set(keys)) < len(keys)) else []
+        twice = [key for key, count in Counter(keys).items() if count > 1]
         if twice:
             raise yaml.YAMLError(f'given more than once: {listing(twice)} '
                                  f'(line {node.start_mark.line + 1})')
@@ -126,11 +127,9 @@ def _number(value: Any, what: str, *, signed: bool = False, positive: bool = Fal
     number = math.nan
     if isinstance(value, (int, float, str, np.floating, np.integer)) and (
             not isinstance(value, bool)):
-        try:
+        with contextlib.suppress(ValueError, OverflowError):
             number = float(value)
-        except (ValueError, OverflowError):
-            pass
-    if not math.isfinite(number) or (not signed and number < 0.0) or (positive and number == 0.0):
+    if not abs(number) < 1e60 or (not signed and number < 0.0) or (positive and number == 0.0):
         expected = 'finite number' if signed else (
             'positive number' if positive else 'finite number that is not negative')
         raise UrdfError(f'{what} is {value!r}; expected a {expected}')

@@ -100,17 +100,18 @@ def listing(names: Iterable[str], most: int = 40) -> str:
     return text if len(found) <= most else f'{text}, ... and {len(found) - most} more'
 
 
-def snapped(array: Any) -> Array:
+def snapped(values: Any) -> Array:
     """
     Return an array with entries within `SNAP` of 0, 1 or -1 made exact.
 
     Rotations by multiples of pi/2 then fold away. The bound is far below any angle that was
     rounded in decimal (3.14159265359 misses pi by 2e-13): what a file says stays.
     """
-    array = np.array(array, dtype=np.float64)
+    array = np.array(values, dtype=np.float64)
     whole = np.rint(array)
     exact = (np.abs(array - whole) < SNAP) & (np.abs(whole) <= 1.0)
-    return np.where(exact, whole + 0.0, array)  # + 0.0 turns -0.0 into 0.0
+    array[exact] = whole[exact] + 0.0  # + 0.0 turns -0.0 into 0.0
+    return array
 
 
 def build_tree(name: str, links: Sequence[Link], joints: Sequence[UrdfJoint]) -> UrdfTree:
@@ -201,6 +202,11 @@ def check_mimics(joints: Sequence[UrdfJoint]) -> dict[str, Mimic]:
             onward = resolved.get(mimic.master, Mimic(mimic.master))
             resolved[follower] = Mimic(onward.master, mimic.multiplier * onward.multiplier,
                                        mimic.multiplier * onward.offset + mimic.offset)
+            for key in ('multiplier', 'offset'):
+                if not abs(getattr(resolved[follower], key)) < 1e60:
+                    raise ModelError(f"joint '{follower}': <mimic> {key} is "
+                                     f'{getattr(resolved[follower], key):g} through its chain of '
+                                     'masters; valid: below 1e60')
     return resolved
 
 

@@ -10,7 +10,7 @@ from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Array, GRAVITY, Inertial, Model
 from kane_dynamics.notices import Notices
 from kane_dynamics.selection import select
-from kane_dynamics.supplement import read_supplement
+from kane_dynamics.supplement import check_joints, read_supplement
 from kane_dynamics.tree import (build_tree, Link, Mimic, snapped, StatedLimits, UrdfJoint,
                                 UrdfTree)
 from kane_dynamics.urdf_schema import check_schema, CHILDREN
@@ -79,10 +79,11 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     """
     root = parse(read_source(source))
     notices = Notices()
-    notices.unused.extend(check_schema(root))
+    check_schema(root, notices)
     tree = _tree(root, notices)
     selection = select(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
     extra = read_supplement(supplement)
+    check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])
     model = assemble(tree, selection, extra, gravity, notices, strict=strict)
     notices.issue()
     return model
@@ -119,9 +120,7 @@ def _link(link: Any) -> Link:
     if link.inertial.mass < 0.0:
         raise ModelError(f'{what}: <mass> value is {link.inertial.mass} kg; a mass must not be '
                          'negative')
-    inertia = link.inertial.inertia
-    if not np.array_equal(R, np.eye(3)):
-        inertia = R @ inertia @ R.T
+    inertia = R @ link.inertial.inertia @ R.T
     return Link(link.name, Inertial(link.inertial.mass, com, inertia))
 
 
@@ -142,10 +141,9 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:
             notices.long_axis.append(f'{joint.name} ({length:g})')
     R, p = _pose(joint.origin)
     if not single:
-        notices.unused.extend(f'{what} ({joint.type}): <{tag}>'
-                              for tag in ('limit', 'dynamics', 'mimic')
-                              if joint.type != 'fixed' and stated.first(tag) or (
-                                  tag == 'mimic' and stated.first(tag)))
+        for tag in ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics'):
+            if stated.first(tag) is not None:
+                notices.not_used(f'<{tag}> of a {joint.type} joint', joint.name)
         return UrdfJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
     friction = {name: float(getattr(joint.dynamics, name, None) or 0.0)
                 for name in ('damping', 'friction')}

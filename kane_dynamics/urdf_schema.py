@@ -6,14 +6,17 @@ that float() knows. So everything is checked here first, and what is not used is
 """
 
 from dataclasses import dataclass, field
-import math
 import re
+import sys
 
 from kane_dynamics.errors import UrdfError
-from kane_dynamics.tree import TYPES
+from kane_dynamics.notices import Notices
+from kane_dynamics.tree import MOVING, TYPES
 from kane_dynamics.urdf_xml import Element
 
 NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?', re.ASCII)
+LONGEST = 1000  # characters of a name or number
+LARGEST = 1e60  # beyond it products overflow; only limits may be larger, for 'none'
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ RULES = {
     'mass': Rule(required=('value',), numbers={'value': 1}),
     'inertia': Rule(required=INERTIA, numbers=dict.fromkeys(INERTIA, 1)),
     'joint': Rule(('parent', 'child', 'origin', 'axis', 'limit', 'dynamics', 'mimic'),
-                  ('name', 'type')),
+                  ('name',), ('type',)),
     'parent': Rule(required=('link',)),
     'child': Rule(required=('link',)),
     'origin': Rule(numbers={'xyz': 3, 'rpy': 3}),
@@ -46,19 +49,20 @@ RULES = {
 MANY = ('link', 'joint')
 NEEDED = {'inertial': ('mass', 'inertia'), 'joint': ('parent', 'child')}
 CHILDREN = {tag: rule.children for tag, rule in RULES.items()}
-# Elements that nobody takes for dynamics: no word is lost on them.
+# Elements and attributes that nobody takes for dynamics: no word is lost on them.
 HARMLESS = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'sensor', 'camera',
-            'contact', 'self_collision_checking', 'verbose', 'group', 'disable_collisions'}
+            'contact', 'self_collision_checking', 'collision_checking', 'self_filter', 'verbose',
+            'group', 'disable_collisions', 'xmlns', 'dont_collapse'}
 # <gazebo> elements that change a simulated robot's motion.
 GAZEBO = {'springStiffness', 'springReference', 'spring_stiffness', 'spring_reference',
           'implicitSpringDamper', 'dampingFactor', 'damping', 'friction', 'turnGravityOff',
-          'gravity', 'mu1', 'mu2', 'kp', 'kd', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
+          'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
           'joint', 'link'}
 
 
-def check_schema(root: Element) -> list[str]:
+def check_schema(root: Element, notices: Notices) -> None:
     """
-    Raise UrdfError for the first fault; return what is not used though it might seem to be.
+    Raise UrdfError for the first fault; note what is not used though it might seem to be.
 
     Raises
     ------
@@ -68,16 +72,14 @@ def check_schema(root: Element) -> list[str]:
     if root.tag != 'robot':
         raise UrdfError(f'the root element is <{root.tag}> (line {root.line}); valid: <robot>. '
                         'Other formats (SDF, MJCF) must be converted to URDF first')
-    unused: list[str] = []
-    _check(root, '', unused)
+    _check(root, '', notices)
     for joint in root.all('joint'):
-        _check_type(joint)
+        _check_joint(joint)
     if root.first('link') is None:
         raise UrdfError(f"robot '{root.attributes['name']}' has no <link>; valid: at least one")
-    return unused
 
 
-def _check(element: Element, owner: str, unused: list[str]) -> None:
+def _check(element: Element, owner: str, notices: Notices) -> None:
     """Check an element, and what is below it; `owner` is the text that names it."""
     rule = RULES[element.tag]
     if element.tag in ('robot', *MANY):
@@ -88,7 +90,7 @@ def _check(element: Element, owner: str, unused: list[str]) -> None:
         what = owner
     else:
         what = f'{owner}: <{element.tag}>'
-    _check_attributes(element, rule, what, unused)
+    _check_attributes(element, owner, what, notices)
     for tag in rule.children:
         if tag not in MANY and sum(1 for _ in element.all(tag)) > 1:
             raise UrdfError(f'{what} has more than one <{tag}> (line {element.line}); valid: one')
@@ -97,57 +99,66 @@ def _check(element: Element, owner: str, unused: list[str]) -> None:
             raise UrdfError(f'{what} has no <{tag}> (line {element.line}); valid: exactly one')
     for child in element.children:
         if child.tag in rule.children:
-            _check(child, owner, unused)
+            _check(child, owner, notices)
         else:
-            _note_element(child, owner, unused)
+            _note_element(child, owner, notices)
 
 
-def _check_attributes(element: Element, rule: Rule, what: str, unused: list[str]) -> None:
+def _check_attributes(element: Element, owner: str, what: str, notices: Notices) -> None:
     """Check that required attributes are there and numbers are numbers."""
+    rule = RULES[element.tag]
     for name in rule.required:
         if not element.attributes.get(name, '').strip():
             raise UrdfError(f"{what} has no attribute '{name}' (line {element.line}); it needs "
                             f"{', '.join(rule.required)}")
     for name, text in element.attributes.items():
+        if len(text) > LONGEST:
+            raise UrdfError(f'<{element.tag}> (line {element.line}): {name} is {len(text)} '
+                            f"characters long, '{text[:40]}...'; valid: at most {LONGEST}")
         if name in rule.numbers:
-            check_numbers(text, rule.numbers[name], f'{what} {name}', f' (line {element.line})')
-        elif name not in rule.required + rule.optional and ':' not in name and name != 'xmlns':
-            unused.append(f'{what} {name}')
+            _check_numbers(element, text, rule.numbers[name], f'{what} {name}')
+        elif name not in rule.required + rule.optional and ':' not in name and (
+                name not in HARMLESS):
+            notices.not_used(f"<{element.tag}> attribute '{name}'", owner)
 
 
-def check_numbers(text: str, count: int, what: str, where: str = '') -> None:
+def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
     """Raise UrdfError unless a text is `count` finite decimal numbers, parted by blanks."""
+    largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
     if len(parts) != count or not all(
-            NUMBER.fullmatch(part) and math.isfinite(float(part)) for part in parts):
+            NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts):
         expected = ('one finite number, like 0.5 or 1e-3' if count == 1
                     else f'{count} finite numbers parted by blanks, like "0 0.5 1e-3"')
         hint = '; expand it with xacro first' if '${' in text else ''
-        raise UrdfError(f"{what} is '{text}'{where}; expected {expected}{hint}")
+        raise UrdfError(f"{what} is '{text}' (line {element.line}); expected {expected}{hint}")
 
 
-def _check_type(joint: Element) -> None:
-    """Raise UrdfError for a joint type that does not exist."""
-    kind = joint.attributes['type']
+def _check_joint(joint: Element) -> None:
+    """Raise UrdfError for a joint type that does not exist, or that cannot mimic."""
+    what, kind = f"joint '{joint.attributes['name']}'", joint.attributes.get('type')
     if kind not in TYPES:
-        raise UrdfError(f"joint '{joint.attributes['name']}': type is '{kind}' (line "
-                        f'{joint.line}); valid: {", ".join(TYPES)}')
+        raise UrdfError(f'{what}: type is {kind!r} (line {joint.line}); valid: '
+                        f'{", ".join(TYPES)}')
+    if kind not in (*MOVING, 'fixed') and joint.first('mimic') is not None:
+        raise UrdfError(f'{what} is {kind} and has <mimic> (line {joint.line}); valid: on a joint '
+                        f'that is {", ".join(MOVING)}')
 
 
-def _note_element(element: Element, owner: str, unused: list[str]) -> None:
+def _note_element(element: Element, owner: str, notices: Notices) -> None:
     """Note an element that is not read, unless nobody would expect it to be."""
     tag = element.tag
     if tag.startswith('xacro:'):
         raise UrdfError(f'{owner} holds <{tag}> (line {element.line}), which xacro would have '
                         'replaced; valid: the output of xacro')
     if tag == 'transmission':
-        joints = [x.attributes.get('name', '?') for x in element.all('joint')]
-        unused.append(f"<transmission> '{element.attributes.get('name', '?')}' of joint "
-                      f"{', '.join(map(repr, joints)) or '?'}")
+        names = [x.attributes.get('name', '?') for x in element.all('joint')]
+        for name in names or [element.attributes.get('name', '?')]:
+            notices.not_used('<transmission>', name)
     elif tag == 'gazebo':
-        found = [x.tag for x in element.children if x.tag in GAZEBO]
-        if found:
-            of = element.attributes.get('reference', '')
-            unused.append(f"<gazebo reference='{of}'> {', '.join(f'<{x}>' for x in found)}")
+        for child in element.children:
+            if child.tag in GAZEBO:
+                notices.not_used(f'<gazebo> <{child.tag}>',
+                                 element.attributes.get('reference', owner))
     elif tag not in HARMLESS and ':' not in tag:
-        unused.append(f'{owner}: <{tag}>')
+        notices.not_used(f'<{tag}>', owner)

@@ -113,7 +113,8 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
         made.extend(copy(child) for child in element.children
                     if child.tag in tags.get(element.tag, ()))
         return made
-    return ElementTree.tostring(copy(root), encoding='utf-8', xml_declaration=True)
+    text: bytes = ElementTree.tostring(copy(root), encoding='utf-8', xml_declaration=True)
+    return text
 
 
 def _decode(data: bytes) -> str:
