@@ -8,8 +8,9 @@ from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
 from kane_dynamics.simulation import simulate
 from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.urdf import load_urdf
 
 __all__ = ['Body', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
            'ModelError', 'ModelWarning', 'Motion', 'Robot', 'Terms', 'Trajectory', 'UrdfError',
-           'simulate']
+           'load_urdf', 'simulate']
