@@ -1,4 +1,4 @@
-"""Timing that a noisy machine cannot fool: contenders take turns, ratios are formed turn by turn."""
+"""Timing on a noisy machine: contenders take turns, ratios are formed turn by turn."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -305,8 +305,8 @@ class Model:
         for frame in self.frames:
             if frame.name == name:
                 return frame
-        raise InputError(f"no frame '{name}'; valid: "
-                         f'{", ".join(sorted(f.name for f in self.frames)) or "none"}')
+        valid = ', '.join(sorted(frame.name for frame in self.frames)) or 'none'
+        raise InputError(f"no frame '{name}'; valid: {valid}")
 
     def path(self, body: int) -> Iterator[int]:
         """Yield `body` and its ancestors, tip to base."""

@@ -19,16 +19,7 @@ class JointLimits:
 
 
 class Parameters:
-    """
-    What may change while a robot runs, without compiling anew.
-
-    Attributes
-    ----------
-    gravity : (3,) array
-        m/s^2, world axes.
-    payload : Inertial or None
-        In the axes of the robot's `payload_frame`.
-    """
+    """What may change while a robot runs, without compiling anew."""
 
     def __init__(self, model: Model, payload_frame: Frame | None) -> None:
         """Start with the model's gravity and no payload."""
@@ -39,6 +30,7 @@ class Parameters:
 
     @property
     def gravity(self) -> Array:
+        """Acceleration of free fall, (3,), m/s^2, world axes."""
         return self.block[:3].copy()
 
     @gravity.setter
@@ -53,6 +45,7 @@ class Parameters:
 
     @property
     def payload(self) -> Inertial | None:
+        """What the robot carries, in the axes of its `payload_frame`."""
         return self._payload
 
     @payload.setter

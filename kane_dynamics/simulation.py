@@ -106,7 +106,6 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
 
 def _prepared(robot: Robot, step: float, count: int, torque: Any) -> _Run:
     """Compile the step for a torque source and lay out its inputs."""
-    n = robot.n
     if isinstance(torque, ComputedTorque):
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '

@@ -5,7 +5,7 @@ Written to be read beside a textbook (Kane & Levinson, Dynamics: Theory and Appl
 chapter 2), not to be fast: `recursive` is the form that is compiled. Works on any scalar.
 
 A partial velocity is the coefficient of a speed u_r in a velocity. All those of a body stand as
-the rows of one (n, 3) array, so that omega = sum_r omega^r u_r is ``u @ partial_angular_velocity``.
+the rows of one (n, 3) array: omega = sum_r omega^r u_r is ``u @ partial_angular_velocity``.
 """
 
 from collections.abc import Sequence
