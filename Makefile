@@ -1,0 +1,95 @@
+# Needs python3 with venv, a C and C++ compiler, cmake and make; everything else is installed here.
+# `make` alone lists the targets.
+
+PYTHON ?= python3
+VENV := .venv
+COLCON_VENV := .venv-colcon
+COLCON_BASE := build/colcon
+BIN := $(VENV)/bin
+INTERFACES := kane_dynamics_interfaces
+EXTRAS := ros,demo,test,lint
+
+# The environments stand alone: nothing of a sourced ROS, or of another environment with ROS
+# wheels (whose start-up hook hides its library path behind a variable that children inherit), may
+# reach them.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH \
+  LD_LIBRARY_PATH PYTHONPATH PYTHONHOME ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION \
+  RMW_IMPLEMENTATION VIRTUAL_ENV
+
+# What runs here stays on this machine and away from every robot, whatever the caller's domain.
+ROS_ENV = AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+  ROS_DOMAIN_ID=$$((1 + $$$$ % 100))
+
+INTERFACE_SOURCES := $(wildcard $(addprefix $(INTERFACES)/,msg/*.msg srv/*.srv action/*.action \
+  CMakeLists.txt package.xml pip_ros.cmake pyproject.toml))
+PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache__ -prune \
+  -o -type f -print 2>/dev/null | LC_ALL=C sort)
+METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
+
+.PHONY: help install demo test test-slow soak bench lint colcon-test clean FORCE
+
+help:
+	@echo 'make install      environment $(VENV) with the library, the node and all tools'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2'
+	@echo 'make test         tests, a few minutes'
+	@echo 'make test-slow    tests of endurance (also: make soak)'
+	@echo 'make bench        speed, against peers'
+	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
+	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
+	@echo 'make clean        remove all of that'
+
+# ---------------------------------------------------------------------- environment
+
+install: $(VENV)/.project
+
+$(VENV)/.uv:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and \
+	  "python3 is %d.%d, but 3.11 or newer is needed: make PYTHON=..." % sys.version_info[:2])'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	@touch $@
+
+# The dependencies alone, so that a changed source later installs only the project.
+$(VENV)/.dependencies: $(VENV)/.uv setup.py
+	$(BIN)/uv pip install --python $(BIN)/python --quiet '.[$(EXTRAS)]'
+	@touch $@
+
+$(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACE_SOURCES)
+	@echo 'building $(INTERFACES) (about a minute)'
+	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall ./$(INTERFACES)
+	@touch $@
+
+# The names of the sources: a deleted file is a change too, though no file is newer for it.
+$(VENV)/.files: $(VENV)/.uv FORCE
+	@echo '$(PROJECT_SOURCES)' | cmp -s - $@ || echo '$(PROJECT_SOURCES)' > $@
+
+# Not editable: that would leave out the ament marker and share/. The old build/lib may hold modules
+# that have been deleted since.
+$(VENV)/.project: $(VENV)/.interfaces $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
+	@rm -rf build/lib build/bdist.*
+	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall .
+	@touch $@
+
+# ---------------------------------------------------------------------- use and tests
+
+demo: install
+	$(ROS_ENV) $(BIN)/kane-dynamics demo
+
+test: install
+	$(ROS_ENV) $(BIN)/python -m pytest $(PYTEST_ARGS)
+
+test-slow soak: install
+	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
+
+bench: install
+	$(ROS_ENV) $(BIN)/python -m pytest -m bench -s --timeout 1800 test benchmarks $(PYTEST_ARGS)
+
+LINTED = $(wildcard kane_dynamics test examples benchmarks launch setup.py $(INTERFACES)/test)
+
+lint: install
+	$(BIN)/ruff check $(LINTED)
+	$(BIN)/mypy
+	$(BIN)/ament_flake8 $(LINTED)
+	$(BIN)/ament_pep257 $(LINTED)
+
+# ---------------------------------------------------------------------- colcon
