@@ -1,6 +1,7 @@
 """Build the library and the ROS package; name, version and words come from package.xml."""
 
 from glob import glob
+from pathlib import Path
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
@@ -26,7 +27,7 @@ setup(
     license=package.findtext('license'),
     maintainer=package.findtext('maintainer'),
     maintainer_email=package.find('maintainer').get('email'),
-    long_description=open('README.md', encoding='utf-8').read(),
+    long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
     package_data={'kane_dynamics': ['py.typed']},

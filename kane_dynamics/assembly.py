@@ -79,7 +79,7 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
     frames = [Frame(x.name, places[x.name].body, places[x.name].rotation,
                     places[x.name].translation) for x in links]
     return Model(tree.name, tuple(bodies), tuple(names), tuple(frames), gravity,  # type: ignore[arg-type]  # Model converts and checks it
-                
+
                  selection.base, _sum(base))
 
 

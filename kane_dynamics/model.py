@@ -282,7 +282,7 @@ class Model:
             twice = {name for name in names if names.count(name) > 1} if (
                 len(set(names)) < len(names)) else set()
             if twice:
-                raise ModelError(f"{what} names must be unique; given twice: {sorted(twice)}")
+                raise ModelError(f'{what} names must be unique; given twice: {sorted(twice)}')
 
     @property
     def n(self) -> int:

@@ -54,9 +54,9 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
                 if axes == 'principal' or rng.random() < 0.4 else rng.normal(size=3))
         limits = Limits(-rng.uniform(1, 3), rng.uniform(1, 3), rng.uniform(1, 5),
                         rng.uniform(10, 100))
-        extra = dict(damping=rng.uniform(0, 1), friction=rng.uniform(0, 1),
-                     armature=rng.uniform(0, 0.1), stiffness=rng.uniform(0, 5),
-                     rest=rng.normal()) if passive else {}
+        extra = {'damping': rng.uniform(0, 1), 'friction': rng.uniform(0, 1),
+                 'armature': rng.uniform(0, 0.1), 'stiffness': rng.uniform(0, 5),
+                 'rest': rng.normal()} if passive else {}
         coordinate = int(rng.integers(n)) if follows else len(names)
         multiplier, offset = (rng.uniform(-2, 2), rng.normal()) if follows else (1.0, 0.0)
         name = f'joint{i}'

@@ -136,7 +136,8 @@ def processes(record: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Run arm and node while the block runs; end them as an operator would, by SIGINT."""
     plant = [sys.executable, '-m', 'kane_dynamics.demo.plant', str(URDF), str(record)]
     node = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args',
-            '-p', f'urdf:={URDF}', '-p', 'mode:=inverse_dynamics', '-p', f'joints:=[{",".join(JOINTS)}]', '-p', 'state_timeout:=0.1']
+            '-p', f'urdf:={URDF}', '-p', f'joints:=[{",".join(JOINTS)}]',
+            '-p', 'mode:=inverse_dynamics', '-p', 'state_timeout:=0.1']
     running: list[subprocess.Popen[bytes]] = []
     try:
         running += [subprocess.Popen(command) for command in (plant, node)]

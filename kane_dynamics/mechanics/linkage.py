@@ -79,7 +79,7 @@ class Link:
 
     @property
     def second_moment(self) -> Any:
-        """int r r^T dm, (3, 3), kg m^2."""
+        """Int r r^T dm, (3, 3), kg m^2."""
         return self.pseudo_inertia[:3, :3]
 
 

@@ -38,25 +38,32 @@ class Vector:
         return name
 
     def const(self, value: float) -> str:
+        """Return the constant in every lane."""
         return f'splat (double {literal(value)})'
 
     def op(self, code: str, a: str, b: str) -> str:
+        """Return the result of a binary instruction."""
         return self.new(f'{code} {self.type} {a}, {b}')
 
     def fma(self, a: str, b: str, c: str) -> str:
+        """Return a b + c, rounded once."""
         return self.new(f'call {self.type} @llvm.fma.v{LANES}f64({self.type} {a}, '
                         f'{self.type} {b}, {self.type} {c})')
 
     def bits(self, a: str) -> str:
+        """Return the lanes as integers, bit for bit."""
         return self.new(f'bitcast {self.type} {a} to {self.integer}')
 
     def double(self, a: str) -> str:
+        """Return integer lanes as doubles, bit for bit."""
         return self.new(f'bitcast {self.integer} {a} to {self.type}')
 
     def integer_op(self, code: str, a: str, k: int) -> str:
+        """Return an integer instruction with a constant."""
         return self.new(f'{code} {self.integer} {a}, splat (i64 {k})')
 
     def select(self, condition: str, a: str, b: str) -> str:
+        """Return a where the condition holds, else b."""
         return self.new(f'select <{LANES} x i1> {condition}, {self.type} {a}, {self.type} {b}')
 
     def polynomial(self, coefficients: tuple[float, ...], x: str) -> str:

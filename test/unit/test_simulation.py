@@ -137,7 +137,7 @@ def test_files_keep_every_number(robot, tmp_path):
     np.testing.assert_array_equal(table['q.hinge'], run.q[:, 0])
     np.testing.assert_array_equal(table['potential_energy'], run.energy[:, 1])
     (tmp_path / 'other.npz').write_bytes(b'nothing')
-    with pytest.raises(InputError, match='other.npz'):
+    with pytest.raises(InputError, match=r'other\.npz'):
         Trajectory.load_npz(tmp_path / 'other.npz')
 
 
