@@ -134,13 +134,13 @@ class KernelSet:
         frame = self.equations.model.frame(frame_name)
 
         def function(*inputs: Any) -> Any:
-            *state, parameters = inputs
+            q, *rates, parameters = inputs
             links = self.equations.links(parameters)
-            if name == 'frame_velocity':
-                return frames.frame_motion(links, frame, *state, self.equations.zeros)[0]
-            if name == 'frame_acceleration':
-                return frames.frame_motion(links, frame, *state)[1]
-            return getattr(frames, name)(links, frame, *state)
+            if rates:
+                u, udot = (*rates, self.equations.zeros)[:2]
+                motion = frames.frame_motion(links, frame, q, u, udot)
+                return motion[0 if name == 'frame_velocity' else 1]
+            return getattr(frames, name)(links, frame, q)
         return trace_program(name, function, self._inputs(FRAME_QUANTITIES[name]))
 
     def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:

@@ -205,7 +205,7 @@ class Robot:
         """Return (6, n): column r is the frame's linear then angular velocity per unit u_r."""
         return self._at_frame('partial_velocities', frame, (q,), out)
 
-    def compile(self) -> None:
+    def compile(self) -> None:  # noqa: A003
         """Compile every kernel now (frame quantities compile at the first use of a frame)."""
         for name in QUANTITIES:
             try:

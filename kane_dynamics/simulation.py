@@ -309,6 +309,6 @@ def _finite(robot: Robot, buffer: Array, done: int, step: float) -> None:
         return
     k = int(np.argmax(~np.isfinite(buffer).all(axis=1)))
     j = int(np.argmax(~np.isfinite(buffer[k]))) % robot.n
-    raise InputError(f"the simulation leaves the finite numbers at {(done + k) * step:.6g} s, "
+    raise InputError(f'the simulation leaves the finite numbers at {(done + k) * step:.6g} s, '
                      f"joint '{robot.joint_names[j]}' first: is the mass matrix singular there, "
                      f'or the step of {step} s too long?')

@@ -42,7 +42,7 @@ class DemoError(KaneError):
     """Something that the demo needs did not start or answer."""
 
 
-class Director(Node):  # type: ignore[misc]
+class Director(Node):
     """Clients of the arm and of the dynamics node."""
 
     def __init__(self) -> None:

@@ -69,7 +69,7 @@ class Arm:
             mujoco.mj_step(self.model, self.data)
 
 
-class Plant(Node):  # type: ignore[misc]
+class Plant(Node):
     """The arm behind ROS topics and services."""
 
     def __init__(self, arm: Arm, record: str) -> None:
@@ -159,7 +159,7 @@ class Plant(Node):  # type: ignore[misc]
 
     def _save(self, request: Any, response: Any) -> Any:
         """Write the record, and the latencies, to the file."""
-        columns = {name: np.array(values) for name, values in zip(COLUMNS, zip(*self._rows))}
+        columns: Any = {name: np.array(values) for name, values in zip(COLUMNS, zip(*self._rows))}
         np.savez(self._record, latency=np.array(self._latencies), **columns)
         response.success, response.message = True, self._record
         return response

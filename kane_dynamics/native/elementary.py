@@ -23,7 +23,7 @@ def literal(value: float) -> str:
 class Vector:
     """Writes vector arithmetic on `LANES` doubles, line by line, with fresh names."""
 
-    type = f'<{LANES} x double>'
+    type = f'<{LANES} x double>'  # noqa: A003
     integer = f'<{LANES} x i64>'
 
     def __init__(self, lines: list[str], prefix: str) -> None:

@@ -18,7 +18,7 @@ STATE = random_state(MODEL, 0)
 
 @pytest.fixture(scope='module')
 def robot():
-    """A compiled robot."""
+    """Return a robot to call."""
     return Robot(MODEL)
 
 

@@ -13,12 +13,12 @@ Q0, U0, _ = random_state(MODEL, 2)
 
 @pytest.fixture(scope='module')
 def robot():
-    """A conservative robot."""
+    """Return a conservative robot."""
     return Robot(MODEL)
 
 
 def pendulum(**joint):
-    """A pendulum of 1 kg at 1 m about a horizontal axis, angle from the downward vertical."""
+    """Return a pendulum of 1 kg at 1 m about a horizontal axis, hanging down at 0."""
     bob = Inertial(1.0, [0.0, 0.0, -1.0], np.zeros((3, 3)))
     hinge = Joint('hinge', 'revolute', [0, 1, 0], **joint)
     return Robot(Model('pendulum', (Body('bob', -1, hinge, bob),), ('hinge',)))
