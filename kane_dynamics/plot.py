@@ -49,11 +49,13 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     Parameters
     ----------
     trajectory : Trajectory
+        What to draw.
     path : str or Path, optional
         File to write; its suffix is the format.
     prismatic : collection of str
         Names of the joints that slide, whose units are m and N.
     title : str
+        Above the picture.
     """
     names = list(trajectory.joint_names)
     with matplotlib.rc_context(_STYLE):
@@ -92,6 +94,7 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
     runs : mapping of str to (t, desired, actual)
         By label, for example 'PD only' and 'PD + feedforward': (K,) s, (K, n) and (K, n) rad or m.
     joint_names : sequence of str
+        In the order of the columns.
     path : str or Path, optional
         File to write; its suffix is the format.
     sources : (t, terms), optional
@@ -99,6 +102,7 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
     prismatic : collection of str
         Names of the joints that slide, whose units are m and N.
     title : str
+        Above the picture.
     """
     names = list(joint_names)
     columns = 2 if sources is None else 3
@@ -146,11 +150,13 @@ def plot_torque_sources(t: Array, terms: Array, joint_names: Sequence[str],
     terms : (K, 5, n) array
         `Robot.torque_terms` at each time, N m or N.
     joint_names : sequence of str
+        In the order of the columns.
     path : str or Path, optional
         File to write; its suffix is the format.
     prismatic : collection of str
         Names of the joints that slide, whose unit is N.
     title : str
+        Above the picture.
     """
     names = list(joint_names)
     columns = 1 if len(names) < 4 else 2

@@ -14,7 +14,9 @@ def resource_path(folder: str, name: str) -> Path:
     Parameters
     ----------
     folder : 'config', 'launch' or 'urdf'
+        Which kind of file.
     name : str
+        Of the file.
 
     Raises
     ------

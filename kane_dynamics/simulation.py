@@ -55,6 +55,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     Parameters
     ----------
     robot : Robot
+        Whose equations to integrate.
     q0, u0 : (n,) array_like
         State at time 0; rad or m, and s.
     duration : float

@@ -33,6 +33,7 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
     Parameters
     ----------
     seed : int
+        Of the random numbers.
     n : int
         Coordinates.
     prismatic, branching : float
@@ -40,6 +41,7 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
     mimics : int
         Bodies whose joint follows another's coordinate.
     axes : 'any' or 'principal'
+        How joint axes lie.
     passive : bool
         Damping, friction, springs and armature at the joints.
     """

@@ -71,6 +71,7 @@ def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
     Parameters
     ----------
     model : Model
+        The mechanism.
     q, u : (n,) arrays of scalars
         u = q'.
     """
@@ -102,7 +103,9 @@ def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> 
     Parameters
     ----------
     model : Model
+        The mechanism.
     q, u, udot : (n,) arrays of float
+        Coordinates, speeds and their rates; rad or m, and s.
     """
     n = model.n
     energy = _hyperdual(kinetic_energy(model, seeded(q, u, 0, 2 * n),

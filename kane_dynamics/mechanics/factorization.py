@@ -20,6 +20,7 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
     Parameters
     ----------
     M : (n, n) array
+        The matrix.
     order : sequence of int
         The rows, root to leaves: parents before children.
 

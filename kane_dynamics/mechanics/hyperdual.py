@@ -109,6 +109,7 @@ def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
     first : int
         Number of the first of them among the `count` variables that are differentiated by.
     count : int
+        How many.
     """
     unit = np.eye(count)
     result = np.empty(len(values), dtype=object)

@@ -16,6 +16,7 @@ def runge_kutta_4(udot: Dynamics, q: Any, u: Any, inputs: Sequence[Any],
     udot : callable
         ``udot(q, u, input)``, (n,) arrays in and out; q' = u.
     q, u : (n,) arrays
+        Coordinates and speeds; rad or m, and s.
     inputs : sequence of three
         What `udot` is given at the step's beginning, middle and end.
     h : scalar

@@ -34,7 +34,9 @@ def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
     Parameters
     ----------
     model : Model
+        The mechanism.
     q : (n,) array of scalars
+        Coordinates, rad or m.
     frame : str, optional
         Those at this frame's origin; by default a tuple with those at every body's mass centre.
 
@@ -56,7 +58,9 @@ def generalized_inertia_force(model: Model, q: Any, u: Any, udot: Any) -> Any:
     Parameters
     ----------
     model : Model
+        The mechanism.
     q, u, udot : (n,) arrays of scalars
+        Coordinates, speeds and their rates; rad or m, and s.
     """
     bodies = configurations(model, q)
     force: Any = np.zeros(model.n)
@@ -78,7 +82,9 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
     Parameters
     ----------
     model : Model
+        The mechanism.
     q, u : (n,) arrays of scalars
+        Coordinates and speeds; rad or m, and s.
     tau : (n,) array of scalars, optional
         Actuators' generalized forces.
     gravity : (3,) array of scalars, optional

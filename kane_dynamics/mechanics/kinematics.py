@@ -85,7 +85,9 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
     Parameters
     ----------
     model : Model
+        The mechanism.
     q : (n,) array of scalars
+        Coordinates, rad or m.
 
     Notes
     -----
@@ -127,6 +129,7 @@ def motions(model: Model, bodies: Sequence[Configuration], u: Any,
     Parameters
     ----------
     model : Model
+        The mechanism.
     bodies : sequence of Configuration
         From `configurations`.
     u, udot : (n,) arrays of scalars

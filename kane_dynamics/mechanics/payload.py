@@ -12,9 +12,11 @@ def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
     Parameters
     ----------
     model : Model
+        The mechanism.
     frame : str
         Name of the frame in whose axes, and from whose origin, the payload is given.
     payload : Inertial
+        What is carried.
 
     Raises
     ------

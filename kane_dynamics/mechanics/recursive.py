@@ -61,6 +61,7 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
     Parameters
     ----------
     links : sequence of Link
+        Parents before children.
     q, u, udot : (n,) arrays of scalars
         Coordinates, their rates and accelerations; rad or m, s.
     gravity : (3,) array of scalars

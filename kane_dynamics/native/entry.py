@@ -353,6 +353,7 @@ def fast_entry(name: str, doc: str, kernel: llvm.Address, lengths: Sequence[int]
     Parameters
     ----------
     name, doc : str
+        What the function is called and says of itself.
     kernel : address
         ``void kernel(double **pointers)``: arguments, defaults, result.
     lengths : sequence of int

@@ -39,6 +39,7 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
     Parameters
     ----------
     text : str
+        A module.
     level : int
         Effort of the code generator, 0 to 3. Straight-line code gains nothing past 1.
     optimise : bool

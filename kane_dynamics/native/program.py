@@ -95,6 +95,7 @@ def trace_program(name: str, function: Callable[..., Any],
     function : callable
         Takes one array a declared input, returns an array or scalar.
     inputs : sequence of (str, shape)
+        Names and shapes of the arguments.
     """
     trace = Trace()
     result = np.asarray(function(*(trace.inputs(key, *shape) for key, shape in inputs)),
