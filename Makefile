@@ -17,8 +17,8 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLC
   RMW_IMPLEMENTATION VIRTUAL_ENV
 
 # What runs here stays on this machine and away from every robot, whatever the caller's domain.
-ROS_ENV = AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-  ROS_DOMAIN_ID=$$((1 + $$$$ % 100))
+ROS_ISOLATION = ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$$((1 + $$$$ % 100))
+ROS_ENV = AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' $(ROS_ISOLATION)
 
 INTERFACE_SOURCES := $(wildcard $(addprefix $(INTERFACES)/,msg/*.msg srv/*.srv action/*.action \
   CMakeLists.txt package.xml pip_ros.cmake pyproject.toml))
@@ -93,3 +93,34 @@ lint: install
 	$(BIN)/ament_pep257 $(LINTED)
 
 # ---------------------------------------------------------------------- colcon
+# An environment of its own: colcon wants an older setuptools, and both packages must come from its
+# install folder.
+$(COLCON_VENV)/.tools: $(VENV)/.uv setup.py $(INTERFACES)/pyproject.toml
+	$(PYTHON) -m venv $(COLCON_VENV)
+	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("$(INTERFACES)/pyproject.toml", \
+	  "rb"))["build-system"]["requires"], sep="\n")' > $(COLCON_VENV)/interfaces.txt
+	$(BIN)/uv pip install --python $(COLCON_VENV)/bin/python --quiet \
+	  'setuptools<80' colcon-common-extensions -r $(COLCON_VENV)/interfaces.txt \
+	  -r setup.py --extra ros --extra test
+	@touch $@
+
+COLCON_ENV = VIRTUAL_ENV='$(CURDIR)/$(COLCON_VENV)' PATH="$(CURDIR)/$(COLCON_VENV)/bin:$$PATH" \
+  AMENT_PREFIX_PATH='$(CURDIR)/$(COLCON_VENV)' CMAKE_PREFIX_PATH='$(CURDIR)/$(COLCON_VENV)' \
+  $(ROS_ISOLATION) \
+  COLCON_DEFAULTS_FILE='$(CURDIR)/colcon_defaults.yaml' COLCON_LOG_PATH=$(COLCON_BASE)/log
+COLCON_FOLDERS = --build-base $(COLCON_BASE)/build --install-base $(COLCON_BASE)/install
+COLCON_TESTS ?= test/unit test/e2e
+
+# The results are looked for by name: a package without any would pass.
+colcon-test: $(COLCON_VENV)/.tools
+	rm -rf $(COLCON_BASE)/build/*/pytest.xml $(COLCON_BASE)/build/*/test_results
+	$(COLCON_ENV) colcon build $(COLCON_FOLDERS) --event-handlers console_cohesion+ \
+	  --cmake-args -DBUILD_TESTING=ON -DCMAKE_PROJECT_INCLUDE='$(CURDIR)/$(INTERFACES)/pip_ros.cmake'
+	$(COLCON_ENV) colcon test $(COLCON_FOLDERS) --event-handlers console_direct+ \
+	  --return-code-on-test-failure --pytest-args $(COLCON_TESTS)
+	$(COLCON_ENV) colcon test-result --test-result-base $(COLCON_BASE)/build --all
+	@grep -q '<testcase' $(COLCON_BASE)/build/kane_dynamics/pytest.xml
+	@grep -q '<testcase' $(COLCON_BASE)/build/$(INTERFACES)/test_results/$(INTERFACES)/*.xml
+
+clean:
+	rm -rf $(VENV) $(COLCON_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

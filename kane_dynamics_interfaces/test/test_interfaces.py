@@ -4,26 +4,41 @@ from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from trajectory_msgs.msg import JointTrajectory
 
 PARTS = [part for service in (ForwardDynamics, GetDynamics, InverseDynamics, Simulate)
          for part in (service.Request, service.Response)]
 PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback]
 
 
+VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
+          'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2,
+          'trajectory_msgs/JointTrajectory': JointTrajectory(joint_names=['a'])}
+
+
 @pytest.mark.parametrize('part', PARTS, ids=lambda part: part.__name__)
 def test_messages_come_back_as_they_went(part):
     message = part()
     for name, kind in part.get_fields_and_field_types().items():
-        if kind == 'sequence<double>':
-            setattr(message, name, [1.5, -2.5])
-        elif kind == 'string':
-            setattr(message, name, 'words')
-        elif kind == 'double':
-            setattr(message, name, 0.25)
+        setattr(message, name, VALUES[kind])
+        assert getattr(message, name) != getattr(part(), name)
     assert deserialize_message(serialize_message(message), part) == message
 
 
-def test_torque_sources_are_told_apart():
-    sources = {Simulate.Request.ZERO, Simulate.Request.TABLE, Simulate.Request.COMPUTED_TORQUE}
-    assert len(sources) == 3
-    assert SimulateMotion.Goal.COMPUTED_TORQUE == Simulate.Request.COMPUTED_TORQUE
+@pytest.mark.parametrize('part', PARTS, ids=lambda part: part.__name__)
+def test_every_answer_says_whether_and_why_not(part):
+    fields = part.get_fields_and_field_types()
+    answers = part.__name__.endswith(('_Response', '_Result'))
+    assert (fields.get('success') == 'boolean') == answers
+    assert (fields.get('message') == 'string') == answers
+
+
+def test_action_asks_and_answers_as_the_service_does():
+    pairs = ((SimulateMotion.Goal, Simulate.Request), (SimulateMotion.Result, Simulate.Response))
+    for action, service in pairs:
+        assert action.get_fields_and_field_types() == service.get_fields_and_field_types()
+
+
+@pytest.mark.parametrize('part', [Simulate.Request, SimulateMotion.Goal])
+def test_torque_sources_are_the_documented_numbers(part):
+    assert (part.ZERO, part.TABLE, part.COMPUTED_TORQUE) == (0, 1, 2)
