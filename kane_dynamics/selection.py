@@ -182,9 +182,9 @@ def _locked(locked: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mim
 
 def _fault(name: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mimic]) -> str:
     """Return why a name is not one of a joint that may move or be locked."""
+    if not isinstance(name, str) or name not in singles:
+        return f'{name!r} is no joint of one freedom'
     if name in mimics:
         return f"joint '{name}' mimics '{mimics[name].master}' and has no freedom of its own"
-    if name not in singles:
-        return f'{name!r} is no joint of one freedom'
     fixed = singles[name].kind == 'fixed'
     return f"joint '{name}' is fixed" if fixed else f"joint '{name}' is not between base and tip"
