@@ -89,7 +89,7 @@ def _singles(tree: UrdfTree) -> dict[str, Single]:
         parts = expanded(joint, index)
         for single in parts:
             if len(parts) > 1 and single.name in taken:
-                raise UrdfError(f"joint '{joint.name}' is {joint.type} and expands to "
+                raise UrdfError(f"joint '{joint.name}' is {joint.kind} and expands to "
                                 f"'{single.name}', but a link or joint has that name; valid: "
                                 'another name for it')
             singles[single.name] = single

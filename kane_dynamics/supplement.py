@@ -105,7 +105,7 @@ def _load(source: Any) -> Any:
         raise UrdfError(f'supplement is {SHORT.repr(source)}; valid: the path of a YAML file, or '
                         'a dict')
     try:
-        data = yaml.load(Path(source).read_bytes(), _Loader)  # noqa: S506 (a SafeLoader)
+        data = yaml.load(Path(source).read_bytes(), _Loader)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UrdfError(f'supplement {os.fspath(source)!r}: {reason}; valid: the path of a YAML '

@@ -4,7 +4,7 @@ from kane_dynamics.errors import KaneError, ModelError, UrdfError
 from kane_dynamics.supplement import JOINT_KEYS
 from kane_dynamics.urdf import load_urdf
 import numpy as np
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 import pytest
 from urdf_writer import chain, joint, link, load, robot
 
@@ -134,7 +134,7 @@ def test_indefinite_payload_is_impossible():
 
 
 def test_payload_on_a_link_that_was_cut_off_is_refused():
-    with pytest.raises(UrdfError, match="link is 'a'.*valid: c, tool"):
+    with pytest.raises(UrdfError, match=r"link is 'a'.*valid: c, tool"):
         load_urdf(ARM, base='c', supplement={'payload': {'link': 'a', 'mass': 1}})
 
 

@@ -37,7 +37,7 @@ def test_path_as_str_and_as_path(tmp_path):
 
 
 def test_names_are_kept_exactly():
-    name = ' a  b&lt;&quot;&amp;\'/:.'
+    name = " a  b&lt;&quot;&amp;'/:."
     model = load(robot(link('a'), link('b'), joint(name, 'a', 'b')))
     assert model.joint_names == (' a  b<"&\'/:.',)
 
