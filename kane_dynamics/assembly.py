@@ -5,7 +5,7 @@ import heapq
 import math
 
 from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.model import Array, Body, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.model import Array, Body, constant, Frame, Inertial, Joint, Limits, Model, WORLD
 from kane_dynamics.notices import Notices
 from kane_dynamics.selection import Selection
 from kane_dynamics.supplement import Supplement
@@ -68,7 +68,7 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
         name, inertial = supplement.payload
         if name not in places or name not in tree.links:
             raise UrdfError(f"supplement: payload: link is '{name}', and no such link is part "
-                             f'of the model; valid: {listing(x.name for x in links)}')
+                            f'of the model; valid: {listing(x.name for x in links)}')
         _load('payload', inertial, places[name], moving, base)
     _note_masses(tree, selection, moving, notices)
     names = [m.single.name for m in moving if m.single.name in selection.free]
@@ -78,9 +78,8 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
                    _sum([inertial for _, inertial in m.riders])) for m in moving]
     frames = [Frame(x.name, places[x.name].body, places[x.name].rotation,
                     places[x.name].translation) for x in links]
-    return Model(tree.name, tuple(bodies), tuple(names), tuple(frames), gravity,  # type: ignore[arg-type]  # Model converts and checks it
-
-                 selection.base, _sum(base))
+    return Model(tree.name, tuple(bodies), tuple(names), tuple(frames),
+                 constant(gravity, (3,), 'gravity'), selection.base, _sum(base))
 
 
 def _place(selection: Selection) -> tuple[dict[str, Place], list[Moving]]:
@@ -156,8 +155,8 @@ def _joint(body: Moving, selection: Selection, index: dict[str, int], supplement
         body.place.rotation, body.place.translation,
         index[single.name if mimic is None else mimic.master],
         1.0 if mimic is None else mimic.multiplier, 0.0 if mimic is None else mimic.offset,
-        Limits() if mimic is not None or source.type in ('floating', 'planar')
-        else _limits(single.name, source.limits, source.type == 'continuous', notices), **own)
+        Limits() if mimic is not None or source.kind in ('floating', 'planar')
+        else _limits(single.name, source.limits, source.kind == 'continuous', notices), **own)
 
 
 def _limits(name: str, stated: StatedLimits | None, continuous: bool,

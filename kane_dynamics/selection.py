@@ -89,7 +89,7 @@ def _singles(tree: UrdfTree) -> dict[str, Single]:
         parts = expanded(joint, index)
         for single in parts:
             if len(parts) > 1 and single.name in taken:
-                raise UrdfError(f"joint '{joint.name}' is {joint.type} and expands to "
+                raise UrdfError(f"joint '{joint.name}' is {joint.kind} and expands to "
                                 f"'{single.name}', but a link or joint has that name; valid: "
                                 'another name for it')
             singles[single.name] = single
@@ -182,9 +182,9 @@ def _locked(locked: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mim
 
 def _fault(name: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mimic]) -> str:
     """Return why a name is not one of a joint that may move or be locked."""
+    if not isinstance(name, str) or name not in singles:
+        return f'{name!r} is no joint of one freedom'
     if name in mimics:
         return f"joint '{name}' mimics '{mimics[name].master}' and has no freedom of its own"
-    if name not in singles:
-        return f'{name!r} is no joint of one freedom'
     fixed = singles[name].kind == 'fixed'
     return f"joint '{name}' is fixed" if fixed else f"joint '{name}' is not between base and tip"

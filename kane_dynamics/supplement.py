@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 import math
 import os
 from pathlib import Path
+from reprlib import Repr
 from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
@@ -38,6 +39,8 @@ import yaml
 
 JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
+SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
+SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
@@ -99,7 +102,8 @@ class _Loader(yaml.SafeLoader):
 def _load(source: Any) -> Any:
     """Return what a YAML file holds."""
     if not isinstance(source, (str, os.PathLike)):
-        raise UrdfError(f'supplement is {source!r}; valid: the path of a YAML file, or a dict')
+        raise UrdfError(f'supplement is {SHORT.repr(source)}; valid: the path of a YAML file, or '
+                        'a dict')
     try:
         data = yaml.load(Path(source).read_bytes(), _Loader)
     except (OSError, ValueError) as error:
@@ -115,10 +119,11 @@ def _mapping(data: Any, what: str, valid: tuple[str, ...] | None = None) -> Mapp
     """Return a mapping with string keys, all of them among `valid`."""
     expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of joint names'
     if not isinstance(data, Mapping):
-        raise UrdfError(f'{what} is {data!r}; expected {expected}')
+        raise UrdfError(f'{what} is {SHORT.repr(data)}; expected {expected}')
     for key in data:
         if not isinstance(key, str) or (valid and key not in valid):
-            raise UrdfError(f'{what}: unknown key {key!r}; valid: {listing(valid or ["names"])}')
+            raise UrdfError(f'{what}: unknown key {SHORT.repr(key)}; valid: '
+                            f'{listing(valid or ["names"])}')
     return data
 
 
@@ -132,7 +137,7 @@ def _number(value: Any, what: str, *, signed: bool = False, positive: bool = Fal
     if not abs(number) < 1e60 or (not signed and number < 0.0) or (positive and number == 0.0):
         expected = 'finite number' if signed else (
             'positive number' if positive else 'finite number that is not negative')
-        raise UrdfError(f'{what} is {value!r}; expected a {expected}')
+        raise UrdfError(f'{what} is {SHORT.repr(value)}; expected a {expected}')
     return number
 
 
@@ -145,10 +150,11 @@ def _payload(data: Any) -> tuple[str, Inertial]:
             raise UrdfError(f"{what} has no '{key}'; it needs link and mass, and may have com "
                             'and inertia')
     if not isinstance(entry['link'], str):
-        raise UrdfError(f'{what}: link is {entry["link"]!r}; expected the name of a link')
+        raise UrdfError(f'{what}: link is {SHORT.repr(entry["link"])}; expected the name of a '
+                        'link')
     com = entry.get('com', (0.0, 0.0, 0.0))
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
-        raise UrdfError(f'{what}: com is {com!r}; expected three numbers, m')
+        raise UrdfError(f'{what}: com is {SHORT.repr(com)}; expected three numbers, m')
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
     for key, value in _mapping(entry.get('inertia', {}), f'{what}: inertia',
                                INERTIA_KEYS).items():

@@ -51,7 +51,7 @@ class UrdfJoint:
     """A joint of a URDF; (rotation, translation) place its frame in the parent link."""
 
     name: str
-    type: str
+    kind: str
     parent: str
     child: str
     rotation: Array
@@ -185,10 +185,10 @@ def check_mimics(joints: Sequence[UrdfJoint]) -> dict[str, Mimic]:
         name = joint.name
         while name not in resolved and (mimic := by_name[name].mimic) is not None:
             master = by_name.get(mimic.master)
-            if master is None or master.type not in MOVING:
+            if master is None or master.kind not in MOVING:
                 fault = ('no such joint exists' if master is None
-                         else f'that joint is {master.type}')
-                valid = listing(x.name for x in joints if x.type in MOVING and x.name != name)
+                         else f'that joint is {master.kind}')
+                valid = listing(x.name for x in joints if x.kind in MOVING and x.name != name)
                 raise UrdfError(f"joint '{name}': <mimic> joint is '{mimic.master}', and {fault}; "
                                 f'valid: {valid}')
             if name in trail:
@@ -221,10 +221,10 @@ def expanded(joint: UrdfJoint, index: int) -> list[Single]:
     axis, where the axis lies along x), and y completes the right-handed (x, y, axis).
     """
     eye = np.eye(3)
-    if joint.type == 'floating':
+    if joint.kind == 'floating':
         parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')]
         parts += [(f'/r{s}', 'revolute', eye[k]) for k, s in enumerate('xyz')]
-    elif joint.type == 'planar':
+    elif joint.kind == 'planar':
         normal = joint.axis / np.sqrt(joint.axis @ joint.axis)
         seed = eye[0] if abs(normal[0]) < 1.0 - 1e-9 else eye[1]
         x = seed - (seed @ normal) * normal
@@ -232,7 +232,7 @@ def expanded(joint: UrdfJoint, index: int) -> list[Single]:
         parts = [('/x', 'prismatic', x), ('/y', 'prismatic', snapped(np.cross(normal, x))),
                  ('/rz', 'revolute', normal)]
     else:
-        kind = {'continuous': 'revolute'}.get(joint.type, joint.type)
+        kind = {'continuous': 'revolute'}.get(joint.kind, joint.kind)
         parts = [('', kind, joint.axis)]
     singles, parent = [], joint.parent
     for k, (suffix, kind, axis) in enumerate(parts):

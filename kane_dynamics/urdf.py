@@ -98,7 +98,7 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
                                    build_scene_graph=False).robot
     except Exception as error:  # whatever it raises is about this text
         raise UrdfError(f'yourdfpy cannot read the URDF: {error}') from error
-    stated = {joint.attributes['name']: joint for joint in root.all('joint')}
+    stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
     links = [_link(link) for link in robot.links]
     joints = [_joint(joint, stated[joint.name], notices) for joint in robot.joints]
     return build_tree(robot.name, links, joints)

@@ -73,7 +73,7 @@ def check_schema(root: Element, notices: Notices) -> None:
         raise UrdfError(f'the root element is <{root.tag}> (line {root.line}); valid: <robot>. '
                         'Other formats (SDF, MJCF) must be converted to URDF first')
     _check(root, '', notices)
-    for joint in root.all('joint'):
+    for joint in root.find_all('joint'):
         _check_joint(joint)
     if root.first('link') is None:
         raise UrdfError(f"robot '{root.attributes['name']}' has no <link>; valid: at least one")
@@ -92,7 +92,7 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
         what = f'{owner}: <{element.tag}>'
     _check_attributes(element, owner, what, notices)
     for tag in rule.children:
-        if tag not in MANY and sum(1 for _ in element.all(tag)) > 1:
+        if tag not in MANY and sum(1 for _ in element.find_all(tag)) > 1:
             raise UrdfError(f'{what} has more than one <{tag}> (line {element.line}); valid: one')
     for tag in NEEDED.get(element.tag, ()):
         if element.first(tag) is None:
@@ -152,7 +152,7 @@ def _note_element(element: Element, owner: str, notices: Notices) -> None:
         raise UrdfError(f'{owner} holds <{tag}> (line {element.line}), which xacro would have '
                         'replaced; valid: the output of xacro')
     if tag == 'transmission':
-        names = [x.attributes.get('name', '?') for x in element.all('joint')]
+        names = [x.attributes.get('name', '?') for x in element.find_all('joint')]
         for name in names or [element.attributes.get('name', '?')]:
             notices.not_used('<transmission>', name)
     elif tag == 'gazebo':

@@ -34,13 +34,13 @@ class Element:
     line: int
     children: list['Element'] = field(default_factory=list)
 
-    def all(self, tag: str) -> Iterator['Element']:
+    def find_all(self, tag: str) -> Iterator['Element']:
         """Yield the children called `tag`."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> 'Element | None':
         """Return the first child called `tag`."""
-        return next(self.all(tag), None)
+        return next(self.find_all(tag), None)
 
 
 def read_source(source: str | bytes | os.PathLike[str]) -> str:

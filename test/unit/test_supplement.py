@@ -1,0 +1,181 @@
+"""The supplement beside a URDF: what it adds, and how it refuses what it cannot mean."""
+
+from kane_dynamics.errors import KaneError, ModelError, UrdfError
+from kane_dynamics.supplement import JOINT_KEYS
+from kane_dynamics.urdf import load_urdf
+import numpy as np
+from numpy.testing import assert_allclose
+import pytest
+from urdf_writer import chain, joint, link, load, robot
+
+ARM = robot(link('a'), link('b'), link('c'), link('tool', None),
+            joint('j', 'a', 'b', more='<dynamics damping="0.7" friction="0.3"/>'),
+            joint('k', 'b', 'c'), joint('f', 'c', 'tool', 'fixed', xyz='0 0 1'))
+FULL = """
+joints:
+  j: {armature: 0.1, stiffness: 5, rest: -0.2, damping: 0.5, friction: 1.2, friction_speed: 1e-3}
+  k:
+    stiffness: 2.5
+payload:
+  link: tool
+  mass: 2
+  com: [0, 0, 0.5]
+  inertia: {ixx: 0.1, iyy: 0.2, izz: 0.25, ixy: 0.01, ixz: -0.02, iyz: 0.03}
+"""
+
+
+def test_every_key_reaches_the_model(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text(FULL)
+    model = load(ARM, supplement=path)
+    first, second = (body.joint for body in model.bodies)
+    assert [getattr(first, key) for key in JOINT_KEYS] == [0.1, 5.0, -0.2, 0.5, 1.2, 1e-3]
+    assert (second.stiffness, second.rest, second.armature) == (2.5, 0.0, 0.0)
+    carrier = model.bodies[1].inertial
+    assert carrier.mass == 3.0
+    assert_allclose(carrier.com, [0, 0, 1.0])
+    own, moved = 0.1 * np.eye(3), np.diag([1, 1, 0]) * (1 * 1.0 ** 2 + 2 * 0.5 ** 2)
+    load_inertia = [[0.1, 0.01, -0.02], [0.01, 0.2, 0.03], [-0.02, 0.03, 0.25]]
+    assert_allclose(carrier.inertia, own + load_inertia + moved, atol=1e-15)
+
+
+def test_dict_is_as_good_as_a_file(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text('joints: {j: {armature: 0.1}}')
+    assert load(ARM, supplement={'joints': {'j': {'armature': 0.1}}}).digest() == load(
+        ARM, supplement=str(path)).digest() != load(ARM).digest()
+
+
+def test_what_is_not_overridden_stays():
+    joint_ = load(ARM, supplement={'joints': {'j': {'armature': 0.1}}}).bodies[0].joint
+    assert (joint_.damping, joint_.friction, joint_.friction_speed) == (0.7, 0.3, 0.05)
+
+
+@pytest.mark.parametrize('text', ['', 'joints: {}', '{}', '# nothing'])
+def test_empty_supplement_changes_nothing(text, tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text(text)
+    assert load(ARM, supplement=path).digest() == load(ARM).digest()
+
+
+def test_payload_on_a_link_of_the_base_weighs_there():
+    model = load(ARM, supplement={'payload': {'link': 'a', 'mass': 4}})
+    assert model.base_inertial.mass == 5.0
+
+
+def test_payload_stays_where_its_link_is_dropped():
+    model = load(ARM, supplement={'payload': {'link': 'tool', 'mass': 4}}, drop=['tool', 'c'])
+    assert model.bodies[1].inertial.mass == 4.0
+
+
+def test_locked_joint_may_be_spoken_of():
+    extra = {'joints': {'j': {'stiffness': 1}, 'k': {'stiffness': 2}}}
+    assert load(ARM, joints=['k'], supplement=extra).bodies[0].joint.stiffness == 2.0
+
+
+def test_freedom_of_a_floating_joint_may_be_spoken_of():
+    source = robot(link('a'), link('b'), joint('j', 'a', 'b', 'floating', limit=''))
+    model = load(source, supplement={'joints': {'j/z': {'stiffness': 9}}})
+    assert [body.joint.stiffness for body in model.bodies] == [0, 0, 9, 0, 0, 0]
+
+
+PAYLOAD = {'link': 'tool', 'mass': 1}
+FAULTS = {
+    'unknown section': ({'joint': {}}, ("'joint'", 'valid: joints, payload')),
+    'unknown key': ({'joints': {'j': {'stifness': 1}}},
+                    ("joint 'j'", "'stifness'", 'armature, stiffness')),
+    'unknown joint': ({'joints': {'x': {}}}, ("'x'", 'valid: j, k')),
+    'fixed joint': ({'joints': {'f': {'stiffness': 1}}}, ("'f'", 'can move', 'valid: j, k')),
+    'negative stiffness': ({'joints': {'j': {'stiffness': -1}}},
+                           ("joint 'j'", 'stiffness is -1', 'not negative')),
+    'friction speed of zero': ({'joints': {'j': {'friction_speed': 0}}},
+                               ("joint 'j'", 'friction_speed is 0', 'positive')),
+    'nan': ({'joints': {'j': {'armature': float('nan')}}}, ("'j'", 'armature is nan', 'finite')),
+    'infinite': ({'joints': {'j': {'rest': '1e999'}}}, ("'j'", 'rest is', 'finite')),
+    'text': ({'joints': {'j': {'damping': 'much'}}}, ("'j'", "damping is 'much'", 'finite')),
+    'truth': ({'joints': {'j': {'damping': True}}}, ("'j'", 'damping is True', 'finite')),
+    'nothing': ({'joints': {'j': {'damping': None}}}, ("'j'", 'damping is None', 'finite')),
+    'list': ({'joints': {'j': {'damping': [1]}}}, ("'j'", 'damping is [1]', 'finite')),
+    'joint without mapping': ({'joints': {'j': 5}}, ("joint 'j' is 5", 'a mapping of armature')),
+    'joints without mapping': ({'joints': ['j']}, ("joints is ['j']", 'mapping of joint names')),
+    'number as joint': ({'joints': {1: {}}}, ('1', 'valid')),
+    'unknown payload key': ({'payload': {**PAYLOAD, 'weight': 1}},
+                            ('payload', "'weight'", 'link, mass, com, inertia')),
+    'payload without mass': ({'payload': {'link': 'tool'}}, ('payload', "'mass'", 'needs')),
+    'payload without link': ({'payload': {'mass': 1}}, ('payload', "'link'", 'needs')),
+    'payload nowhere': ({'payload': {'link': 'x', 'mass': 1}}, ("'x'", 'valid: a, b, c, tool')),
+    'payload on a number': ({'payload': {'link': 1, 'mass': 1}}, ('link is 1', 'name of a link')),
+    'negative payload': ({'payload': {'link': 'tool', 'mass': -1}},
+                         ('payload: mass is -1', 'not negative')),
+    'com of two': ({'payload': {**PAYLOAD, 'com': [0, 0]}}, ('com is [0, 0]', 'three numbers')),
+    'com of text': ({'payload': {**PAYLOAD, 'com': 'abc'}}, ("com is 'abc'", 'three numbers')),
+    'com of none': ({'payload': {**PAYLOAD, 'com': [0, 0, None]}}, ('com is None', 'finite')),
+    'unknown moment': ({'payload': {**PAYLOAD, 'inertia': {'iyx': 1}}}, ("'iyx'", 'ixx, ixy')),
+    'inertia as list': ({'payload': {**PAYLOAD, 'inertia': [1, 1, 1]}},
+                        ('inertia is [1, 1, 1]', 'a mapping of ixx')),
+    'no mapping': ([1], ('[1]', 'path of a YAML file, or a dict')),
+    'no file': ('/nowhere/x.yaml', ("'/nowhere/x.yaml'", 'No such file')),
+    'a directory': ('/', ("'/'", 'directory')),
+}
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_fault_is_refused_with_key_value_and_what_is_valid(fault):
+    supplement, words = FAULTS[fault]
+    with pytest.raises(UrdfError) as caught:
+        load_urdf(ARM, supplement=supplement)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_indefinite_payload_is_impossible():
+    with pytest.raises(ModelError, match=r'payload: inertia .* -1 .* negative'):
+        load_urdf(ARM, supplement={'payload': {**PAYLOAD, 'inertia': {'ixx': -1}}})
+
+
+def test_payload_on_a_link_that_was_cut_off_is_refused():
+    with pytest.raises(UrdfError, match=r"link is 'a'.*valid: c, tool"):
+        load_urdf(ARM, base='c', supplement={'payload': {'link': 'a', 'mass': 1}})
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('joints: {j: {damping: 1, damping: 2}}', ('damping', 'more than once')),
+    ('joints: {j: {damping: 1}', ('not valid YAML',)),
+    ('- 1\n', ('[1]', 'mapping of joints, payload')),
+    ('just text', ("'just text'", 'mapping of joints, payload')),
+    ('!!python/object/apply:os.system ["true"]', ('not valid YAML',)),
+    ('a: 1\n---\nb: 2', ('not valid YAML',)),
+    ('[' * 20_000, ('not valid YAML',)),
+    ('joints: &a {j: *a}', ("joint 'j'", 'valid: armature')),
+    ('joints: {? [1] : 2}', ('joints',)),
+    ('<<: 5', ('not valid YAML',)),
+    ('\ufffe\x00', ('not valid YAML',)),
+])
+def test_yaml_fault_is_refused_in_words(text, words, tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_bytes(text.encode())
+    with pytest.raises(KaneError) as caught:
+        load_urdf(chain(1), supplement=path)
+    for word in words:
+        assert word in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+def test_yaml_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_bytes(b'\x80\x81\xff')
+    with pytest.raises(UrdfError, match='not valid YAML'):
+        load_urdf(ARM, supplement=path)
+
+
+def test_yaml_of_many_aliases_is_refused_at_once(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    levels = [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * 9)}]' for i in range(1, 12)]
+    path.write_text('a0: &a0 x\n' + '\n'.join(levels) + '\njoints: {j: *a11}\n')
+    with pytest.raises(UrdfError, match="unknown key 'a0'"):
+        load_urdf(ARM, supplement=path)
+    path.write_text(path.read_text().replace('joints: {j: *a11}', '').replace('a0:', 'joints:', 1)
+                    .replace('a11:', 'payload:'))
+    with pytest.raises(UrdfError) as caught:
+        load_urdf(ARM, supplement=path)
+    assert len(str(caught.value)) < 2000

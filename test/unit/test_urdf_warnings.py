@@ -1,0 +1,126 @@
+"""What is legal but doubtful is warned of once, by name; what is sound is not."""
+
+import math
+import warnings
+
+from kane_dynamics.urdf import load_urdf
+import pytest
+from urdf_writer import chain, joint, LIMIT, link, load, load_with_warnings, robot
+
+A, B = link('a'), link('b')
+
+
+def limit(text):
+    """Return a robot whose joint has the attributes `text` in its limit, or no limit at all."""
+    return robot(A, B, joint('j', 'a', 'b', limit=text and f'<limit {text}/>'))
+
+
+# name: (URDF, words of the one warning)
+WARNINGS = {
+    'triangle inequality': (robot(A, link('b', 1, (1, 1, 3)), joint('j', 'a', 'b')),
+                            ('principal moment exceeds', ': b')),
+    'singular inertia': (robot(A, link('b', 1, (0, 1, 1)), joint('j', 'a', 'b')),
+                         ('moment of inertia of zero', ': b')),
+    'massless body': (robot(A, link('b', 0, (0, 0, 0)), joint('j', 'a', 'b')),
+                      ('without mass', ': b')),
+    'missing inertial': (robot(A, link('b', None), joint('j', 'a', 'b')),
+                         ('without <inertial>', ': b')),
+    'long axis': (robot(A, B, joint('j', 'a', 'b', axis='0 0 2')),
+                  ('not a unit vector', 'normalised', 'j (2)')),
+    'missing axis': (robot(A, B, joint('j', 'a', 'b', axis=None)), ('"1 0 0"', ': j')),
+    'missing limit': (limit(''), ('unlimited', ': j')),
+    'missing bounds': (limit('velocity="1" effort="1"'), ('unlimited', 'j (lower, upper)')),
+    'missing effort': (limit('lower="-1" upper="1" velocity="1"'), ('unlimited', 'j (effort)')),
+    'missing velocity': (limit('lower="-1" upper="1" effort="1"'), ('unlimited', 'j (velocity)')),
+    'reversed bounds': (limit('lower="1" upper="-1" velocity="1" effort="1"'),
+                        ('not below upper', 'unlimited', 'j (1 to -1)')),
+    'zero effort': (limit('lower="-1" upper="1" velocity="1" effort="0"'),
+                    ('0 for effort', 'unlimited', 'j (effort)')),
+    'transmission': (robot(A, B, joint('j', 'a', 'b'), '<transmission name="t"><joint name="j"/>'
+                           '</transmission>'), ('not used', '<transmission>: j')),
+    'safety controller': (robot(A, B, joint('j', 'a', 'b', more='<safety_controller k="1"/>')),
+                          ('not used', "<safety_controller>: joint 'j'")),
+    'calibration': (robot(A, B, joint('j', 'a', 'b', more='<calibration rising="0"/>')),
+                    ('not used', "<calibration>: joint 'j'")),
+    'gazebo spring': (robot(A, B, joint('j', 'a', 'b'), '<gazebo reference="j"><springStiffness>1'
+                            '</springStiffness></gazebo>'),
+                      ('not used', '<gazebo> <springStiffness>: j')),
+    'unknown dynamics': (robot(A, B, joint('j', 'a', 'b', more='<dynamics armature="1"/>')),
+                         ('not used', "<dynamics> attribute 'armature': joint 'j'")),
+    'misspelt attribute': (robot(A, B, joint('j', 'a', 'b', more='<dynamics dampping="1"/>')),
+                           ('not used', "'dampping': joint 'j'")),
+    'misspelt element': (robot(A, '<link name="b"><inertail/></link>',
+                               joint('f', 'a', 'b', 'fixed')),
+                         ('not used', "<inertail>: link 'b'")),
+    'bounds of a continuous joint': (
+        robot(A, B, joint('j', 'a', 'b', 'continuous')),
+        ('not used', '<limit> lower and upper of a continuous joint: j')),
+    'limit of a floating joint': (robot(A, B, joint('j', 'a', 'b', 'floating')),
+                                  ('not used', '<limit> of a floating joint: j')),
+    'mimic on a fixed joint': (robot(A, B, joint('j', 'a', 'b', 'fixed',
+                                                 more='<mimic joint="x"/>')),
+                               ('not used', '<mimic> of a fixed joint: j')),
+}
+
+
+@pytest.mark.parametrize('doubt', WARNINGS)
+def test_doubt_is_warned_of_by_name(doubt):
+    source, words = WARNINGS[doubt]
+    _, texts = load_with_warnings(source)
+    assert len(texts) == 1, texts
+    for word in words:
+        assert word in texts[0]
+
+
+def test_each_kind_is_warned_of_once_naming_all():
+    source = chain(4, axis='0 0 3', limit='')
+    _, texts = load_with_warnings(source)
+    assert len(texts) == 2
+    assert 'j1 (3), j2 (3), j3 (3), j4 (3)' in texts[0]
+    assert texts[1].endswith('j1, j2, j3, j4')
+
+
+def test_warning_points_at_the_caller():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        load_urdf(chain(1, limit=''))
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize('doubt', ['zero effort', 'missing limit', 'reversed bounds'])
+def test_limit_in_doubt_is_infinite(doubt):
+    model, _ = load_with_warnings(WARNINGS[doubt][0])
+    limits = model.bodies[0].joint.limits
+    assert (limits.effort if doubt == 'zero effort' else limits.upper) == math.inf
+
+
+def test_one_bound_alone_leaves_the_other_at_zero_as_urdf_says():
+    limits = load(limit('upper="0.04" velocity="1" effort="1"')).bodies[0].joint.limits
+    assert (limits.lower, limits.upper) == (0.0, 0.04)
+
+
+def test_joints_that_stand_still_need_no_limits():
+    load(chain(3, limit=''), locked={'j1': 0, 'j2': 0, 'j3': 0})
+
+
+def test_links_that_were_cut_off_or_fixed_without_mass_are_no_doubt():
+    load(robot(link('a', 1, (1, 1, 9)), B, link('tool', None), joint('j', 'a', 'b'),
+               joint('f', 'b', 'tool', 'fixed')), base='b')
+
+
+@pytest.mark.parametrize('more', [
+    '<material name="m"><color rgba="1 1 1 1"/></material>',
+    '<gazebo reference="a"><material>x</material><selfCollide>1</selfCollide></gazebo>',
+    '<gazebo><plugin name="p" filename="f"><springStiffness/></plugin></gazebo>',
+    '<ros2_control name="x" type="system"><joint name="j"/></ros2_control>',
+])
+def test_what_is_not_dynamics_needs_no_word(more):
+    load(robot(A, B, joint('j', 'a', 'b', limit=LIMIT), more))
+
+
+def test_axis_rounded_in_decimal_needs_no_word():
+    load(robot(A, B, joint('j', 'a', 'b', axis='0.7071 0.7071 0')))
+
+
+def test_thin_plate_and_thin_rod_rounded_in_decimal_break_no_triangle():
+    load(robot(A, link('b', 1, (0.0333333, 0.0333333, 0.06666664)), joint('j', 'a', 'b')))
