@@ -138,7 +138,7 @@ def _turn_to_z(axis: Array) -> Array:
     """Return the rotation C with C z = axis; a permutation of axes where that is possible."""
     axis = snap(axis)
     k = int(np.argmax(np.abs(axis)))
-    if abs(axis[k]) == 1.0:
+    if np.count_nonzero(axis) == 1:  # an axis off by 1e-8 has a largest entry of 1 too
         C = np.roll(np.eye(3), k - 2, axis=0)
         return C if axis[k] > 0.0 else C @ np.diag([1.0, -1.0, -1.0])
     x = np.cross(axis, Z if k != 2 else np.array([1.0, 0.0, 0.0]))

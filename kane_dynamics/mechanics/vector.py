@@ -38,7 +38,7 @@ def axis_rotation(axis: Any, s: Any, c: Any) -> Any:
 def sin_cos(angle: Any, offset: float = 0.0) -> tuple[Any, Any]:
     """Return sine and cosine of angle + offset; whole quarter turns of offset cost nothing."""
     quarters = round(offset / QUARTER)
-    if abs(offset - quarters * QUARTER) > 1e-12:
+    if abs(offset - quarters * QUARTER) > 1e-14:
         return np.sin(angle + offset), np.cos(angle + offset)
     s, c = np.sin(angle), np.cos(angle)
     return ((s, c), (c, -s), (-s, -c), (-c, s))[quarters % 4]

@@ -169,3 +169,27 @@ def test_friction_is_viscous_plus_smoothed_coulomb_at_the_joints_own_rate():
         lost = (engine(model).bias_force(q, u)
                 - engine(model, friction=False).bias_force(q, u))
         assert lost[0] == pytest.approx(by_hand, rel=1e-12)
+
+
+def tilted(model, angle):
+    """Return the model with every axis, joint frame and offset off by an angle, rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return replace(model, bodies=tuple(
+        replace(body, joint=replace(body.joint, axis=turn @ body.joint.axis,
+                                    rotation=turn @ body.joint.rotation @ turn,
+                                    offset=body.joint.offset + 0.5 * np.pi + angle))
+        for body in model.bodies))
+
+
+@pytest.mark.parametrize('angle', [1e-3, 1e-5, 1e-7, 1e-8, 1e-9, 1e-11, 1e-13, 0.0])
+@pytest.mark.parametrize('seed', range(3))
+def test_nearly_principal_axes_lose_no_digits(seed, angle):
+    model = tilted(random_model(seed, 5, axes='principal'), angle)
+    robot, by_definition = Robot(model), Definition(model)
+    q, u, udot = random_state(model, seed)
+    size = np.abs(robot.torque_terms(q, u, udot)).max()
+    close(robot.inverse_dynamics(q, u, udot), by_definition.inverse_dynamics(q, u, udot), size,
+          1e-13)
+    frame = model.frames[-1].name
+    close(robot.frame_pose(frame, q), by_definition.frame_pose(frame, q), 1.0, 1e-13)

@@ -1,0 +1,94 @@
+"""Every number equals Pinocchio's, on the real robots of example-robot-data."""
+
+from definition import Definition, relative_error
+from kane_dynamics import Robot
+from kane_dynamics.errors import KaneError
+import numpy as np
+from peer import loaded, N_STATES, Peer, REFUSED, urdf_files
+import pytest
+
+EPS = np.finfo(float).eps
+ROBOTS = [path for path in urdf_files() if path.name not in REFUSED and loaded(path).n]
+STATES = {Definition: range(N_STATES)[::10], Robot: range(N_STATES)}
+
+
+@pytest.fixture(scope='module', params=ROBOTS,
+                ids=[f'{path.parts[-3]}-{path.stem}' for path in ROBOTS])
+def peer(request):
+    """Pinocchio's model of one robot."""
+    return Peer(request.param)
+
+
+@pytest.fixture(scope='module', params=[Definition, Robot])
+def robot(request, peer):
+    """Our robot on the same URDF, as defined and as compiled."""
+    return request.param(peer.model, friction=False)
+
+
+def test_there_are_enough_robots():
+    assert len(ROBOTS) >= 40
+
+
+def test_what_is_left_out_is_refused_in_words():
+    refused = [path for path in urdf_files() if path.name in REFUSED]
+    assert len(refused) == len(REFUSED)
+    for path in refused:
+        with pytest.raises(KaneError, match=REFUSED[path.name]):
+            loaded(path)
+
+
+@pytest.mark.parametrize(('quantity', 'arguments'), [
+    ('inverse_dynamics', ('q', 'u', 'udot')), ('mass_matrix', ('q',)),
+    ('bias_force', ('q', 'u')), ('gravity_force', ('q',)), ('kinetic_energy', ('q', 'u'))])
+def test_dynamics_are_pinocchios(peer, robot, quantity, arguments):
+    for k in STATES[type(robot)]:
+        state = [getattr(peer, name)[k] for name in arguments]
+        value, expected = getattr(robot, quantity)(*state), getattr(peer, quantity)(*state)
+        assert relative_error(value, expected) < 1e-12, k
+
+
+def test_potential_energy_is_pinocchios(peer, robot):
+    for q in peer.q[STATES[type(robot)]]:
+        difference = robot.potential_energy(q) - peer.potential_energy(q)
+        assert abs(difference) <= 1e-12 * peer.potential_energy_scale(q)
+
+
+def test_forward_dynamics_are_pinocchios_within_the_condition_of_m(peer, robot):
+    for k in STATES[type(robot)]:
+        state = peer.q[k], peer.u[k], peer.tau[k]
+        condition = np.linalg.cond(peer.mass_matrix(peer.q[k]))
+        if condition > 1.0 / EPS:
+            return expect_refusal(robot, 'forward_dynamics', state)
+        value, expected = robot.forward_dynamics(*state), peer.forward_dynamics(*state)
+        assert relative_error(value, expected) < 10.0 * EPS * condition, k
+
+
+def test_inverse_mass_matrix_is_that_of_pinocchios_m(peer, robot):
+    if robot.n > 45:
+        pytest.skip('an inverse of this size takes minutes to compile')
+    for k in STATES[type(robot)]:
+        M = peer.mass_matrix(peer.q[k])
+        condition = np.linalg.cond(M)
+        if condition > 1.0 / EPS:
+            return expect_refusal(robot, 'inverse_mass_matrix', (peer.q[k],))
+        error = relative_error(robot.inverse_mass_matrix(peer.q[k]), np.linalg.inv(M))
+        assert error < 10.0 * EPS * condition, k
+
+
+def expect_refusal(robot, quantity, state):
+    """Where M is singular, what needs its inverse is refused, and the joint named."""
+    if isinstance(robot, Robot):
+        with pytest.raises(KaneError, match='singular: joint'):
+            getattr(robot, quantity)(*state)
+
+
+@pytest.mark.parametrize(('quantity', 'arguments'), [
+    ('frame_pose', ('q',)), ('partial_velocities', ('q',)), ('frame_velocity', ('q', 'u')),
+    ('frame_acceleration', ('q', 'u', 'udot'))])
+def test_frames_move_as_pinocchios(peer, robot, quantity, arguments):
+    for frame in peer.frames:
+        for k in STATES[type(robot)]:
+            state = [getattr(peer, name)[k] for name in arguments]
+            value = getattr(robot, quantity)(frame, *state)
+            expected = getattr(peer, quantity)(frame, *state)
+            assert relative_error(value, expected) < 1e-12, (frame, k)
