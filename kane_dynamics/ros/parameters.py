@@ -11,7 +11,7 @@ import difflib
 import math
 from typing import Any, Literal
 
-from kane_dynamics.control import MODES, Terms
+from kane_dynamics.control import Mode, Terms
 from kane_dynamics.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ SPECS = (
     Spec('joints', 'names', [], 'joints that move, in the order of `commands`; every other one '
          'is locked; empty: all, parents first'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
-    live('mode', 'text', 'inverse_dynamics', 'what `commands` holds', choices=MODES),
+    live('mode', 'text', 'inverse_dynamics', 'what `commands` holds', choices=tuple(Mode)),
     live('compensate.gravity', 'flag', True, 'let `commands` carry gravity; false for an arm '
          'that adds it itself'),
     live('compensate.coriolis', 'flag', True, 'let `commands` carry Coriolis and centrifugal '
