@@ -2,12 +2,13 @@
 The process around the node: signals, executors, threads, and an orderly end.
 
 The torque path spins in the main thread on the EventsExecutor (an order of magnitude less overhead
-a message than the other executors), the services in a second thread. SIGINT and SIGTERM are
-blocked in all threads and fetched by a third one, so that no callback is ever cut short and the
-last thing that the node does is to command zeros.
+a message than the other executors), the services in a second thread. SIGINT and SIGTERM only
+write to a pipe, which a third thread reads, so that no callback is ever cut short and the last
+thing that the node does is to command zeros.
 """
 
 from collections.abc import Sequence
+import os
 import signal
 import sys
 import threading
@@ -36,10 +37,25 @@ def make_executor() -> Any:
     return EventsExecutor()
 
 
-def await_signal(stop: Future) -> None:
-    """Wait for a signal, then end the main thread's spin."""
-    signal.sigwait(SIGNALS)
-    stop.set_result(True)
+def stop_on_signal(stop: Future) -> None:
+    """
+    Let SIGINT and SIGTERM complete `stop`, and nothing else.
+
+    The interpreter's C handler writes each signal's number to the pipe at once, whatever the main
+    thread is doing; the Python handlers have nothing left to do. (Blocking the signals and waiting
+    for them would not do: threads that libraries made at import do not inherit the mask.)
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    for number in SIGNALS:
+        signal.signal(number, lambda number, frame: None)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+
+    def wait() -> None:
+        os.read(reading, 1)
+        stop.set_result(True)
+
+    threading.Thread(target=wait, name='signals', daemon=True).start()
 
 
 def spin(node: DynamicsNode, executor: Any, stop: Future) -> None:
@@ -62,25 +78,23 @@ def run(stop: Future) -> int:
         return 1
     executor = make_executor()
     executor.add_node(node)
-    thread = threading.Thread(target=node.services.spin, name='services', daemon=True)
+    thread = threading.Thread(target=node.server.spin, name='services', daemon=True)
     thread.start()
     try:
         node.autostart()
         spin(node, executor, stop)
     finally:
         node.halt()
-        node.services.stop()
+        node.server.stop()
         thread.join(timeout=0.5)
     return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `dynamics_node`; return the exit code."""
-    # Before DDS starts its threads, which inherit the mask.
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     sys.setswitchinterval(SWITCH_INTERVAL)
     stop = Future()
-    threading.Thread(target=await_signal, args=(stop,), name='signals', daemon=True).start()
+    stop_on_signal(stop)
     rclpy.init(args=None if arguments is None else list(arguments),
                signal_handler_options=SignalHandlerOptions.NO)
     try:

@@ -9,10 +9,10 @@ import warnings
 
 from ament_index_python.packages import get_package_share_directory, PackageNotFoundError
 from diagnostic_msgs.msg import DiagnosticArray
-from kane_dynamics import load_urdf, Robot
 from kane_dynamics.control import Controller
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model import Model
+from kane_dynamics.robot import Robot
 from kane_dynamics.ros import parameters
 from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
@@ -20,6 +20,7 @@ from kane_dynamics.ros.report import report
 from kane_dynamics.ros.requests import Bounds, Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
+from kane_dynamics.urdf import load_urdf
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -71,7 +72,7 @@ class DynamicsNode(LifecycleNode):
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
-        self.services = Services(self, self._on_trajectory)
+        self.server = Services(self, self._on_trajectory)
         self._set_timers()
 
     @property
@@ -221,7 +222,7 @@ class DynamicsNode(LifecycleNode):
     def _release(self) -> None:
         """Forget the robot and close its topics."""
         gc.unfreeze()
-        self.services.served = None
+        self.server.served = None
         self.path = self.robot = None
         if self._states is not None:
             self.destroy_subscription(self._states)
@@ -263,8 +264,8 @@ class DynamicsNode(LifecycleNode):
     def _serve(self, robot: Robot) -> None:
         """Let the services answer with `robot` and the present parameters."""
         values, joints = self.values, robot.joint_names
-        self.services.max_waiting = values['simulation.max_waiting']
-        self.services.served = Served(
+        self.server.max_waiting = values['simulation.max_waiting']
+        self.server.served = Served(
             robot, parameters.per_joint(values, 'gains.kp', joints, 0.0),
             parameters.per_joint(values, 'gains.kd', joints, 0.0),
             Bounds(values['simulation.max_duration'], values['simulation.max_steps'],
@@ -298,11 +299,11 @@ class DynamicsNode(LifecycleNode):
         if before['diagnostics_rate'] != self.values['diagnostics_rate'] or (
                 before['state_timeout'] != self.values['state_timeout']):
             self._set_timers()
-        if self.path is None or self.robot is None or self.services.served is None:
+        if self.path is None or self.robot is None or self.server.served is None:
             return
         self.path.set_timeout(self.values['state_timeout'])
         self.path.controller.update(**self._settings(self.values, self.robot.joint_names))
-        beside = self.services.served.robot
+        beside = self.server.served.robot
         for robot in (self.robot, beside):
             robot.parameters.gravity = self.values['gravity']
         self._serve(beside)
