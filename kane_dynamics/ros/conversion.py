@@ -1,0 +1,207 @@
+"""Messages in, arrays out, and back: names are mapped and everything hostile is stopped here."""
+
+from array import array
+from collections.abc import Sequence
+
+from builtin_interfaces.msg import Duration, Time
+from kane_dynamics.errors import InputError
+from kane_dynamics.motion import Motion
+from kane_dynamics.simulation import Trajectory
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+NANO = 1_000_000_000
+# Why a joint state was dropped; the diagnostics count each of them.
+MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE = (
+    'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite')
+
+
+class StateReader:
+    """
+    Reads joint states into `q` and `u`, which stay the same arrays, in the order of `joints`.
+
+    The mapping from names to entries is found once and kept for as long as the names of the
+    messages stay the same, so that an ordinary message costs two gathers.
+
+    Attributes
+    ----------
+    q, u : (n,) arrays
+        The last state; as good as meaningless after `read` has returned a reason.
+    detail : str
+        What exactly was wrong with the last message that was not good.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self.joints = tuple(joints)
+        self.q, self.u = np.zeros(len(self.joints)), np.zeros(len(self.joints))
+        self.detail = ''
+        self._names: list[str] | None = None
+        self._index: Index = np.zeros(0, dtype=np.intp)
+        self._fault: str | None = None
+
+    def read(self, message: JointState, need_velocity: bool) -> str | None:
+        """Read one message; return None if it is good, else the reason to drop it."""
+        if message.name != self._names:
+            self._map(list(message.name))
+        if self._fault is not None:
+            return self._fault
+        count = len(message.name)
+        if len(message.position) != count:
+            self.detail = f'{len(message.position)} positions for {count} names'
+            return SHORT
+        np.frombuffer(message.position).take(self._index, out=self.q, mode='clip')
+        speeds = len(message.velocity)
+        if speeds == count:
+            np.frombuffer(message.velocity).take(self._index, out=self.u, mode='clip')
+        elif need_velocity:
+            self.detail = f'{speeds} velocities for {count} names'
+            return SHORT if speeds else NO_VELOCITY
+        else:
+            self.u.fill(0.0)
+        if not (np.isfinite(self.q).all() and np.isfinite(self.u).all()):
+            bad = ~(np.isfinite(self.q) & np.isfinite(self.u))
+            self.detail = ', '.join(self.joints[i] for i in np.flatnonzero(bad))
+            return NOT_FINITE
+        return None
+
+    def _map(self, names: list[str]) -> None:
+        """Find the entry of each joint in messages with these names."""
+        self._names, self._fault = names, None
+        entry = {name: i for i, name in enumerate(names)}
+        missing = [joint for joint in self.joints if joint not in entry]
+        twice = [joint for joint in self.joints if names.count(joint) > 1]
+        if missing or twice:
+            self._fault = MISSING if missing else TWICE
+            self.detail = ', '.join(missing or twice)
+            return
+        self._index = np.array([entry[joint] for joint in self.joints], dtype=np.intp)
+
+
+def nanoseconds(stamp: Time | Duration) -> int:
+    """Return a stamp or a duration in nanoseconds."""
+    return int(stamp.sec) * NANO + int(stamp.nanosec)
+
+
+def duration(seconds: float) -> Duration:
+    """Return a duration message, rounded to the nanosecond."""
+    sec, nanosec = divmod(round(seconds * 1e9), NANO)
+    return Duration(sec=sec, nanosec=nanosec)
+
+
+def doubles(values: ArrayLike) -> 'array[float]':
+    """Return the array that a float64[] field holds, row by row, with one copy."""
+    return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | None:
+    """
+    Return where each of `joints` stands among `names`; None if they are the same list.
+
+    Raises
+    ------
+    InputError
+        A joint is missing or named twice, or there is one that the node does not know.
+    """
+    if not names or tuple(names) == tuple(joints):
+        return None
+    entry = {name: i for i, name in enumerate(names)}
+    missing = [joint for joint in joints if joint not in entry]
+    unknown = [name for name in names if name not in set(joints)]
+    if missing or unknown or len(entry) < len(names):
+        fault = (f"lacks '{missing[0]}'" if missing else f"holds '{unknown[0]}'" if unknown
+                 else 'names a joint twice')
+        raise InputError(f'{what} {fault}; valid: each of {", ".join(joints)} once, or empty')
+    return np.array([entry[joint] for joint in joints], dtype=np.intp)
+
+
+def vector(values: Sequence[float], index: Index | None, n: int, what: str,
+           empty: ArrayLike | None = None) -> Array:
+    """
+    Return a joint vector of a request as an (n,) array in the node's order.
+
+    Raises
+    ------
+    InputError
+        The length is not n (or zero where `empty` is given), or an entry is not finite.
+    """
+    if len(values) == 0 and empty is not None:
+        return np.broadcast_to(np.asarray(empty, dtype=np.float64), (n,)).copy()
+    if len(values) != n:
+        raise InputError(f'{what} has {len(values)} entries; valid: {n}'
+                         + (', or none' if empty is not None else ''))
+    result = np.array(values, dtype=np.float64)
+    if not np.isfinite(result).all():
+        raise InputError(f'{what} is {result.tolist()}; valid: finite numbers')
+    return result if index is None else result[index]
+
+
+def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
+    """Return one field of all points as a (K, n) array in the node's order; None if unused."""
+    rows = [getattr(point, field) for point in message.points]
+    if not any(len(row) for row in rows):
+        return None
+    for k, row in enumerate(rows):
+        if len(row) != len(message.joint_names):
+            raise InputError(f'point {k} has {len(row)} {field} for '
+                             f'{len(message.joint_names)} joint names')
+    values = np.array(rows, dtype=np.float64)[:, index]
+    if not np.isfinite(values).all():
+        k = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+        raise InputError(f'point {k} has {field} {values[k].tolist()}; valid: finite numbers')
+    return values
+
+
+def motion_from_message(message: JointTrajectory, joints: Sequence[str],
+                        max_points: int) -> Motion:
+    """
+    Return the desired motion that a JointTrajectory describes; joints beyond `joints` are ignored.
+
+    Raises
+    ------
+    InputError
+        Says what is wrong: no or too many points, a joint that is missing, arrays of the wrong
+        length, times out of order, numbers that are not finite.
+    """
+    if not 1 <= len(message.points) <= max_points:
+        raise InputError(f'the trajectory has {len(message.points)} points; valid: 1 to '
+                         f'{max_points}')
+    names = list(message.joint_names)
+    missing = [joint for joint in joints if joint not in names]
+    if missing or len(set(names)) < len(names):
+        raise InputError(f'the trajectory lacks {", ".join(missing)}; it must hold '
+                         f'{", ".join(joints)}' if missing else
+                         f'the trajectory names a joint twice: {", ".join(names)}')
+    index = np.array([names.index(joint) for joint in joints], dtype=np.intp)
+    times = np.array([nanoseconds(p.time_from_start) for p in message.points]) * 1e-9
+    if times[0] < 0.0:
+        raise InputError(f'point 0 is at {times[0]:g} s; valid: not before the start')
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if late.size:
+        k = int(late[0])
+        raise InputError(f'point {k + 1} is at {times[k + 1]:g} s, not after point {k} at '
+                         f'{times[k]:g} s')
+    positions = _column(message, 'positions', index)
+    if positions is None:
+        raise InputError('the trajectory has no positions')
+    return Motion.from_points(times, positions, _column(message, 'velocities', index),
+                              _column(message, 'accelerations', index), joint_names=joints)
+
+
+def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
+    """Return a simulated trajectory as a message; `effort` holds the torques."""
+    points = []
+    columns = (trajectory.q, trajectory.u, trajectory.udot, trajectory.tau)
+    # array(typecode, bytes) is several times faster than going through a sequence of floats,
+    # and this runs beside the torque path: the interpreter is shared.
+    rows = [np.ascontiguousarray(column) for column in columns]
+    for k, t in enumerate(trajectory.t.tolist()):
+        q, u, udot, tau = (array('d', row[k].tobytes()) for row in rows)
+        points.append(JointTrajectoryPoint(positions=q, velocities=u, accelerations=udot,
+                                           effort=tau, time_from_start=duration(t)))
+    message = JointTrajectory(joint_names=list(trajectory.joint_names))
+    message.points = points
+    return message

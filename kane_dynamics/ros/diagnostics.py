@@ -1,0 +1,71 @@
+"""What the node counts while it runs, and the report that it makes of it."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import numpy as np
+
+WINDOW = 8192  # latencies kept between two reports: at 1 Hz enough for 8 kHz
+
+
+class Statistics:
+    """Counts of one reporting period, and totals since the node was configured."""
+
+    def __init__(self) -> None:
+        self.commands = 0
+        self.clamped = 0
+        self.timeouts = 0
+        self.dropped: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
+        self.worst_age = 0.0
+        self._latency = np.zeros(WINDOW)
+        self._last_commands = 0
+        self._last_dropped = 0
+
+    def command(self, latency: float, age: float, clamped: bool) -> None:
+        """Count one command: seconds spent in the callback, age of its state in seconds."""
+        self._latency[self.commands % WINDOW] = latency
+        self.commands += 1
+        self.clamped += clamped
+        if age > self.worst_age:
+            self.worst_age = age
+
+    def period(self, seconds: float) -> tuple[float, int, dict[str, str]]:
+        """
+        Close a reporting period of `seconds`.
+
+        Returns
+        -------
+        rate : float
+            Commands per second.
+        dropped : int
+            Joint states dropped in this period.
+        values : dict of str
+            Printable figures: rate, latency percentiles, ages, counts.
+        """
+        new = self.commands - self._last_commands
+        dropped = self.dropped.total() - self._last_dropped
+        self._last_commands, self._last_dropped = self.commands, self.dropped.total()
+        values = {'rate': f'{new / seconds:.1f} Hz', 'commands': str(self.commands)}
+        if new:
+            kept = self._latency[(self.commands - 1 - np.arange(min(new, WINDOW))) % WINDOW]
+            for name, micros in zip(('p50', 'p99', 'max'),
+                                    np.percentile(kept, (50, 99, 100)) * 1e6):
+                values[f'callback latency {name}'] = f'{micros:.0f} us'
+            values['largest age of state'] = f'{self.worst_age * 1e3:.2f} ms'
+        self.worst_age = 0.0
+        values['commands clamped'] = str(self.clamped)
+        values['timeouts'] = str(self.timeouts)
+        values['states dropped'] = str(self.dropped.total())
+        for what, counts in (('states dropped', self.dropped), ('rejected', self.rejected)):
+            values.update({f'{what}: {reason}': str(count) for reason, count in counts.items()})
+        return new / seconds, dropped, values
+
+
+def status(name: str, hardware: str, level: bytes, message: str,
+           values: Mapping[str, str]) -> DiagnosticStatus:
+    """Return one entry of a DiagnosticArray."""
+    return DiagnosticStatus(name=name, hardware_id=hardware, level=level, message=message,
+                            values=[KeyValue(key=key, value=value)
+                                    for key, value in values.items()])

@@ -1,0 +1,149 @@
+"""What a simulation request asks for, checked; shared by the service and the action."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+import time
+from typing import Any
+
+from kane_dynamics.control import ComputedTorque
+from kane_dynamics.errors import InputError
+from kane_dynamics.robot import Robot
+from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
+                                          trajectory_message, vector)
+from kane_dynamics.simulation import simulate, Trajectory
+import numpy as np
+
+STEP = 1e-3  # s, where a request leaves it open
+ROWS = 500   # points of the answer, about, where a request leaves the sample period open
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The largest requests that are served; the parameters simulation.* and trajectory.*."""
+
+    max_duration: float
+    max_steps: int
+    max_points: int
+    max_reference: int
+
+
+@dataclass(frozen=True)
+class Served:
+    """What requests are answered with: a Robot of their own, and the node's gains, (n,) each."""
+
+    robot: Robot
+    kp: Array
+    kd: Array
+    bounds: Bounds
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A checked request: the arguments of `simulate`."""
+
+    robot: Robot
+    q0: Array
+    u0: Array
+    duration: float
+    step: float
+    sample: float
+    torque: Array | ComputedTorque | None
+
+    @classmethod
+    def from_request(cls, request: Any, served: Served) -> 'Simulation':
+        """
+        Check a Simulate request or a SimulateMotion goal.
+
+        Raises
+        ------
+        InputError
+            Names the field, its value, and what is valid.
+        """
+        joints, n = served.robot.joint_names, served.robot.n
+        index = order(request.joint_names, joints, 'joint_names')
+        duration, step, sample = _times(request, served.bounds)
+        torque: Array | ComputedTorque | None = None
+        if request.torque_source == request.TABLE:
+            torque = _table(request, index, n, duration, step)
+        elif request.torque_source == request.COMPUTED_TORQUE:
+            motion = motion_from_message(request.reference, joints, served.bounds.max_reference)
+            torque = ComputedTorque(motion, vector(request.kp, index, n, 'kp', served.kp),
+                                    vector(request.kd, index, n, 'kd', served.kd))
+        elif request.torque_source != request.ZERO:
+            raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '
+                             f'{request.ZERO}, TABLE {request.TABLE}, COMPUTED_TORQUE '
+                             f'{request.COMPUTED_TORQUE}')
+        return cls(served.robot, vector(request.position, index, n, 'position'),
+                   vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
+                   torque)
+
+    def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
+        """Simulate and fill in the response; `proceed(t)` returning False ends it early."""
+        began = time.perf_counter()
+        trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
+                              torque=self.torque, sample=self.sample, progress=proceed)
+        wall_time = time.perf_counter() - began
+        fill(response, trajectory)
+        response.wall_time = wall_time
+
+
+def fill(response: Any, trajectory: Trajectory) -> None:
+    """Put a trajectory into the response of a simulation."""
+    response.trajectory = trajectory_message(trajectory)
+    response.kinetic_energy = doubles(trajectory.energy[:, 0])
+    response.potential_energy = doubles(trajectory.energy[:, 1])
+    response.limit_events = [str(event) for event in trajectory.limit_events]
+
+
+def _seconds(request: Any, field: str, default: float | None = None) -> float:
+    """Return a positive, finite time of the request; zero means `default` if there is one."""
+    value = float(getattr(request, field))
+    if value == 0.0 and default is not None:
+        return default
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f'{field} is {value:g} s; valid: positive and finite'
+                         + (', or 0 for a default' if default is not None else ''))
+    return value
+
+
+def _times(request: Any, bounds: Bounds) -> tuple[float, float, float]:
+    """Return duration, step and sample period, s, all within bounds."""
+    duration = _seconds(request, 'duration')
+    if duration > bounds.max_duration:
+        raise InputError(f'duration is {duration:g} s; valid: at most {bounds.max_duration:g} s '
+                         '(parameter simulation.max_duration)')
+    step = _seconds(request, 'step', STEP)
+    if step > duration:
+        raise InputError(f'step is {step:g} s; valid: at most the duration, {duration:g} s')
+    if duration / step > bounds.max_steps * (1.0 + 1e-9):
+        raise InputError(f'duration {duration:g} s in steps of {step:g} s needs '
+                         f'{duration / step:.0f} steps; valid: at most {bounds.max_steps} '
+                         '(parameter simulation.max_steps)')
+    # About ROWS points in whole steps: converting more would hold the interpreter for longer
+    # than the torque path should wait.
+    chosen = step * max(1, math.ceil(duration / step / ROWS - 1e-9))
+    sample = _seconds(request, 'sample_period', chosen)
+    if duration / sample + 1.0 > bounds.max_points * (1.0 + 1e-9):
+        raise InputError(f'duration {duration:g} s sampled every {sample:g} s gives '
+                         f'{duration / sample + 1.0:.0f} points; valid: at most '
+                         f'{bounds.max_points} (parameter simulation.max_points)')
+    return duration, step, sample
+
+
+def _table(request: Any, index: Index | None, n: int, duration: float, step: float) -> Array:
+    """Return the torques of a request as one row for each step."""
+    period = _seconds(request, 'torque_period', step)
+    if len(request.torques) == 0 or len(request.torques) % n:
+        raise InputError(f'torques has {len(request.torques)} entries; valid: a multiple of the '
+                         f'{n} joints, not zero')
+    table = np.array(request.torques, dtype=np.float64).reshape(-1, n)
+    if not np.isfinite(table).all():
+        row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
+        raise InputError(f'row {row} of torques is {table[row].tolist()}; valid: finite numbers')
+    steps = math.ceil(duration / step - 1e-9)
+    row_of_step = np.floor(np.arange(steps) * (step / period) + 1e-9).astype(np.intp)
+    if row_of_step[-1] >= len(table):
+        raise InputError(f'torques has {len(table)} rows of {period:g} s; valid: at least '
+                         f'{row_of_step[-1] + 1} for a duration of {duration:g} s')
+    return table[row_of_step] if index is None else table[row_of_step][:, index]

@@ -1,0 +1,210 @@
+"""
+The services and the action, on a plain node of their own in a thread of their own.
+
+Nothing here touches the torque path: requests are answered with a Robot of their own, and long
+work runs on a worker that calls native code without the interpreter's lock.
+"""
+
+from collections.abc import Callable
+import time
+from typing import Any
+
+from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.robot import Robot
+from kane_dynamics.ros.conversion import doubles, Index, order, vector
+from kane_dynamics.ros.requests import Served, Simulation
+from kane_dynamics.ros.worker import Worker
+from kane_dynamics_interfaces.action import SimulateMotion
+from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
+import numpy as np
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from trajectory_msgs.msg import JointTrajectory
+
+FEEDBACK_PERIOD = 0.05  # s between two progress reports of one simulation
+RESULT_TIMEOUT = 60     # s for which the result of an action is kept for its client
+
+
+class Services(Node):
+    """
+    The node behind the services.
+
+    Parameters
+    ----------
+    front : rclpy.node.Node
+        The node under whose name the services appear.
+    on_trajectory : callable
+        Takes each JointTrajectory message; called in the services' thread, so that neither
+        taking nor fitting a long one stalls the torque path.
+    """
+
+    def __init__(self, front: Node, on_trajectory: Callable[[JointTrajectory], None]) -> None:
+        super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
+                         use_global_arguments=False, start_parameter_services=False,
+                         enable_rosout=False)
+        self.served: Served | None = None
+        self.max_waiting = 1
+        self.log = front.get_logger()
+        self.spinner = SingleThreadedExecutor()
+        self.spinner.add_node(self)
+        self.worker = Worker(self.spinner.wake)
+        for kind, name, call in ((InverseDynamics, 'inverse_dynamics', inverse_dynamics),
+                                 (ForwardDynamics, 'forward_dynamics', forward_dynamics),
+                                 (GetDynamics, 'get_dynamics', get_dynamics)):
+            self.create_service(kind, front.resolve_service_name(f'~/{name}'),
+                                self._answering(call))
+        self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate)
+        self.create_subscription(JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
+                                 on_trajectory, QoSProfile(depth=1))
+        self.action = ActionServer(
+            self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
+            self._simulate_motion, result_timeout=RESULT_TIMEOUT,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT)
+
+    def spin(self) -> None:
+        """Serve until `stop`; whatever goes wrong in one request, the next one is served."""
+        while self.context.ok() and not self.worker.stopping:
+            try:
+                self.spinner.spin_once(timeout_sec=1.0)
+            except Exception as error:
+                if self.context.ok() and not self.worker.stopping:
+                    self.log.error(f'a request failed: {type(error).__name__}: {error}')
+
+    def stop(self) -> None:
+        """End running simulations early and let `spin` return; call from another thread."""
+        self.worker.stop(timeout=0.5)
+        self.spinner.wake()
+
+    def _require(self) -> Served:
+        """Return what requests are answered with, or say that there is nothing yet."""
+        if self.served is None:
+            raise InputError('not configured')
+        return self.served
+
+    def _guard(self, response: Any, error: BaseException) -> Any:
+        """Turn an error into the answer to the request that caused it."""
+        response.success = False
+        if isinstance(error, KaneError):
+            response.message = str(error)
+        else:
+            response.message = f'internal error: {type(error).__name__}: {error}'
+            self.log.error(response.message)
+        return response
+
+    def _answering(self, call: Callable[[Served, Any, Any], None]) -> Callable[[Any, Any], Any]:
+        """Return a service callback around `call`."""
+        def callback(request: Any, response: Any) -> Any:
+            try:
+                call(self._require(), request, response)
+                response.success = True
+            except Exception as error:
+                return self._guard(response, error)
+            return response
+        return callback
+
+    async def _simulate(self, request: Simulate.Request,
+                        response: Simulate.Response) -> Simulate.Response:
+        """Answer the service; other requests are served while this one waits for its turn."""
+        try:
+            simulation = Simulation.from_request(request, self._require())
+            await self.worker.submit(
+                lambda: simulation.run(response, lambda t: not self.worker.stopping),
+                self.max_waiting)
+            response.success = not self.worker.stopping
+        except Exception as error:
+            return self._guard(response, error)
+        return response
+
+    async def _simulate_motion(self, handle: ServerGoalHandle) -> SimulateMotion.Result:
+        """Carry out one goal of the action, with progress reports and cancelling."""
+        result = SimulateMotion.Result()
+        try:
+            simulation = Simulation.from_request(handle.request, self._require())
+            report = Progress(handle, simulation.duration, self.worker)
+            await self.worker.submit(lambda: simulation.run(result, report), self.max_waiting)
+        except Exception as error:
+            handle.abort()
+            return self._guard(result, error)
+        if handle.is_cancel_requested:
+            result.message = f'cancelled at {report.reached:g} s of {simulation.duration:g} s'
+            handle.canceled()
+        elif self.worker.stopping:
+            result.message = 'the node is shutting down'
+            handle.abort()
+        else:
+            result.success = True
+            handle.succeed()
+        return result
+
+
+class Progress:
+    """Reports how far a goal has got, and says whether to go on with it."""
+
+    def __init__(self, handle: ServerGoalHandle, duration: float, worker: Worker) -> None:
+        self.reached = 0.0
+        self._handle, self._duration, self._worker = handle, duration, worker
+        self._due = time.monotonic()
+
+    def __call__(self, t: float) -> bool:
+        """Take the simulated time; return False to end the simulation."""
+        self.reached = t
+        if self._worker.stopping or self._handle.is_cancel_requested:
+            return False
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + FEEDBACK_PERIOD
+            self._handle.publish_feedback(SimulateMotion.Feedback(
+                progress=min(t / self._duration, 1.0), simulated_time=t))
+        return True
+
+
+def _state(robot: Robot, request: Any, *fields: str) -> tuple[Any, ...]:
+    """Return the order of a request and its vectors; velocity may be left out: at rest."""
+    index: Index | None = order(request.joint_names, robot.joint_names, 'joint_names')
+    return index, *(vector(getattr(request, field), index, robot.n, field,
+                           0.0 if field == 'velocity' else None) for field in fields)
+
+
+def _back(values: Any, index: Index | None) -> Any:
+    """Return an (n,) or (n, n) array in the order of the request."""
+    if index is None:
+        return values
+    result = np.empty_like(values)
+    result[index if values.ndim == 1 else np.ix_(index, index)] = values
+    return result
+
+
+def _names(robot: Robot, request: Any) -> list[str]:
+    """Return the joint names in the order of the response: that of the request."""
+    return list(request.joint_names) or list(robot.joint_names)
+
+
+def inverse_dynamics(served: Served, request: Any, response: Any) -> None:
+    """Answer with the torques of a motion."""
+    robot = served.robot
+    index, q, u, udot = _state(robot, request, 'position', 'velocity', 'acceleration')
+    response.joint_names = _names(robot, request)
+    response.effort = doubles(_back(robot.inverse_dynamics(q, u, udot), index))
+
+
+def forward_dynamics(served: Served, request: Any, response: Any) -> None:
+    """Answer with the accelerations that torques cause."""
+    robot = served.robot
+    index, q, u, tau = _state(robot, request, 'position', 'velocity', 'effort')
+    response.joint_names = _names(robot, request)
+    response.acceleration = doubles(_back(robot.forward_dynamics(q, u, tau), index))
+
+
+def get_dynamics(served: Served, request: Any, response: Any) -> None:
+    """Answer with mass matrix, forces and energies."""
+    robot = served.robot
+    index, q, u = _state(robot, request, 'position', 'velocity')
+    response.joint_names = _names(robot, request)
+    response.mass_matrix = doubles(_back(robot.mass_matrix(q), index))
+    response.bias_force = doubles(_back(robot.bias_force(q, u), index))
+    response.gravity_force = doubles(_back(robot.gravity_force(q), index))
+    response.friction_force = doubles(_back(robot.friction_force(u), index))
+    response.kinetic_energy = float(robot.kinetic_energy(q, u))
+    response.potential_energy = float(robot.potential_energy(q))

@@ -1,0 +1,168 @@
+"""
+The torque path: one joint state in, one command out, and zeros whenever that must stop.
+
+It runs in the main thread alone. Its messages are made once; each cycle writes into their arrays.
+"""
+
+from array import array
+from collections.abc import Callable
+import time
+
+from kane_dynamics.control import Controller, Mode
+from kane_dynamics.errors import InputError
+from kane_dynamics.motion import Motion
+from kane_dynamics.ros.conversion import NANO, nanoseconds, StateReader
+from kane_dynamics.ros.diagnostics import Statistics
+import numpy as np
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+OLD, FUTURE, DISORDER, BEYOND = (
+    'older than state_timeout', 'stamp from the future', 'stamp before the last one',
+    'no finite torque')
+
+
+class TorquePath:
+    """
+    Answers joint states with torques while it is running.
+
+    Parameters
+    ----------
+    controller : Controller
+    commands, torques : Publisher
+        Of Float64MultiArray and of JointState.
+    now : callable
+        Returns the node's clock, ns.
+    timeout : float
+        Age from which on a state is stale, s.
+    statistics : Statistics
+    warn : callable
+        Takes the reason and the details of every state that was dropped.
+    """
+
+    def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
+                 now: Callable[[], int], timeout: float, statistics: Statistics,
+                 warn: Callable[[str, str], None]) -> None:
+        joints = controller.robot.joint_names
+        self.controller, self.statistics = controller, statistics
+        self.running = False
+        self.commanding = False  # whether torques other than our own zeros may be acting
+        self.timed_out = False
+        self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
+        self._reader = StateReader(joints)
+        self._command_message = Float64MultiArray(data=array('d', bytes(8 * len(joints))))
+        self._torque_message = JointState(name=list(joints),
+                                          effort=array('d', bytes(8 * len(joints))))
+        self._command_data = np.frombuffer(self._command_message.data)
+        self._torque_data = np.frombuffer(self._torque_message.effort)
+        self._motion: tuple[Motion, int] | None = None
+        self._heard = self._last_now = self._last_stamp = 0
+        self.set_timeout(timeout)
+
+    def set_timeout(self, timeout: float) -> None:
+        """Change the age, s, from which on a state is stale."""
+        self._timeout = round(timeout * NANO)
+
+    def set_motion(self, motion: Motion, start: int) -> None:
+        """Follow `motion` from `start` on, ns of the node's clock; safe from any thread."""
+        self._motion = (motion, start)  # one assignment: a cycle sees the old or the new pair
+
+    def start(self) -> None:
+        """Answer states from now on; nothing is commanded before the first."""
+        self._motion = None
+        self.timed_out = False
+        self._last_now = self._heard = self._now()
+        self._last_stamp = 0
+        self.controller.stop()
+        self.running = True
+
+    def stop(self) -> None:
+        """Command zeros and answer no more states."""
+        self.running = False
+        self._motion = None
+        self.zero()
+
+    def zero(self) -> None:
+        """Command zeros now, past every limit."""
+        self.commanding = False
+        stamp = self._torque_message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(max(self._now(), 0), NANO)
+        self._publish(self.controller.stop().tau)
+
+    def watch(self) -> None:
+        """Command zeros, once, if no good state has come for too long."""
+        now = self._clock()
+        if self.running and now - self._heard > self._timeout and not self.timed_out:
+            self.timed_out = True
+            if self.commanding:
+                self.zero()
+                self.statistics.timeouts += 1
+                self._warn('no joint state', f'none for {(now - self._heard) / NANO:.3f} s: '
+                           'zeros are commanded until one comes')
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the last good state, or since the start."""
+        return (self._now() - self._heard) / NANO
+
+    def on_state(self, message: JointState) -> None:
+        """Answer one joint state with torques for the moment of its stamp."""
+        if not self.running:
+            return
+        began = time.perf_counter()
+        now = self._clock()
+        stamp = nanoseconds(message.header.stamp) or now
+        controller, reader = self.controller, self._reader
+        fault = (reader.read(message, controller.mode is not Mode.GRAVITY_COMPENSATION)
+                 or self._time_fault(stamp, now))
+        if fault is not None:
+            self._drop(fault, reader.detail)
+            return
+        motion, start = self._motion or (None, 0)
+        try:
+            command = controller.command(stamp / NANO, reader.q, reader.u, motion,
+                                         (stamp - start) / NANO)
+        except InputError as error:  # the state is finite, but its torques are not
+            self._drop(BEYOND, str(error))
+            return
+        self._heard, self._last_stamp = now, stamp
+        self.timed_out, self.commanding = False, True
+        self._torque_message.header.stamp = message.header.stamp
+        self._publish(command.tau)
+        self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
+                                command.limited)
+
+    def _publish(self, tau: 'np.ndarray[tuple[int, ...], np.dtype[np.float64]]') -> None:
+        self._command_data[:] = tau
+        self._commands.publish(self._command_message)
+        self._torque_data[:] = tau
+        self._torques.publish(self._torque_message)
+
+    def _clock(self) -> int:
+        """Return the node's time, ns; a jump backwards forgets the motion and all stamps."""
+        now = self._now()
+        if now < self._last_now:
+            self._motion = None
+            self._heard, self._last_stamp = now, 0
+            self.controller.stop()
+            self._warn('clock', 'it jumped backwards: the desired motion is forgotten')
+        self._last_now = now
+        return now
+
+    def _time_fault(self, stamp: int, now: int) -> str | None:
+        """Return why a state of this stamp must not be used, if so."""
+        if now - stamp > self._timeout:
+            self._reader.detail = f'{(now - stamp) / NANO:.3f} s old'
+            return OLD
+        if stamp - now > self._timeout:
+            self._reader.detail = f'{(stamp - now) / NANO:.3f} s ahead of the clock'
+            return FUTURE
+        if stamp < self._last_stamp:
+            self._reader.detail = f'{(self._last_stamp - stamp) / NANO:.6f} s before'
+            return DISORDER
+        return None
+
+    def _drop(self, reason: str, detail: str) -> None:
+        self.statistics.dropped[reason] += 1
+        self._warn(reason, detail)
