@@ -43,7 +43,7 @@ class Moving:
 
     single: Single
     place: Place
-    riders: list[tuple[str, Inertial]] = field(default_factory=list)
+    riders: list[Inertial] = field(default_factory=list)
 
 
 def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravity: ArrayLike,
@@ -63,19 +63,19 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
     check_inertials(kept, notices, strict)
     for link in kept:
         assert link.inertial is not None
-        _load(link.name, link.inertial, places[link.name], moving, base)
+        _load(link.inertial, places[link.name], moving, base)
     if supplement.payload is not None:
         name, inertial = supplement.payload
         if name not in places or name not in tree.links:
             raise UrdfError(f"supplement: payload: link is '{name}', and no such link is part "
                             f'of the model; valid: {listing(x.name for x in links)}')
-        _load('payload', inertial, places[name], moving, base)
+        _load(inertial, places[name], moving, base)
     _note_masses(tree, selection, moving, notices)
     names = [m.single.name for m in moving if m.single.name in selection.free]
     names = list(selection.order) if selection.order is not None else names
     index = {name: k for k, name in enumerate(names)}
     bodies = [Body(m.single.child, m.place.body, _joint(m, selection, index, supplement, notices),
-                   _sum([inertial for _, inertial in m.riders])) for m in moving]
+                   _sum(m.riders)) for m in moving]
     frames = [Frame(x.name, places[x.name].body, places[x.name].rotation,
                     places[x.name].translation) for x in links]
     return Model(tree.name, tuple(bodies), tuple(names), tuple(frames),
@@ -124,7 +124,7 @@ def _motion(single: Single, position: float) -> tuple[Array, Array]:
     return snapped(R), np.zeros(3)
 
 
-def _load(name: str, inertial: Inertial, place: Place, moving: list[Moving],
+def _load(inertial: Inertial, place: Place, moving: list[Moving],
           base: list[Inertial]) -> None:
     """Put the matter of a link on the body on which the link sits."""
     if place.rotation is not EYE or place.translation.any():
@@ -132,7 +132,7 @@ def _load(name: str, inertial: Inertial, place: Place, moving: list[Moving],
     if place.body == WORLD:
         base.append(inertial)
     else:
-        moving[place.body].riders.append((name, inertial))
+        moving[place.body].riders.append(inertial)
 
 
 def _sum(parts: list[Inertial]) -> Inertial:
@@ -175,10 +175,6 @@ def _limits(name: str, stated: StatedLimits | None, continuous: bool,
     zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
     if zero:
         notices.zero_limit.append(f'{name} ({", ".join(zero)})')
-    for key in ('velocity', 'effort'):
-        if (getattr(stated, key) or 0.0) < 0.0:
-            raise ModelError(f"joint '{name}': <limit> {key} is {getattr(stated, key)}; it must "
-                             'not be negative')
     bounds = (-math.inf, math.inf)
     if continuous:
         if lower is not None or upper is not None:
@@ -200,7 +196,7 @@ def _note_masses(tree: UrdfTree, selection: Selection, moving: list[Moving],
             continue  # it stands between the freedoms of one joint: without mass by design
         if link.inertial is None:
             notices.no_inertial.append(link.name)
-        elif not any(inertial.mass > 0.0 for _, inertial in body.riders):
+        elif not any(inertial.mass > 0.0 for inertial in body.riders):
             notices.massless.append(link.name)
 
 

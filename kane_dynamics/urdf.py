@@ -147,12 +147,14 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:
         return UrdfJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
     friction = {name: float(getattr(joint.dynamics, name, None) or 0.0)
                 for name in ('damping', 'friction')}
-    for name, value in friction.items():
-        if value < 0.0:
-            raise ModelError(f'{what}: <dynamics> {name} is {value}; it must not be negative')
     limit, mimic = joint.limit, joint.mimic
     limits = StatedLimits(limit.lower, limit.upper, limit.velocity, limit.effort) if (
         limit is not None) else None
+    bounds = {name: getattr(limits, name, None) for name in ('velocity', 'effort')}
+    for tag, values in (('dynamics', friction), ('limit', bounds)):
+        for name, value in values.items():
+            if value is not None and value < 0.0:
+                raise ModelError(f'{what}: <{tag}> {name} is {value}; it must not be negative')
     return UrdfJoint(
         joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
         friction['damping'], friction['friction'],

@@ -54,7 +54,7 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
                          'or bytes')
     try:
         return _decode(Path(source).read_bytes())
-    except (OSError, ValueError) as error:
+    except (OSError, TypeError, ValueError) as error:
         if isinstance(error, UrdfError):
             raise
         reason = error.strerror if isinstance(error, OSError) else error
@@ -107,9 +107,15 @@ def parse(text: str) -> Element:
 
 
 def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
-    """Return XML that holds of `root` only the children that `tags` names under each tag."""
+    """
+    Return XML that holds of `root` only the children that `tags` names under each tag.
+
+    Prefixes and namespaces go: a default namespace would hide every element from yourdfpy.
+    """
     def copy(element: Element) -> ElementTree.Element:
-        made = ElementTree.Element(element.tag, element.attributes)
+        made = ElementTree.Element(element.tag, {
+            name: value for name, value in element.attributes.items()
+            if ':' not in name and name != 'xmlns'})
         made.extend(copy(child) for child in element.children
                     if child.tag in tags.get(element.tag, ()))
         return made

@@ -102,6 +102,12 @@ def test_undeclared_prefixes_and_odd_visuals_do_not_matter():
     assert [frame.name for frame in model.frames] == ['a']
 
 
+def test_namespaces_do_not_hide_the_robot():
+    model = load(TEXT.replace('<robot', '<robot xmlns="http://www.ros.org" x:y="z" '
+                              'xmlns:xacro="http://wiki.ros.org/xacro"'))
+    assert model.joint_names == (NAME,)
+
+
 def test_meshes_are_never_opened():
     mesh = '<geometry><mesh filename="package://nowhere/x.dae" scale="a b c"/></geometry>'
     load(robot(f'<link name="a"><visual>{mesh}</visual><collision>{mesh}</collision></link>'))
