@@ -123,7 +123,7 @@ def test_every_inertia_is_physically_possible(name):
     ('fr3', ('fr3_hand', 'fr3_leftfinger', 'fr3_rightfinger'), 18.0, 0.01),
 ])
 def test_masses_add_up_to_the_data_sheet(name, hand, total, tolerance):
-    model = load(name, drop=hand)
+    model = load(name, tip=ARMS[name][0], drop=hand)
     mass = model.base_inertial.mass + sum(body.inertial.mass for body in model.bodies)
     assert mass == pytest.approx(total, rel=tolerance)
 
