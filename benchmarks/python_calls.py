@@ -14,7 +14,7 @@ from kane_dynamics.resources import resource_path
 import numpy as np
 import pinocchio as pin
 
-ARMS = ('ur10e.urdf', 'fer.urdf')
+ARMS = ('ur10e.urdf', 'fr3.urdf')
 GATE_INVERSE_DYNAMICS = 4.0
 GATE_COMPILE, GATE_LOAD = 1.0, 0.05  # s
 

@@ -7,8 +7,8 @@ from kane_dynamics.motion import Motion
 from kane_dynamics.resources import resource_path
 import numpy as np
 
-URDF = resource_path('urdf', 'fer.urdf')
-JOINTS = tuple(f'fer_joint{k}' for k in range(1, 8))
+URDF = resource_path('urdf', 'fr3.urdf')
+JOINTS = tuple(f'fr3_joint{k}' for k in range(1, 8))
 RATE = 500.0  # joint states a second
 NODE, PLANT = '/kane_dynamics', '/plant'
 DURATION = 8.0  # of the motion, s
