@@ -86,7 +86,8 @@ def run(stop: Future) -> int:
     finally:
         node.halt()
         node.server.stop()
-        thread.join(timeout=0.5)
+        thread.join(timeout=1.0)
+        executor.shutdown()
     return 0
 
 

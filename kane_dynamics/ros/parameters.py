@@ -29,8 +29,8 @@ class Spec:
     What one parameter is.
 
     `live` parameters may change while the node is active; the others describe the robot, so they
-    may change only while the node is unconfigured. `low` and `high` bound numbers (`low` itself
-    is excluded where `positive` holds).
+    may change only while the node is unconfigured. `low` and `high` bound numbers (zero is
+    excluded where `positive` holds, infinity unless `infinite` does).
     """
 
     name: str
@@ -41,6 +41,7 @@ class Spec:
     low: float = -math.inf
     high: float = math.inf
     positive: bool = False
+    infinite: bool = False
     choices: tuple[str, ...] = ()
     read_only: bool = False
 
@@ -52,6 +53,7 @@ class Spec:
         number = 'positive' if self.positive else f'at least {self.low:g}'
         if self.high < math.inf:
             number += f', at most {self.high:g}'
+        number += ' or infinite' if self.infinite else ''
         return {'text': 'text', 'flag': 'true or false', 'names': 'a list of names, each once',
                 'vector': 'three finite numbers', 'number': f'a number, {number}',
                 'count': f'a whole number, {number}',
@@ -85,9 +87,9 @@ SPECS = (
     live('gains.kp', 'per_joint', 100.0, 'computed torque: position gain, 1/s^2', low=0.0),
     live('gains.kd', 'per_joint', 20.0, 'computed torque: velocity gain, 1/s', low=0.0),
     live('limits.effort', 'per_joint', [], 'largest effort, N m or N; the smaller of this and '
-         'of the URDF holds; empty: the URDF alone', positive=True, low=0.0),
+         'of the URDF holds; empty: the URDF alone', positive=True, infinite=True, low=0.0),
     live('limits.rate', 'per_joint', [], 'largest change of effort, N m/s or N/s; empty: none',
-         positive=True, low=0.0),
+         positive=True, infinite=True, low=0.0),
     live('state_timeout', 'number', 0.1, 'age of the joint states, in s, from which on zeros '
          'are commanded', positive=True, low=0.0, high=3600.0),
     live('diagnostics_rate', 'number', 1.0, 'reports on /diagnostics, 1/s', positive=True,
@@ -108,7 +110,8 @@ BY_NAME = {spec.name: spec for spec in SPECS}
 
 def _number(spec: Spec, value: Any) -> float:
     """Return a finite number within the bounds of `spec`."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value) or (
+            math.isinf(value) and not spec.infinite):
         raise ValueError
     if value < spec.low or value > spec.high or (spec.positive and value == 0.0):
         raise ValueError

@@ -68,7 +68,7 @@ class Services(Node):
         """Serve until `stop`; whatever goes wrong in one request, the next one is served."""
         while self.context.ok() and not self.worker.stopping:
             try:
-                self.spinner.spin_once(timeout_sec=1.0)
+                self.spinner.spin_once(timeout_sec=5.0)
             except Exception as error:
                 if self.context.ok() and not self.worker.stopping:
                     self.log.error(f'a request failed: {type(error).__name__}: {error}')
@@ -76,7 +76,7 @@ class Services(Node):
     def stop(self) -> None:
         """End running simulations early and let `spin` return; call from another thread."""
         self.worker.stop(timeout=0.5)
-        self.spinner.wake()
+        self.spinner.create_task(lambda: None)  # waking alone would not end a spin_once
 
     def _require(self) -> Served:
         """Return what requests are answered with, or say that there is nothing yet."""

@@ -1,0 +1,46 @@
+"""What the tests of the node share: a ROS domain of their own, a node, a client."""
+
+import os
+import random
+import sys
+
+import pytest
+
+try:
+    import rclpy
+except ImportError:
+    rclpy = None
+
+if rclpy is not None:
+    # Before anything joins a domain: this run talks to itself alone.
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_DOMAIN_ID'] = str(random.SystemRandom().randint(1, 100))
+    os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+
+
+@pytest.fixture
+def client():
+    """Return a client of the node, in this process."""
+    graph = pytest.importorskip('graph')
+    client = graph.start_client()
+    yield client
+    client.close()
+
+
+@pytest.fixture
+def start():
+    """Return a function that starts nodes; they are ended with the test."""
+    graph = pytest.importorskip('graph')
+    running = []
+
+    def start(*arguments, **parameters):
+        if not {'urdf', 'robot_description'} & set(parameters):
+            parameters = {'robot_description': f"'{graph.URDF}'", **parameters}
+        process = graph.Process(*arguments, **parameters)
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        if process.alive():
+            process.end()

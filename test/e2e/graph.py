@@ -1,0 +1,230 @@
+"""A dynamics node in its own process and a client of it, over real DDS."""
+
+from collections import OrderedDict
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from kane_dynamics.urdf import load_urdf
+from lifecycle_msgs.srv import ChangeState, GetState
+import numpy as np
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParametersAtomically
+import rclpy
+from rclpy.executors import ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+NAME = '/kane_dynamics'
+JOINTS = ('turn', 'lift', 'reach')
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _link(name, mass, x):
+    return (f'<link name="{name}"><inertial><origin xyz="{x} 0.01 -0.02"/><mass value="{mass}"/>'
+            '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.001" ixz="0.002" iyz="0.003"/>'
+            '</inertial></link>')
+
+
+def _joint(name, kind, parent, child, axis, effort):
+    return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="0.1 0 0.3" rpy="0.2 0 0.1"/><axis xyz="{axis}"/>'
+            '<dynamics damping="0.5" friction="0.2"/>'
+            f'<limit lower="-3" upper="3" velocity="5" effort="{effort}"/></joint>')
+
+
+URDF = ('<robot name="arm"><link name="base"/>'
+        + _joint('turn', 'revolute', 'base', 'a', '0 0 1', 80) + _link('a', 3.0, 0.1)
+        + _joint('lift', 'revolute', 'a', 'b', '0 1 0', 60) + _link('b', 2.0, 0.2)
+        + _joint('reach', 'prismatic', 'b', 'c', '1 0 0', 90) + _link('c', 1.0, 0.0) + '</robot>')
+
+
+def model():
+    return load_urdf(URDF)
+
+
+class Process:
+    """The node in a process of its own."""
+
+    def __init__(self, *arguments, **parameters):
+        command = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args']
+        for name, value in parameters.items():
+            command += ['-p', f'{name.replace("__", ".")}:={value}']
+        self.log = ''
+        environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, [
+            str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH', '')])),
+            RCUTILS_LOGGING_BUFFERED_STREAM='0')
+        self._process = subprocess.Popen([*command, *arguments], stderr=subprocess.STDOUT,
+                                         stdout=subprocess.PIPE, text=True, env=environment)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            self.log += line
+
+    @property
+    def pid(self):
+        return self._process.pid
+
+    def alive(self):
+        return self._process.poll() is None
+
+    def wait_for(self, words, timeout=20.0):
+        """Wait until the log holds some words."""
+        wait_until(lambda: words in self.log or not self.alive(), timeout)
+        assert words in self.log, self.log
+
+    def end(self, number=signal.SIGINT, timeout=5.0):
+        """Send a signal; return exit code and seconds until the end."""
+        began = time.monotonic()
+        if self.alive():
+            self._process.send_signal(number)
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            raise
+        finally:
+            self._reader.join(1.0)
+            self._process.stdout.close()
+        return code, time.monotonic() - began
+
+
+def wait_until(condition, timeout=10.0):
+    """Wait until a condition holds; return whether it does."""
+    end = time.monotonic() + timeout
+    while not (holds := condition()) and time.monotonic() < end:
+        time.sleep(0.005)
+    return holds
+
+
+class Client(Node):
+    """Publishes joint states, keeps what comes back, and calls services."""
+
+    def __init__(self, joints=JOINTS):
+        super().__init__('client')
+        self.joints = joints
+        self.torques = OrderedDict()  # by stamp, ns
+        self.commands = []
+        self.diagnostics = []
+        self.states = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
+        self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
+        self.description = self.create_publisher(String, 'robot_description', LATCHED)
+        self.create_subscription(JointState, f'{NAME}/joint_torques', self._on_torques, DEEP)
+        self.create_subscription(Float64MultiArray, 'commands',
+                                 lambda m: self.commands.append(list(m.data)), DEEP)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP)
+        self.spinner = SingleThreadedExecutor()
+        self.spinner.add_node(self)
+        self._ended = False
+        self._service_clients = {}
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self):
+        while not self._ended:
+            try:
+                self.spinner.spin_once(timeout_sec=0.5)
+            except ShutdownException:
+                return
+
+    def close(self):
+        self._ended = True
+        self.spinner.wake()
+        self._thread.join(2.0)
+        self.spinner.shutdown()
+        self.destroy_node()
+
+    def _on_torques(self, message):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        assert tuple(message.name) == self.joints
+        self.torques[stamp] = np.array(message.effort)
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.diagnostics.append((status.level, status.message,
+                                     {pair.key: pair.value for pair in status.values}))
+
+    def send(self, q, u=None, names=None, stamp=None):
+        """Publish a joint state; return its stamp."""
+        stamp = time.time_ns() if stamp is None else stamp
+        message = JointState(name=list(self.joints if names is None else names))
+        message.position = [float(x) for x in q]
+        message.velocity = [] if u is None else [float(x) for x in u]
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        self.states.publish(message)
+        return stamp
+
+    def ask(self, q, u=None, names=None, stamp=None, timeout=2.0):
+        """Publish a joint state; return the torques that answer it, or None."""
+        stamp = self.send(q, u, names, stamp)
+        wait_until(lambda: stamp in self.torques, timeout)
+        return self.torques.get(stamp)
+
+    def rest(self, stamp=None):
+        return self.ask(np.zeros(len(self.joints)), np.zeros(len(self.joints)), stamp=stamp,
+                        timeout=0.3)
+
+    def connect(self, timeout=20.0):
+        """Wait until the node answers joint states."""
+        assert wait_until(lambda: self.rest() is not None, timeout), 'the node does not answer'
+
+    def call(self, kind, name, timeout=20.0, **fields):
+        """Call a service; return its response."""
+        name = name if name.startswith('/') else f'{NAME}/{name}'
+        if name not in self._service_clients:
+            self._service_clients[name] = self.create_client(kind, name)
+        client = self._service_clients[name]
+        assert client.wait_for_service(timeout), name
+        future = client.call_async(kind.Request(**fields))
+        assert wait_until(future.done, timeout), f'{name} does not answer'
+        return future.result()
+
+    def transition(self, number):
+        request = ChangeState.Request()
+        request.transition.id = number
+        return self.call(ChangeState, 'change_state', transition=request.transition).success
+
+    def state(self):
+        return self.call(GetState, 'get_state').current_state.label
+
+    def set(self, **parameters):
+        """Set parameters together; return the node's answer."""
+        messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+                    for name, value in parameters.items()]
+        assert all(isinstance(message, ParameterMessage) for message in messages)
+        return self.call(SetParametersAtomically, 'set_parameters_atomically',
+                         parameters=messages).result
+
+    def follow(self, points, names=None, start=None, velocities=None):
+        """Send a desired motion; points is a list of (time, positions)."""
+        message = JointTrajectory(joint_names=list(self.joints if names is None else names))
+        if start is not None:
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
+        for k, (t, positions) in enumerate(points):
+            point = JointTrajectoryPoint(positions=[float(x) for x in positions])
+            if velocities is not None:
+                point.velocities = [float(x) for x in velocities[k]]
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
+                                                                              10**9)
+            message.points.append(point)
+        self.motions.publish(message)
+
+
+def start_client(joints=JOINTS):
+    if not rclpy.ok():
+        rclpy.init()
+    return Client(joints)

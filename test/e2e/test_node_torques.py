@@ -1,0 +1,217 @@
+"""The torque path over DDS: right torques, and none from anything that is not right."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('kane_dynamics_interfaces')
+
+from graph import JOINTS, model, URDF, wait_until  # noqa: E402
+from kane_dynamics import Controller, Motion, Robot, Terms  # noqa: E402
+from lifecycle_msgs.msg import Transition  # noqa: E402
+
+GENERATOR = np.random.default_rng(7)
+
+
+@pytest.fixture(scope='module')
+def robot():
+    return Robot(model())
+
+
+@pytest.fixture(scope='module')
+def module_node():
+    from graph import Process
+    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0)
+    yield process
+    code, seconds = process.end()
+    assert code == 0
+    assert seconds < 2.0
+
+
+@pytest.fixture
+def node(module_node, client):
+    """Return a client of a node that is as it was at its start."""
+    assert client.set(mode='inverse_dynamics', state_timeout=1.0, limits__effort=math.inf,
+                      compensate__gravity=True, compensate__friction=True,
+                      gravity=[0.0, 0.0, -9.81]).successful
+    client.connect()
+    client.transition(Transition.TRANSITION_DEACTIVATE)
+    client.transition(Transition.TRANSITION_ACTIVATE)
+    client.connect()
+    client.process = module_node
+    return client
+
+
+def close(value, expected):
+    return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
+
+
+def states(count):
+    return [(GENERATOR.uniform(-1, 1, 3), GENERATOR.uniform(-1, 1, 3)) for _ in range(count)]
+
+
+def test_without_a_motion_the_torques_hold_gravity_at_the_measured_pose(node, robot):
+    for q, u in states(20):
+        assert close(node.ask(q, u), robot.gravity_force(q))
+
+
+def test_commands_hold_the_same_numbers_as_joint_torques(node, robot):
+    q = np.array([0.3, -0.4, 0.2])
+    tau = node.ask(q, np.zeros(3))
+    assert wait_until(lambda: node.commands and node.commands[-1] == tau.tolist())
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
+def test_along_a_motion_the_torques_equal_the_librarys(node, robot, mode):
+    assert node.set(mode=mode, compensate__friction=False, limits__effort=1000.0).successful
+    points = [(0.0, [0, 0, 0]), (0.6, [0.5, -0.4, 0.3]), (1.5, [0.1, 0.2, -0.2])]
+    start = time.time_ns() + 50_000_000
+    node.follow(points, start=start)
+    motion = Motion.from_points(*zip(*points), joint_names=JOINTS)
+    controller = Controller(robot, mode=mode, compensate=Terms(friction=False),
+                            effort_limit=1000.0)
+    time.sleep(0.1)
+    assert 'rejected' not in node.process.log.splitlines()[-1]
+    for q, u in states(30):
+        stamp = time.time_ns()
+        expected = controller.command(stamp / 1e9, q, u, motion, (stamp - start) / 1e9).tau
+        assert close(node.ask(q, u, stamp=stamp), expected)
+        time.sleep(0.02)
+
+
+def test_a_switched_off_term_is_absent_at_once(node, robot):
+    assert node.set(compensate__gravity=False).successful
+    assert not node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
+
+
+def test_gravity_changes_at_run_time(node, robot):
+    tilted = Robot(model())
+    tilted.parameters.gravity = [3.0, 0.0, -9.0]
+    assert node.set(gravity=[3.0, 0.0, -9.0]).successful
+    q = np.array([0.3, -0.4, 0.2])
+    assert close(node.ask(q, np.zeros(3)), tilted.gravity_force(q))
+
+
+def test_joints_are_mapped_by_name_and_others_ignored(node, robot):
+    q = np.array([0.3, -0.4, 0.2])
+    tau = node.ask([9.0, q[2], q[0], 8.0, q[1]], np.zeros(5),
+                   ['gripper', 'reach', 'turn', 'wheel', 'lift'])
+    assert close(tau, robot.gravity_force(q))
+
+
+@pytest.mark.parametrize(('reason', 'arguments'), [
+    ('joint missing', {'q': [0, 0], 'u': [0, 0], 'names': ['turn', 'lift']}),
+    ('joint named twice', {'q': [0] * 4, 'u': [0] * 4, 'names': [*JOINTS, 'turn']}),
+    ('not finite', {'q': [0, math.nan, 0], 'u': [0, 0, 0]}),
+    ('not finite', {'q': [0, 0, 0], 'u': [0, -math.inf, 0]}),
+    ('no velocity', {'q': [0, 0, 0]}),
+    ('arrays of unequal length', {'q': [0, 0], 'u': [0, 0, 0]}),
+    ('arrays of unequal length', {'q': [0, 0, 0], 'u': [0]}),
+    ('arrays of unequal length', {'q': [0, 0, 0, 0], 'u': [0, 0, 0]}),
+    ('no velocity', {'q': [], 'u': [], 'names': []}),
+    ('older than state_timeout', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': -3.0}),
+    ('stamp from the future', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': 3.0}),
+])
+def test_a_bad_state_gets_no_torque_and_is_counted(node, reason, arguments):
+    arguments = dict(arguments)
+    stamp = time.time_ns() + int(arguments.pop('shift', 0.0) * 1e9)
+    reason = 'joint missing' if arguments.get('names') == [] else reason
+    node.diagnostics.clear()
+    assert node.ask(stamp=stamp, timeout=0.1, **arguments) is None
+    assert node.rest() is not None, 'the next good state must be answered'
+    assert wait_until(lambda: any(f'states dropped: {reason}' in values
+                                  for _, _, values in node.diagnostics), 3.0)
+
+
+def test_torques_beyond_the_finite_numbers_are_not_commanded(node):
+    assert node.set(mode='computed_torque').successful
+    assert node.ask([0, 0, 0], [1e200, 1e200, 1e200], timeout=0.1) is None
+    assert node.rest() is not None
+
+
+def test_gravity_compensation_needs_no_velocity(node, robot):
+    assert node.set(mode='gravity_compensation').successful
+    q = np.array([0.3, -0.4, 0.2])
+    assert close(node.ask(q), robot.gravity_force(q))
+
+
+def test_torques_are_clamped_to_the_limit(node, robot):
+    q = np.array([0.3, -0.4, 0.2])
+    free = robot.gravity_force(q)
+    limit = 0.5 * np.abs(free).max()
+    assert node.set(limits__effort=limit).successful
+    node.diagnostics.clear()
+    assert close(node.ask(q, np.zeros(3)), np.clip(free, -limit, limit))
+    assert wait_until(lambda: any(int(values.get('commands clamped', 0)) > 0
+                                  for _, _, values in node.diagnostics), 3.0)
+
+
+def test_silence_brings_zeros_once_and_shows_in_diagnostics(node):
+    assert node.set(state_timeout=0.1).successful
+    node.diagnostics.clear()
+    assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
+    before = len(node.commands)
+    assert wait_until(lambda: len(node.commands) > before, 0.5)
+    assert node.commands[-1] == [0.0, 0.0, 0.0]
+    count = len(node.commands)
+    assert wait_until(lambda: any('no joint state' in message and level == b'\x02'
+                                  for level, message, _ in node.diagnostics), 3.0)
+    assert len(node.commands) == count, 'zeros must come once'
+    assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any(), 'it must go on with the next state'
+
+
+def test_deactivation_commands_zeros_and_ends_the_answers(node):
+    assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
+    assert node.transition(Transition.TRANSITION_DEACTIVATE)
+    assert wait_until(lambda: node.commands[-1] == [0.0, 0.0, 0.0])
+    assert node.rest() is None
+    assert node.transition(Transition.TRANSITION_ACTIVATE)
+    assert wait_until(lambda: node.rest() is not None)
+
+
+@pytest.mark.parametrize(('words', 'arguments'), [
+    ('lacks lift', {'points': [(1.0, [0, 0])], 'names': ['turn', 'reach']}),
+    ('point 1 is at 1 s, not after point 0', {'points': [(1.0, [0] * 3), (1.0, [1] * 3)]}),
+    ('point 0 has positions', {'points': [(1.0, [0, math.nan, 0])]}),
+    ('point 1 has 2 positions', {'points': [(1.0, [0] * 3), (2.0, [0] * 2)]}),
+    ('has 0 points', {'points': []}),
+    ('no positions', {'points': [(1.0, [])]}),
+    ('it ended', {'points': [(1.0, [0] * 3)], 'start': 10**9}),
+])
+def test_a_bad_trajectory_is_rejected_with_the_reason(node, robot, words, arguments):
+    count = node.process.log.count(words)
+    node.follow(**arguments)
+    assert wait_until(lambda: node.process.log.count(words) > count), node.process.log[-2000:]
+    q = np.array([0.3, -0.4, 0.2])
+    assert close(node.ask(q, np.zeros(3)), robot.gravity_force(q)), 'it must not be followed'
+
+
+@pytest.mark.parametrize(('words', 'values'), [
+    ("'mode' is 'fly'", {'mode': 'fly'}),
+    ("'state_timeout' is -1", {'state_timeout': -1.0}),
+    ("'state_timeout' is nan", {'state_timeout': math.nan}),
+    ('has 2 entries for 3 joints', {'gains__kp': [1.0, 2.0]}),
+    ("'gains.kd' is", {'gains__kd': [1.0, -2.0, 3.0]}),
+    ('clean up first', {'urdf': '/some/other.urdf'}),
+    ('clean up first', {'joints': ['lift']}),
+    ("'gravity' is", {'gravity': [0.0, 1.0]}),
+    ('', {'autostart': False}),
+])
+def test_a_bad_parameter_is_refused_with_the_reason_and_changes_nothing(node, robot, words,
+                                                                        values):
+    answer = node.set(compensate__gravity=False, **values)
+    assert not answer.successful
+    assert words in answer.reason
+    q = np.array([0.3, -0.4, 0.2])
+    assert close(node.ask(q, np.zeros(3)), robot.gravity_force(q))
+
+
+def test_a_second_client_sees_every_parameter_described(node):
+    from kane_dynamics.ros.parameters import SPECS
+    from rcl_interfaces.srv import DescribeParameters
+    answer = node.call(DescribeParameters, 'describe_parameters',
+                       names=[spec.name for spec in SPECS])
+    assert all(each.description and each.additional_constraints for each in answer.descriptors)
