@@ -7,7 +7,7 @@ COLCON_VENV := .venv-colcon
 COLCON_BASE := build/colcon
 BIN := $(VENV)/bin
 INTERFACES := kane_dynamics_interfaces
-EXTRAS := ros,demo,test,lint
+EXTRAS := ros demo test lint
 
 # The environments stand alone: nothing of a sourced ROS, or of another environment with ROS
 # wheels (whose start-up hook hides its library path behind a variable that children inherit), may
@@ -51,10 +51,10 @@ $(VENV)/.uv:
 
 # The dependencies alone, so that a changed source later installs only the project.
 $(VENV)/.dependencies: $(VENV)/.uv setup.py
-	$(BIN)/uv pip install --python $(BIN)/python --quiet '.[$(EXTRAS)]'
+	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py $(EXTRAS:%=--extra %)
 	@touch $@
 
-$(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACE_SOURCES)
+$(VENV)/.interfaces: $(INTERFACE_SOURCES) | $(VENV)/.dependencies
 	@echo 'building $(INTERFACES) (about a minute)'
 	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall ./$(INTERFACES)
 	@touch $@
@@ -65,7 +65,7 @@ $(VENV)/.files: $(VENV)/.uv FORCE
 
 # Not editable: that would leave out the ament marker and share/. The old build/lib may hold modules
 # that have been deleted since.
-$(VENV)/.project: $(VENV)/.interfaces $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
+$(VENV)/.project: $(VENV)/.dependencies $(VENV)/.interfaces $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
 	@rm -rf build/lib build/bdist.*
 	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall .
 	@touch $@
