@@ -8,6 +8,7 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
+from kane_dynamics.parameters import JointLimits
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -93,6 +94,34 @@ class Trajectory:
         """Draw positions, speeds, torques and energy; needs matplotlib. See `plot`."""
         from kane_dynamics.plot import plot_trajectory
         return plot_trajectory(self, path)
+
+
+class LimitWatch:
+    """Finds the steps at which a joint passes a limit that it kept before."""
+
+    def __init__(self, joint_names: Sequence[str], limits: JointLimits, state: Array) -> None:
+        """Begin at a state (2 n,): what is beyond a limit there is an event at time 0."""
+        self.events: list[LimitEvent] = []
+        self._names, n = joint_names, len(joint_names)
+        self._bounds = {
+            'lower': (slice(0, n), limits.lower, -1.0),
+            'upper': (slice(0, n), limits.upper, 1.0),
+            'velocity': (slice(n, 2 * n), limits.velocity, 0.0)}
+        self._beyond = {name: np.zeros(n, dtype=bool) for name in self._bounds}
+        self.look(state[None], np.zeros(1))
+
+    def look(self, states: Array, t: Array) -> None:
+        """Add the crossings among further states (K, 2 n) at times t (K,)."""
+        found = []
+        for name, (part, bound, sign) in self._bounds.items():
+            x = states[:, part]
+            beyond = (np.abs(x) if sign == 0.0 else sign * x) > (bound if sign == 0.0
+                                                                 else sign * bound)
+            before = np.concatenate([self._beyond[name][None], beyond[:-1]])
+            found += [LimitEvent(float(t[k]), self._names[j], name, float(x[k, j]),
+                                 float(bound[j])) for k, j in np.argwhere(beyond & ~before)]
+            self._beyond[name] = beyond[-1]
+        self.events += sorted(found, key=lambda event: event.t)
 
 
 def _columns(joint_names: Sequence[str]) -> list[str]:

@@ -34,7 +34,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 LEAD = 0.3  # s between sending a motion and its start
-FALL = 0.5  # s
+FALL = 0.25  # s: later it meets joint limits, which a simulation only reports
 PATIENCE = 30.0  # s for anything to answer
 
 
@@ -84,8 +84,8 @@ class Director(Node):
         if not answer.success:
             raise DemoError(f'the node refuses lifecycle transition {transition}')
 
-    def send(self, motion: Motion) -> None:
-        """Send a motion to arm and node, to begin a little later."""
+    def send(self, motion: Motion, feedforward: bool) -> None:
+        """Send a motion to the arm, and to the node too if asked, to begin a little later."""
         message = JointTrajectory(joint_names=list(motion.joint_names))
         start = time.time_ns() + int(LEAD * 1e9)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
@@ -95,15 +95,16 @@ class Director(Node):
                                                                               10**9)
             message.points.append(point)
         self._to_plant.publish(message)
-        self._to_node.publish(message)
+        if feedforward:
+            self._to_node.publish(message)
 
     def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> Recording:
         """Make the arm perform a motion from rest; return what it did."""
         self.change(Transition.TRANSITION_ACTIVATE if feedforward
                     else Transition.TRANSITION_DEACTIVATE)
-        self.ask(Trigger, f'{PLANT}/reset')
+        self.ask(SetBool, f'{PLANT}/reset', data=True)
         time.sleep(1.0)
-        self.send(motion)
+        self.send(motion, feedforward)
         end = time.monotonic() + LEAD + DURATION
         with progress_bar(label, DURATION) as progress:
             while (left := end - time.monotonic()) > 0.0:
@@ -125,8 +126,7 @@ class Director(Node):
             duration=FALL, step=5e-4, sample_period=2e-3)
         if not prediction.success:
             raise DemoError(f'the simulate service refuses: {prediction.message}')
-        self.ask(Trigger, f'{PLANT}/reset')
-        self.ask(SetBool, f'{PLANT}/servo', data=False)
+        self.ask(SetBool, f'{PLANT}/reset', data=False)
         time.sleep(FALL + 0.1)
         return prediction, self._recorded(record)
 
@@ -168,7 +168,7 @@ def run(arguments: Sequence[str] = ()) -> int:
     director = Director()
     try:
         with processes(record):
-            director.ask(Trigger, f'{PLANT}/reset')
+            director.ask(SetBool, f'{PLANT}/reset', data=True)
             director.wait_until_active()
             motion = desired_motion()
             alone = director.perform('Servo alone         ', motion, record, False)

@@ -19,8 +19,10 @@ import mujoco
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -83,7 +85,7 @@ class Plant(Node):
         self._command = np.zeros(len(JOINTS))
         self._rows: list[tuple[Any, ...]] = []
         self._sent: dict[int, int] = {}
-        self._latencies: list[float] = []
+        self._latencies: list[tuple[float, float]] = []  # time of the motion, delay
         self._message = JointState(name=list(JOINTS))
         self._publisher = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -92,8 +94,7 @@ class Plant(Node):
                                  self._on_torques, BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(JointTrajectory, 'desired', self._on_desired, latched)
-        self.create_service(Trigger, '~/reset', self._reset)
-        self.create_service(SetBool, '~/servo', self._switch_servo)
+        self.create_service(SetBool, '~/reset', self._reset)
         self.create_service(Trigger, '~/save', self._save)
 
     def tick(self, stamp: int) -> None:
@@ -126,7 +127,8 @@ class Plant(Node):
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         sent = self._sent.pop(stamp, None)
         if sent is not None:
-            self._latencies.append((time.perf_counter_ns() - sent) * 1e-9)
+            self._latencies.append((stamp * 1e-9 - self._started,
+                                    (time.perf_counter_ns() - sent) * 1e-9))
 
     def _on_desired(self, message: JointTrajectory) -> None:
         start = message.header.stamp
@@ -136,31 +138,21 @@ class Plant(Node):
             [p.positions for p in message.points], joint_names=message.joint_names, order=JOINTS)
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Put the arm at rest at home and forget the motion and the record."""
+        """Put the arm at rest at home, its servo on or off; forget the motion and the record."""
         self.arm.reset()
         self._motion = None
-        self._servo_on = True
-        self._forget()
-        response.success = True
-        return response
-
-    def _switch_servo(self, request: Any, response: Any) -> Any:
-        """Switch the servo; off lets the arm go, with a new record from that moment."""
         self._servo_on = request.data
-        self._forget()
         self._started = time.time()
-        response.success = True
-        return response
-
-    def _forget(self) -> None:
         self._rows.clear()
         self._sent.clear()
         self._latencies.clear()
+        response.success = True
+        return response
 
     def _save(self, request: Any, response: Any) -> Any:
         """Write the record, and the latencies, to the file."""
         columns: Any = {name: np.array(values) for name, values in zip(COLUMNS, zip(*self._rows))}
-        np.savez(self._record, latency=np.array(self._latencies), **columns)
+        np.savez(self._record, latency=np.array(self._latencies).reshape(-1, 2), **columns)
         response.success, response.message = True, self._record
         return response
 
@@ -174,15 +166,15 @@ def main(arguments: Sequence[str]) -> None:
     plant = Plant(arm, record)
     period = round(1e9 / RATE)
     tick = time.time_ns()
-    executor = rclpy.executors.SingleThreadedExecutor()
+    executor = EventsExecutor()
     executor.add_node(plant)
+    never: Future[None] = Future()
     try:
         while rclpy.ok():
             plant.tick(tick)
             tick += period
-            while (left := (tick - time.time_ns()) * 1e-9) > 0.0:
-                executor.spin_once(timeout_sec=left)
-            executor.spin_once(timeout_sec=0.0)
+            left = max(1e-5, (tick - time.time_ns()) * 1e-9)
+            executor.spin_until_future_complete(never, timeout_sec=left)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:

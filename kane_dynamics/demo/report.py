@@ -17,7 +17,19 @@ ENOUGH = 10.0  # feedforward must cut the tracking error at least by this
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What the arm did: times from the motion's start (K,), states, torques, latencies (s)."""
+    """
+    What the arm did.
+
+    Attributes
+    ----------
+    t : (K,) array
+        Time from the motion's start, s.
+    q, u, command, servo : (K, n) arrays
+        States of the joints, and torques from the node and from the arm's own servo.
+    latency : (L, 2) array
+        When a state was published that torques came back for, and how long that took, s.
+
+    """
 
     t: Array
     q: Array
@@ -34,9 +46,11 @@ class Recording:
 
     def within(self, start: float, end: float) -> 'Recording':
         """Return the part between two times."""
-        kept = (self.t >= start) & (self.t <= end)
-        return Recording(self.t[kept], self.q[kept], self.u[kept], self.command[kept],
-                         self.servo[kept], self.latency)
+        def kept(table: Array, times: Array) -> Array:
+            return table[(times >= start) & (times <= end)]
+        rows = [kept(table, self.t) for table in (self.t, self.q, self.u, self.command,
+                                                  self.servo)]
+        return Recording(*rows, kept(self.latency, self.latency[:, 0]))
 
 
 def rms(error: Array) -> Array:
@@ -68,11 +82,12 @@ def report(motion: Motion, alone: Recording, helped: Recording, prediction: Any,
 
 def _print_latency(run: Recording) -> None:
     """Print how long after a state its torques were there."""
-    share = len(run.latency) / max(1, len(run.t))
-    p50, p90, p99 = (1e6 * np.percentile(run.latency, p) for p in (50, 90, 99))
-    print(f'\nJoint state to torque and back, over DDS: p50 {p50:.0f} us, p90 {p90:.0f} us, '
-          f'p99 {p99:.0f} us; {len(run.latency)} torques for {len(run.t)} states'
-          if share else '\nNo torques came back.')
+    if not len(run.latency):
+        print('\nNo torques came back.')
+        return
+    p50, p90, p99 = (1e6 * np.percentile(run.latency[:, 1], p) for p in (50, 90, 99))
+    print(f'\nFrom joint state to torque and back, over DDS: p50 {p50:.0f} us, p90 {p90:.0f} us, '
+          f'p99 {p99:.0f} us ({len(run.latency)} torques for {len(run.t)} states)')
 
 
 def _print_fall(prediction: Any, fall: Recording) -> None:

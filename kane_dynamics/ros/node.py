@@ -20,6 +20,7 @@ from kane_dynamics.ros.report import report
 from kane_dynamics.ros.requests import Bounds, Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
+from kane_dynamics.stepping import compile_simulation
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -184,8 +185,8 @@ class DynamicsNode(LifecycleNode):
                              'on topic robot_description')
         model = self._load(source)
         robot, beside = Robot(model), Robot(model)
-        for each in (robot, beside):  # the second finds its kernels in the cache
-            each.compile()
+        robot.compile()
+        compile_simulation(beside)  # what both use it finds in the cache
         self.verified = robot.verify()
         self.robot, self.statistics = robot, Statistics()
         commands = self.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)

@@ -11,7 +11,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
                                           trajectory_message, vector)
-from kane_dynamics.simulation import simulate, Trajectory
+from kane_dynamics.simulation import simulate
+from kane_dynamics.trajectory import Trajectory
 import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
