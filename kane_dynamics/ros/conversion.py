@@ -191,17 +191,23 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str],
                               _column(message, 'accelerations', index), joint_names=joints)
 
 
-def trajectory_message(trajectory: Trajectory) -> JointTrajectory:
-    """Return a simulated trajectory as a message; `effort` holds the torques."""
-    points = []
-    columns = (trajectory.q, trajectory.u, trajectory.udot, trajectory.tau)
+def trajectory_message(trajectory: Trajectory, names: Sequence[str] = ()) -> JointTrajectory:
+    """
+    Return a simulated trajectory as a message; `effort` holds the torques.
+
+    The columns stand in the order of `names`, each of the robot's joints once; default: its own.
+    """
+    names = list(names) or list(trajectory.joint_names)
+    order = [trajectory.joint_names.index(name) for name in names]
     # array(typecode, bytes) is several times faster than going through a sequence of floats,
     # and this runs beside the torque path: the interpreter is shared.
-    rows = [np.ascontiguousarray(column) for column in columns]
+    columns = [np.ascontiguousarray(column[:, order]) for column in (
+        trajectory.q, trajectory.u, trajectory.udot, trajectory.tau)]
+    points = []
     for k, t in enumerate(trajectory.t.tolist()):
-        q, u, udot, tau = (array('d', row[k].tobytes()) for row in rows)
+        q, u, udot, tau = (array('d', column[k].tobytes()) for column in columns)
         points.append(JointTrajectoryPoint(positions=q, velocities=u, accelerations=udot,
                                            effort=tau, time_from_start=duration(t)))
-    message = JointTrajectory(joint_names=list(trajectory.joint_names))
+    message = JointTrajectory(joint_names=names)
     message.points = points
     return message

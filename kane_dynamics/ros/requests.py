@@ -12,7 +12,6 @@ from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
                                           trajectory_message, vector)
 from kane_dynamics.simulation import simulate
-from kane_dynamics.trajectory import Trajectory
 import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
@@ -41,9 +40,10 @@ class Served:
 
 @dataclass(frozen=True)
 class Simulation:
-    """A checked request: the arguments of `simulate`."""
+    """A checked request: the arguments of `simulate`, and the joints' order in the answer."""
 
     robot: Robot
+    joint_names: tuple[str, ...]
     q0: Array
     u0: Array
     duration: float
@@ -75,7 +75,7 @@ class Simulation:
             raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE}, COMPUTED_TORQUE '
                              f'{request.COMPUTED_TORQUE}')
-        return cls(served.robot, vector(request.position, index, n, 'position'),
+        return cls(served.robot, tuple(request.joint_names), vector(request.position, index, n, 'position'),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
                    torque)
 
@@ -85,16 +85,11 @@ class Simulation:
         trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
                               torque=self.torque, sample=self.sample, progress=proceed)
         wall_time = time.perf_counter() - began
-        fill(response, trajectory)
         response.wall_time = wall_time
-
-
-def fill(response: Any, trajectory: Trajectory) -> None:
-    """Put a trajectory into the response of a simulation."""
-    response.trajectory = trajectory_message(trajectory)
-    response.kinetic_energy = doubles(trajectory.energy[:, 0])
-    response.potential_energy = doubles(trajectory.energy[:, 1])
-    response.limit_events = [str(event) for event in trajectory.limit_events]
+        response.trajectory = trajectory_message(trajectory, self.joint_names)
+        response.kinetic_energy = doubles(trajectory.energy[:, 0])
+        response.potential_energy = doubles(trajectory.energy[:, 1])
+        response.limit_events = [str(event) for event in trajectory.limit_events]
 
 
 def _seconds(request: Any, field: str, default: float | None = None) -> float:

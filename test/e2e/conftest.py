@@ -18,13 +18,24 @@ if rclpy is not None:
     os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
 
 
-@pytest.fixture
-def client():
-    """Return a client of the node, in this process."""
+@pytest.fixture(scope='session')
+def participant():
+    """Return the one client of this run: discovery takes seconds, so it happens once."""
     graph = pytest.importorskip('graph')
     client = graph.start_client()
     yield client
     client.close()
+
+
+@pytest.fixture
+def client(participant):
+    """Return the client as if it were new."""
+    graph = pytest.importorskip('graph')
+    participant.joints = graph.JOINTS
+    participant.torques.clear()
+    participant.commands.clear()
+    participant.diagnostics.clear()
+    return participant
 
 
 @pytest.fixture

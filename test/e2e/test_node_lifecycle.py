@@ -1,0 +1,114 @@
+"""Lifecycle, URDF sources, and the end of the process: zeros, exit code 0, within 2 s."""
+
+import signal
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('kane_dynamics_interfaces')
+
+from graph import URDF, wait_until  # noqa: E402
+from kane_dynamics_interfaces.srv import GetDynamics, Simulate  # noqa: E402
+from lifecycle_msgs.msg import Transition  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+POSE = [0.3, -0.4, 0.2]
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_brings_zeros_and_exit_code_0_within_2_s(client, start, number):
+    node = start()
+    client.connect()
+    assert client.ask(POSE, np.zeros(3)).any()
+    assert wait_until(lambda: client.commands and any(client.commands[-1]))
+    client.call(Simulate, 'simulate', position=POSE, duration=1.0)
+    code, seconds = node.end(number)
+    assert code == 0, node.log
+    assert seconds < 2.0
+    assert wait_until(lambda: client.commands[-1] == [0.0, 0.0, 0.0])
+    assert 'Traceback' not in node.log
+
+
+def test_a_signal_before_any_urdf_is_known_exits_with_0(start):
+    node = start(robot_description="''")
+    node.wait_for('waiting for a URDF')
+    code, seconds = node.end(signal.SIGTERM)
+    assert (code, seconds < 2.0) == (0, True)
+
+
+def test_without_autostart_every_transition_is_the_operators(client, start):
+    start(autostart='false')
+    assert client.state() == 'unconfigured'
+    answer = client.call(GetDynamics, 'get_dynamics', position=POSE)
+    assert (answer.success, answer.message) == (False, 'not configured')
+    answer = client.call(Simulate, 'simulate', position=POSE, duration=1.0)
+    assert (answer.success, answer.message) == (False, 'not configured')
+    assert client.transition(Transition.TRANSITION_CONFIGURE)
+    assert client.call(GetDynamics, 'get_dynamics', position=POSE).success
+    assert client.rest() is None, 'an inactive node commands nothing'
+    assert client.transition(Transition.TRANSITION_ACTIVATE)
+    client.connect()
+    assert client.ask(POSE, np.zeros(3)).any()
+    assert client.transition(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert wait_until(lambda: client.commands[-1] == [0.0, 0.0, 0.0])
+    assert client.state() == 'finalized'
+
+
+def test_the_urdf_comes_from_the_topic_and_a_change_while_active_is_refused(client, start):
+    node = start(robot_description="''")
+    node.wait_for('waiting for a URDF')
+    client.description.publish(String(data='<robot name="x"><link name="l"'))
+    node.wait_for('not configured: ')
+    assert client.state() == 'unconfigured'
+    client.description.publish(String(data=URDF))
+    node.wait_for('active, mode')
+    client.connect()
+    before = client.ask(POSE, np.zeros(3))
+    heavier = URDF.replace('value="2.0"', 'value="4.0"')
+    client.description.publish(String(data=heavier))
+    node.wait_for('a changed robot_description is refused while the node is active')
+    assert (client.ask(POSE, np.zeros(3)) == before).all()
+    assert client.transition(Transition.TRANSITION_DEACTIVATE)
+    client.description.publish(String(data=heavier))
+    node.wait_for('takes effect when the node is cleaned up')
+    assert client.transition(Transition.TRANSITION_CLEANUP)
+    assert client.transition(Transition.TRANSITION_CONFIGURE)
+    assert client.transition(Transition.TRANSITION_ACTIVATE)
+    client.connect()
+    assert np.abs(client.ask(POSE, np.zeros(3))).max() > 1.2 * np.abs(before).max()
+
+
+def test_a_bad_urdf_leaves_the_node_unconfigured_and_says_why(client, start):
+    node = start(urdf='/no/such/file.urdf')
+    node.wait_for('not configured: ')
+    assert '/no/such/file.urdf' in node.log
+    assert client.state() == 'unconfigured'
+
+
+@pytest.mark.parametrize(('words', 'parameters'), [
+    ("parameter 'mode' is 'fly'; valid: one of inverse_dynamics", {'mode': 'fly'}),
+    ("parameter 'state_timeout' is 0", {'state_timeout': 0.0}),
+    ("parameter 'gravity' is 'down'", {'gravity': 'down'}),
+    ('autostart', {'autostart': 3}),
+])
+def test_a_bad_parameter_at_start_ends_the_process_with_the_reason(start, words, parameters):
+    node = start(**parameters)
+    assert wait_until(lambda: not node.alive())
+    assert node.end()[0] == 1
+    assert words in node.log
+
+
+def test_a_misspelt_parameter_is_pointed_out(start):
+    node = start(robot_description="''", state_timout=0.2)
+    node.wait_for("parameter 'state_timout' does not exist and is ignored; did you mean "
+                  "'state_timeout'?")
+
+
+def test_names_follow_namespace_and_remapping(client, start):
+    node = start('-r', '__ns:=/left', '-r', 'commands:=effort_controller/commands')
+    node.wait_for('active, mode')
+    assert client.call(GetDynamics, '/left/kane_dynamics/get_dynamics', position=POSE).success
+    topics = dict(client.get_topic_names_and_types())
+    assert {'/left/effort_controller/commands', '/left/joint_states',
+            '/left/kane_dynamics/joint_torques', '/diagnostics'} <= set(topics)

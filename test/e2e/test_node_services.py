@@ -1,0 +1,247 @@
+"""Every service and the action over DDS: the library's numbers, or the reason why not."""
+
+import math
+import time
+
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('kane_dynamics_interfaces')
+
+from graph import JOINTS, model, NAME, Process, URDF, wait_until  # noqa: E402
+from kane_dynamics import ComputedTorque, Motion, Robot, simulate  # noqa: E402
+from kane_dynamics_interfaces.action import SimulateMotion  # noqa: E402
+from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,  # noqa: E402
+                                          InverseDynamics, Simulate)
+from rclpy.action import ActionClient  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
+
+Q, U, A = [0.3, -0.4, 0.2], [0.5, 1.0, -0.3], [1.0, -2.0, 0.5]
+ORDER = [2, 0, 1]  # of a request that names the joints in another order
+NAMES = [JOINTS[k] for k in ORDER]
+
+
+def mixed(values):
+    return [values[k] for k in ORDER]
+
+
+@pytest.fixture(scope='module')
+def robot():
+    return Robot(model())
+
+
+@pytest.fixture(scope='module')
+def module_node():
+    process = Process(robot_description=f"'{URDF}'")
+    process.wait_for('active, mode')
+    yield process
+    assert process.end()[0] == 0
+
+
+@pytest.fixture
+def node(module_node, client):
+    client.process = module_node
+    return client
+
+
+def close(value, expected):
+    value, expected = np.asarray(value), np.asarray(expected)
+    return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
+
+
+def positions(trajectory):
+    return np.array([point.positions for point in trajectory.points])
+
+
+def test_inverse_dynamics_answers_in_the_order_of_the_request(node, robot):
+    expected = robot.inverse_dynamics(np.array(Q), np.array(U), np.array(A))
+    answer = node.call(InverseDynamics, 'inverse_dynamics', position=Q, velocity=U,
+                       acceleration=A)
+    assert answer.success, answer.message
+    assert close(answer.effort, expected)
+    assert list(answer.joint_names) == list(JOINTS)
+    answer = node.call(InverseDynamics, 'inverse_dynamics', joint_names=NAMES,
+                       position=mixed(Q), velocity=mixed(U), acceleration=mixed(A))
+    assert list(answer.joint_names) == NAMES
+    assert close(answer.effort, mixed(expected))
+
+
+def test_forward_dynamics_equals_the_librarys(node, robot):
+    expected = robot.forward_dynamics(np.array(Q), np.array(U), np.array(A))
+    answer = node.call(ForwardDynamics, 'forward_dynamics', joint_names=NAMES,
+                       position=mixed(Q), velocity=mixed(U), effort=mixed(A))
+    assert answer.success, answer.message
+    assert close(answer.acceleration, mixed(expected))
+
+
+def test_get_dynamics_equals_the_librarys_in_the_order_of_the_request(node, robot):
+    q, u = np.array(Q), np.array(U)
+    answer = node.call(GetDynamics, 'get_dynamics', joint_names=NAMES, position=mixed(Q),
+                       velocity=mixed(U))
+    assert answer.success, answer.message
+    M = robot.mass_matrix(q)[np.ix_(ORDER, ORDER)]
+    assert close(np.reshape(answer.mass_matrix, (3, 3)), M)
+    assert close(answer.bias_force, mixed(robot.bias_force(q, u)))
+    assert close(answer.gravity_force, mixed(robot.gravity_force(q)))
+    assert close(answer.friction_force, mixed(robot.friction_force(u)))
+    assert close(answer.kinetic_energy, robot.kinetic_energy(q, u))
+    assert close(answer.potential_energy, robot.potential_energy(q))
+
+
+def test_simulate_without_torques_equals_the_librarys(node, robot):
+    expected = simulate(robot, Q, U, 0.5, step=1e-3, sample=0.01)
+    answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q),
+                       velocity=mixed(U), duration=0.5, sample_period=0.01)
+    assert answer.success, answer.message
+    assert close(positions(answer.trajectory), expected.q[:, ORDER])
+    assert list(answer.trajectory.joint_names) == NAMES
+    last = answer.trajectory.points[-1]
+    assert close(last.velocities, expected.u[-1, ORDER])
+    assert close(last.accelerations, expected.udot[-1, ORDER])
+    assert last.time_from_start == Duration(nanosec=500_000_000)
+    assert close(answer.kinetic_energy, expected.energy[:, 0])
+    assert close(answer.potential_energy, expected.energy[:, 1])
+    assert [str(event) for event in expected.limit_events] == list(answer.limit_events)
+    assert 0.0 < answer.wall_time < 1.0
+
+
+def test_simulate_holds_each_row_of_a_table_for_its_period(node, robot):
+    table = np.array([[5.0, 30.0, -3.0], [0.0, 20.0, 1.0], [1.0, 0.0, 0.0]])
+    expected = simulate(robot, Q, np.zeros(3), 0.3, torque=np.repeat(table, 100, axis=0))
+    answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.3,
+                       torque_source=Simulate.Request.TABLE, torque_period=0.1,
+                       torques=table[:, ORDER].ravel().tolist())
+    assert answer.success, answer.message
+    assert close(positions(answer.trajectory)[-1], expected.q[-1, ORDER])
+
+
+def reference():
+    message = JointTrajectory(joint_names=list(JOINTS))
+    for t, target in ((0.0, Q), (0.4, [0.5, -0.2, 0.1])):
+        message.points.append(JointTrajectoryPoint(
+            positions=target, time_from_start=Duration(nanosec=round(t * 1e9))))
+    return message
+
+
+def test_simulate_follows_a_reference_by_computed_torque(node, robot):
+    motion = Motion.from_points([0.0, 0.4], [Q, [0.5, -0.2, 0.1]], joint_names=JOINTS)
+    expected = simulate(robot, Q, np.zeros(3), 0.5, torque=ComputedTorque(motion, 100.0, 20.0))
+    answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.5,
+                       torque_source=Simulate.Request.COMPUTED_TORQUE, reference=reference())
+    assert answer.success, answer.message
+    assert close(positions(answer.trajectory)[-1], expected.q[-1, ORDER])
+
+
+@pytest.mark.parametrize(('words', 'fields'), [
+    ('position has 2 entries; valid: 3', {'position': [0.0, 0.0]}),
+    ('valid: finite numbers', {'position': [0.0, math.nan, 0.0]}),
+    ("joint_names lacks 'lift'", {'joint_names': ['turn', 'reach', 'wheel']}),
+    ("joint_names holds 'wheel'", {'joint_names': [*JOINTS, 'wheel']}),
+    ('names a joint twice', {'joint_names': [*JOINTS, 'lift']}),
+    ('duration is 0 s', {'duration': 0.0}),
+    ('duration is nan s', {'duration': math.nan}),
+    ('duration is inf s', {'duration': math.inf}),
+    ('at most 3600 s', {'duration': 1e9}),
+    ('at most 1000000 (parameter simulation.max_steps)', {'duration': 1.0, 'step': 1e-9}),
+    ('at most 10000 (parameter simulation.max_points)',
+     {'duration': 100.0, 'sample_period': 1e-3}),
+    ('step is -1 s', {'step': -1.0}),
+    ('step is 2 s; valid: at most the duration', {'step': 2.0}),
+    ('whole number of steps', {'duration': 0.5005}),
+    ('torque_source is 9', {'torque_source': 9}),
+    ('torques has 4 entries', {'torque_source': 1, 'torques': [0.0] * 4}),
+    ('at least 500', {'torque_source': 1, 'torques': [0.0] * 6}),
+    ('row 0 of torques', {'torque_source': 1, 'torques': [math.nan] * 3}),
+    ('0 points', {'torque_source': 2}),
+    ("kp of joint 'turn' is -1", {'torque_source': 2, 'reference': reference(),
+                                  'kp': [-1.0, 1.0, 1.0]}),
+])
+def test_a_bad_simulation_request_is_answered_with_the_reason(node, words, fields):
+    answer = node.call(Simulate, 'simulate', **{'position': Q, 'duration': 0.5, **fields})
+    assert not answer.success
+    assert words in answer.message
+    assert node.process.alive()
+
+
+@pytest.mark.parametrize(('kind', 'name', 'words', 'fields'), [
+    (InverseDynamics, 'inverse_dynamics', 'acceleration has 0', {'position': Q, 'velocity': U}),
+    (ForwardDynamics, 'forward_dynamics', 'effort has 1', {'position': Q, 'effort': [1.0]}),
+    (GetDynamics, 'get_dynamics', 'position has 0', {}),
+    (GetDynamics, 'get_dynamics', 'velocity is', {'position': Q, 'velocity': [math.inf] * 3}),
+])
+def test_a_bad_request_is_answered_with_the_reason(node, kind, name, words, fields):
+    answer = node.call(kind, name, **fields)
+    assert not answer.success
+    assert words in answer.message
+
+
+class Goal:
+    """One goal of the action."""
+
+    def __init__(self, node, **fields):
+        self.client = ActionClient(node, SimulateMotion, f'{NAME}/simulate_motion')
+        assert self.client.wait_for_server(10.0)
+        self.feedback = []
+        sent = self.client.send_goal_async(
+            SimulateMotion.Goal(position=Q, **fields),
+            feedback_callback=lambda message: self.feedback.append(message.feedback))
+        assert wait_until(sent.done)
+        self.handle = sent.result()
+        assert self.handle.accepted
+        self._result = self.handle.get_result_async()
+
+    def result(self, timeout=20.0):
+        assert wait_until(self._result.done, timeout)
+        self.client.destroy()
+        return self._result.result().status, self._result.result().result
+
+
+def test_the_action_reports_progress_and_ends_with_the_librarys_numbers(node, robot):
+    assert node.set(simulation__max_duration=3600.0).successful
+    goal = Goal(node, duration=300.0, sample_period=1.0)
+    status, result = goal.result()
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.message
+    assert result.success
+    expected = simulate(robot, Q, np.zeros(3), 2.0, sample=1.0)
+    assert close(positions(result.trajectory)[:3], expected.q)
+    assert len(result.trajectory.points) == 301
+    assert goal.feedback
+    times = [each.simulated_time for each in goal.feedback]
+    assert times == sorted(times)
+    assert all(0.0 <= each.progress <= 1.0 for each in goal.feedback)
+
+
+def test_the_action_can_be_cancelled_and_keeps_what_it_has(node):
+    goal = Goal(node, duration=1000.0, step=1e-3)
+    assert wait_until(lambda: goal.feedback)
+    began = time.monotonic()
+    goal.handle.cancel_goal_async()
+    status, result = goal.result()
+    assert time.monotonic() - began < 0.5
+    assert status == GoalStatus.STATUS_CANCELED
+    assert not result.success
+    assert 'cancelled at' in result.message
+    assert result.trajectory.points
+
+
+def test_a_bad_goal_is_aborted_with_the_reason(node):
+    status, result = Goal(node, duration=-1.0).result()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert not result.success
+    assert 'duration is -1 s' in result.message
+
+
+def test_more_waiting_simulations_than_allowed_are_told_that_it_is_busy(node):
+    assert node.set(simulation__max_waiting=1).successful
+    long = [Goal(node, duration=1000.0) for _ in range(3)]
+    answers = [each.result(30.0)[1] for each in long[2:]]
+    assert not answers[0].success
+    assert 'busy' in answers[0].message
+    assert node.call(GetDynamics, 'get_dynamics', position=Q).success, 'short requests still go'
+    for each in long[:2]:
+        each.handle.cancel_goal_async()
+        each.result()
+    assert node.set(simulation__max_waiting=8).successful
