@@ -82,6 +82,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     InputError
         Names the argument, the value and what is valid; also where the motion leaves the finite
         numbers, with the time and the joint.
+
     """
     state = np.concatenate([_vector(robot, 'q0', q0), _vector(robot, 'u0', u0)])
     step = _positive('step', step)
@@ -130,7 +131,7 @@ def _kernel(robot: Robot, name: str, rows: int, gains: list[Array]) -> Kernel:
     arguments = [Argument('state', (2 * n,)), Argument('inputs', (rows, width))]
     block = np.zeros(len(gains) * n + 1 + len(robot.parameters.block))
     return robot.kernels.extra(name, lambda: _step_program(robot, name, rows, len(gains)),
-                              arguments, block, (2 * n,))
+                               arguments, block, (2 * n,))
 
 
 def _step_program(robot: Robot, name: str, rows: int, n_gains: int) -> Program:

@@ -11,7 +11,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
                                           trajectory_message, vector)
-from kane_dynamics.simulation import simulate, Trajectory
+from kane_dynamics.simulation import simulate
+from kane_dynamics.trajectory import Trajectory
 import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
@@ -59,6 +60,7 @@ class Simulation:
         ------
         InputError
             Names the field, its value, and what is valid.
+
         """
         joints, n = served.robot.joint_names, served.robot.n
         index = order(request.joint_names, joints, 'joint_names')
@@ -146,4 +148,5 @@ def _table(request: Any, index: Index | None, n: int, duration: float, step: flo
     if row_of_step[-1] >= len(table):
         raise InputError(f'torques has {len(table)} rows of {period:g} s; valid: at least '
                          f'{row_of_step[-1] + 1} for a duration of {duration:g} s')
-    return table[row_of_step] if index is None else table[row_of_step][:, index]
+    rows: Array = table[row_of_step]
+    return rows if index is None else rows[:, index]
