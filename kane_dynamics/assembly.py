@@ -55,6 +55,7 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
     ------
     ModelError
         A body or joint is physically impossible; names it.
+
     """
     places, moving = _place(selection)
     links = [tree.links[name] for name in places if name in tree.links]
@@ -208,6 +209,7 @@ def check_inertials(links: list[Link], notices: Notices, strict: bool) -> None:
     ------
     ModelError
         An inertia is indefinite, and `strict` is set; names the link and the moments.
+
     """
     if not links:
         return

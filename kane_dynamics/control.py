@@ -54,6 +54,7 @@ class ComputedTorque:
     ------
     InputError
         Names the gain, the joint and the value.
+
     """
 
     motion: Motion
@@ -107,6 +108,7 @@ class Controller:
     ------
     InputError
         Names the argument, the joint, the value and what is valid.
+
     """
 
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
@@ -162,12 +164,12 @@ class Controller:
 
     @property
     def effort_limit(self) -> Array:
-        """The largest torques, (n,) N m or N: the tighter of the robot's and the given ones."""
+        """Return the largest torques, (n,) N m or N: the tighter of robot's and given ones."""
         return self._limiter.effort
 
     @property
     def rate_limit(self) -> Array:
-        """The largest change of each torque, (n,) N m/s or N/s."""
+        """Return the largest change of each torque, (n,) N m/s or N/s."""
         return self._limiter.rate
 
     def command(self, t: float, q: ArrayLike, u: ArrayLike | None = None,
@@ -198,6 +200,7 @@ class Controller:
         InputError
             A number of the state is missing or not finite, or the motion is of other joints.
             Nothing has changed then.
+
         """
         t = float(t)
         if not math.isfinite(t):

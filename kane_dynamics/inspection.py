@@ -75,6 +75,7 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     ------
     InputError
         Pinocchio is not installed, or a floating or planar joint has no counterpart in it.
+
     """
     try:
         import pinocchio as pin

@@ -25,6 +25,7 @@ class Quantity:
         Shape of the result from the number of coordinates.
     wrench, parameters : bool
         Whether the method takes these as well.
+
     """
 
     arguments: tuple[str, ...]
@@ -72,6 +73,7 @@ class KernelSet:
         Everything that the equations depend on, for the cache.
     parameters : array
         The block that kernels read at each call.
+
     """
 
     def __init__(self, equations: Equations, key: str, parameters: Array) -> None:

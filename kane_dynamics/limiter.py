@@ -36,6 +36,7 @@ class Limiter:
     ----------
     effort, rate : (n,) arrays
         N m and N m/s, or N and N/s; infinite for no limit.
+
     """
 
     def __init__(self, joint_names: Sequence[str]) -> None:
@@ -69,6 +70,7 @@ class Limiter:
         ------
         InputError
             A torque is not finite; the last command stays as it was.
+
         """
         if not all(map(math.isfinite, tau.tolist())):  # a short row: faster than numpy
             raise InputError('the torques are not finite: '
@@ -96,6 +98,7 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
     ------
     InputError
         Names `what`, the joint, the value and what is valid.
+
     """
     try:
         array = np.array(value, dtype=np.float64)

@@ -56,6 +56,7 @@ class Inertial:
     ------
     ModelError
         A value is not finite, the mass is negative, or the tensor is not symmetric.
+
     """
 
     mass: float = 0.0
@@ -161,6 +162,7 @@ class Joint:
     ------
     ModelError
         Names the joint, the value, and what is valid.
+
     """
 
     name: str
@@ -248,6 +250,7 @@ class Model:
     ------
     ModelError
         The bodies do not form a tree in topological order, or names clash.
+
     """
 
     name: str
@@ -286,7 +289,7 @@ class Model:
 
     @property
     def n(self) -> int:
-        """Number of coordinates."""
+        """Return the number of coordinates."""
         return len(self.coordinate_names)
 
     @property
@@ -296,7 +299,7 @@ class Model:
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
-        """The joint that carries each coordinate (never a mimic's), in the order of q."""
+        """Return the joint that carries each coordinate (never a mimic's), in the order of q."""
         by_name = {body.joint.name: body.joint for body in self.bodies}
         return tuple(by_name[name] for name in self.coordinate_names)
 

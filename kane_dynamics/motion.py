@@ -48,6 +48,7 @@ class Motion:
         Of the points, rad or m.
     duration : float
         Time of the last point, s.
+
     """
 
     def __init__(self, joint_names: tuple[str, ...], times: Array, positions: Array,
@@ -73,7 +74,7 @@ class Motion:
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """Return the number of joints."""
         return self._n
 
     @classmethod
@@ -111,6 +112,7 @@ class Motion:
         ------
         InputError
             Names the point, the joint, the value and what is expected.
+
         """
         given = _names(joint_names, 'joint_names')
         names = given if order is None else _names(order, 'order')
@@ -153,6 +155,7 @@ class Motion:
         Returns
         -------
         q, u, udot : (n,) arrays, or (K, n) for an array of times
+
         """
         if not isinstance(t, float | int):
             array = np.asarray(t, dtype=np.float64)

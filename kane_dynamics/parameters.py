@@ -45,7 +45,7 @@ class Parameters:
 
     @property
     def payload(self) -> Inertial | None:
-        """What the robot carries, in the axes of its `payload_frame`."""
+        """Return what the robot carries, in the axes of its `payload_frame`."""
         return self._payload
 
     @payload.setter

@@ -56,6 +56,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         Names of the joints that slide, whose units are m and N.
     title : str
         Above the picture.
+
     """
     names = list(trajectory.joint_names)
     with matplotlib.rc_context(_STYLE):
@@ -103,6 +104,7 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
         Names of the joints that slide, whose units are m and N.
     title : str
         Above the picture.
+
     """
     names = list(joint_names)
     columns = 2 if sources is None else 3
@@ -157,6 +159,7 @@ def plot_torque_sources(t: Array, terms: Array, joint_names: Sequence[str],
         Names of the joints that slide, whose unit is N.
     title : str
         Above the picture.
+
     """
     names = list(joint_names)
     columns = 1 if len(names) < 4 else 2

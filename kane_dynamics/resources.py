@@ -22,6 +22,7 @@ def resource_path(folder: str, name: str) -> Path:
     ------
     InputError
         There is no such file; the message lists those that there are.
+
     """
     checkout = Path(__file__).resolve().parent.parent
     prefixes = [sys.prefix, *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':'))]

@@ -64,6 +64,7 @@ class Robot:
     ------
     InputError
         No such frame; the message lists the valid ones.
+
     """
 
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
@@ -94,12 +95,12 @@ class Robot:
 
     @property
     def n(self) -> int:
-        """Number of generalized speeds."""
+        """Return the number of generalized speeds."""
         return self.model.n
 
     @property
     def n_q(self) -> int:
-        """Number of coordinates."""
+        """Return the number of coordinates."""
         return self.model.n
 
     @property
@@ -139,6 +140,7 @@ class Robot:
         ------
         InputError
             Names the argument, what was given and what is expected.
+
         """
         return self._dynamics('inverse_dynamics', (q, u, udot), wrench, out)
 
@@ -227,6 +229,7 @@ class Robot:
         ------
         CompileError
             An error is larger than 1e-9: names the quantity and the error.
+
         """
         return verified(self, states)
 

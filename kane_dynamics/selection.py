@@ -33,6 +33,7 @@ class Selection:
         Links without their inertial.
     singles : dict
         Every joint of the file by name.
+
     """
 
     base: str
@@ -55,6 +56,7 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
     ------
     InputError
         An argument names what does not exist or cannot serve; lists what is valid.
+
     """
     mimics = check_mimics(tree.joints)
     singles = _singles(tree)

@@ -62,6 +62,7 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
         Names the key, its value and what is valid.
     ModelError
         The payload's inertia has a negative principal moment.
+
     """
     if source is None:
         return Supplement()

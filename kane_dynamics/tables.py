@@ -41,6 +41,7 @@ def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
     ------
     InputError
         Names the file and what in it is wrong or missing.
+
     """
     if Path(path).suffix in ('.yaml', '.yml'):
         return _read_yaml(path, joint_names)
@@ -59,6 +60,7 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     InputError
         Names the file, and the line and column of a bad number, or the joints that a quantity
         lacks.
+
     """
     lines = [line for line in csv.reader(_text(path).splitlines(), skipinitialspace=True) if line]
     if len(lines) < 2:

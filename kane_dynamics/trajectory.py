@@ -51,6 +51,7 @@ class Trajectory:
     limit_events : tuple of LimitEvent
         Found at every step, not only at the samples. The simulation goes on past a limit: a stop
         would be a contact, which is not modelled.
+
     """
 
     t: Array

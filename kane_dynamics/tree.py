@@ -124,6 +124,7 @@ def build_tree(name: str, links: Sequence[Link], joints: Sequence[UrdfJoint]) ->
         A name is given twice, or a joint joins a link that does not exist.
     ModelError
         What they form is no tree; names the links.
+
     """
     for what, names in (('link', [x.name for x in links]), ('joint', [x.name for x in joints])):
         twice = [repr(x) for x, count in Counter(names).items() if count > 1]
@@ -177,6 +178,7 @@ def check_mimics(joints: Sequence[UrdfJoint]) -> dict[str, Mimic]:
         A master does not exist or has not one freedom.
     ModelError
         Joints mimic one another in a circle.
+
     """
     by_name = {joint.name: joint for joint in joints}
     resolved: dict[str, Mimic] = {}

@@ -76,6 +76,7 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         It is well-formed, but physically or topologically impossible.
     InputError
         An argument names a link or joint that does not exist or cannot serve.
+
     """
     root = parse(read_source(source))
     notices = Notices()

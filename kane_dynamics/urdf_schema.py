@@ -68,6 +68,7 @@ def check_schema(root: Element, notices: Notices) -> None:
     ------
     UrdfError
         Names the link or joint, the element, the attribute, its value, and what is valid.
+
     """
     if root.tag != 'robot':
         raise UrdfError(f'the root element is <{root.tag}> (line {root.line}); valid: <robot>. '

@@ -21,6 +21,7 @@ def verified(robot: Any, states: int) -> float:
     ------
     CompileError
         An error is larger than `TOLERANCE`; names the quantity and the error.
+
     """
     rng = np.random.default_rng(0)
     gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model

@@ -44,6 +44,7 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
         How joint axes lie.
     passive : bool
         Damping, friction, springs and armature at the joints.
+
     """
     rng = np.random.default_rng(seed)
     bodies, names = [], []

@@ -74,6 +74,7 @@ def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
         The mechanism.
     q, u : (n,) arrays of scalars
         u = q'.
+
     """
     twice: Any = 0.0
     for body, T in zip(model.bodies, pose_rates(model, q, u)):
@@ -106,6 +107,7 @@ def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> 
         The mechanism.
     q, u, udot : (n,) arrays of float
         Coordinates, speeds and their rates; rad or m, and s.
+
     """
     n = model.n
     energy = _hyperdual(kinetic_energy(model, seeded(q, u, 0, 2 * n),

@@ -35,6 +35,7 @@ class Equations:
         Whether damping and Coulomb friction are part of the equations.
     frame_reduction : bool
         Use Denavit-Hartenberg-like link frames; without, only joint axes are aligned.
+
     """
 
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),

@@ -35,6 +35,7 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
     ------
     ZeroDivisionError
         A pivot is zero by structure; its argument is the row.
+
     """
     A = [[M[r, s] for s in order] for r in order]
     n = len(order)

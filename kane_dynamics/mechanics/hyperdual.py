@@ -27,6 +27,7 @@ class HyperDual:
         Along the direction.
     gradient_rate : (k,) array
         Of the rate by the k variables.
+
     """
 
     __slots__ = ('value', 'gradient', 'rate', 'gradient_rate')
@@ -110,6 +111,7 @@ def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
         Number of the first of them among the `count` variables that are differentiated by.
     count : int
         How many.
+
     """
     unit = np.eye(count)
     result = np.empty(len(values), dtype=object)

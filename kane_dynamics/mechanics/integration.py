@@ -21,6 +21,7 @@ def runge_kutta_4(udot: Dynamics, q: Any, u: Any, inputs: Sequence[Any],
         What `udot` is given at the step's beginning, middle and end.
     h : scalar
         Length of the step, s.
+
     """
     half = 0.5 * h
     a1 = udot(q, u, inputs[0])

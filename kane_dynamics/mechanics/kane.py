@@ -44,6 +44,7 @@ def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
     ------
     InputError
         No such frame; the message lists the valid ones.
+
     """
     if frame is not None:
         return frame_partial_velocities(model, model.frame(frame), q)
@@ -61,6 +62,7 @@ def generalized_inertia_force(model: Model, q: Any, u: Any, udot: Any) -> Any:
         The mechanism.
     q, u, udot : (n,) arrays of scalars
         Coordinates, speeds and their rates; rad or m, and s.
+
     """
     bodies = configurations(model, q)
     force: Any = np.zeros(model.n)
@@ -93,6 +95,7 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
         Whether damping and Coulomb friction act.
     wrenches : mapping of frame name to (force, moment), optional
         What the environment exerts at the frame's origin, world axes, N and N m.
+
     """
     g = model.gravity if gravity is None else gravity
     force: Any = np.zeros(model.n)

@@ -34,6 +34,7 @@ class Configuration:
         Row r: omega^r.
     partial_velocity_origin, partial_velocity : (n, 3) arrays
         Row r: v^r of the body's origin, and of its mass centre.
+
     """
 
     R_wb: Any
@@ -58,6 +59,7 @@ class Motion:
         Velocity and acceleration of the body's origin, m/s and m/s^2.
     v_com, a_com : (3,) arrays
         The same of its mass centre.
+
     """
 
     omega: Any
@@ -94,6 +96,7 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
     A joint adds its multiplier times its axis to the partial angular velocity (revolute) or the
     partial velocity (prismatic) of its coordinate; all else a body takes over from its parent,
     a point at r from the parent's origin having v^r + omega^r x r.
+
     """
     bodies: list[Configuration] = []
     for body in model.bodies:
@@ -139,6 +142,7 @@ def motions(model: Model, bodies: Sequence[Configuration], u: Any,
     -----
     Velocities are the sums of partial velocities times speeds. Accelerations are not (partial
     velocities change): they go from body to body, with the centripetal and Coriolis terms.
+
     """
     result: list[Motion] = []
     for body, here in zip(model.bodies, bodies):

@@ -46,6 +46,7 @@ class Link:
         About the link's origin, in link axes: second moment, first moment, mass.
     body : (4, 4) array
         Pose of the model's body frame in link axes.
+
     """
 
     parent: int

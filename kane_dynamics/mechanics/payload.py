@@ -22,6 +22,7 @@ def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
     ------
     InputError
         No such frame; the message lists the valid ones.
+
     """
     at = model.frame(frame)
     moved = payload.moved(at.rotation, at.translation)

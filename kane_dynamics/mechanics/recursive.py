@@ -71,6 +71,7 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
     -------
     (n,) array
         N m or N.
+
     """
     steps = [Step(link, q) for link in links]
     motion: list[tuple[Any, Any, Any, Any]] = []  # omega, alpha, a of the origin, U; link axes

@@ -366,6 +366,7 @@ def fast_entry(name: str, doc: str, kernel: llvm.Address, lengths: Sequence[int]
         Called with whatever the fast road does not take.
     owner : object
         Kept alive as long as the function.
+
     """
     if len(lengths) + len(defaults) + 1 > POINTER_SLOTS:
         raise CompileError(f'{name} takes {len(lengths)} arguments; at most {POINTER_SLOTS - 2}')

@@ -247,6 +247,7 @@ def call(program: Any, *arguments: Iterable[Any]) -> list['Expr']:
         What to call; it becomes a function of its own in the compiled module.
     arguments : iterables of scalars
         The entries of each of its inputs, in its order.
+
     """
     flat: list[Scalar] = [x for argument in arguments for x in np.ravel(np.asarray(argument))]
     trace = next(x.trace for x in flat if isinstance(x, Expr))

@@ -30,6 +30,7 @@ class Argument:
         Names of the entries of the last axis, for messages.
     default : array, optional
         Memory that stands in for the argument when it is not given.
+
     """
 
     name: str
@@ -82,6 +83,7 @@ class Kernel:
         The block that follows the arguments: read at each call, copied for a batch.
     shape : tuple of int
         Of the result for one state.
+
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
@@ -112,6 +114,7 @@ class Kernel:
         InputError
             Names the argument, what was given, and what is expected; also where the result is
             not finite.
+
         """
         arrays = [self._default(a) if v is None else checked(a, v)
                   for a, v in zip(self.arguments, values, strict=True)]

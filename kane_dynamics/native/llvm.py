@@ -50,6 +50,7 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
     ------
     CompileError
         LLVM refuses the text.
+
     """
     machine = _target_machine(level)
     try:

@@ -42,6 +42,7 @@ class Program:
         The flat result, C order.
     shape : tuple of int
         Shape of the result.
+
     """
 
     name: str
@@ -51,7 +52,7 @@ class Program:
 
     @property
     def n_outputs(self) -> int:
-        """Number of scalars in the result."""
+        """Return the number of scalars in the result."""
         return len(self.outputs)
 
     def schedule(self) -> list[Expr]:
@@ -96,6 +97,7 @@ def trace_program(name: str, function: Callable[..., Any],
         Takes one array a declared input, returns an array or scalar.
     inputs : sequence of (str, shape)
         Names and shapes of the arguments.
+
     """
     trace = Trace()
     result = np.asarray(function(*(trace.inputs(key, *shape) for key, shape in inputs)),

@@ -33,6 +33,7 @@ class StateReader:
         The last state; as good as meaningless after `read` has returned a reason.
     detail : str
         What exactly was wrong with the last message that was not good.
+
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
@@ -105,6 +106,7 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
     ------
     InputError
         A joint is missing or named twice, or there is one that the node does not know.
+
     """
     if not names or tuple(names) == tuple(joints):
         return None
@@ -127,6 +129,7 @@ def vector(values: Sequence[float], index: Index | None, n: int, what: str,
     ------
     InputError
         The length is not n (or zero where `empty` is given), or an entry is not finite.
+
     """
     if len(values) == 0 and empty is not None:
         return np.broadcast_to(np.asarray(empty, dtype=np.float64), (n,)).copy()
@@ -165,6 +168,7 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str],
     InputError
         Says what is wrong: no or too many points, a joint that is missing, arrays of the wrong
         length, times out of order, numbers that are not finite.
+
     """
     if not 1 <= len(message.points) <= max_points:
         raise InputError(f'the trajectory has {len(message.points)} points; valid: 1 to '

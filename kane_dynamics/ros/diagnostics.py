@@ -43,6 +43,7 @@ class Statistics:
             Joint states dropped in this period.
         values : dict of str
             Printable figures: rate, latency percentiles, ages, counts.
+
         """
         new = self.commands - self._last_commands
         dropped = self.dropped.total() - self._last_dropped

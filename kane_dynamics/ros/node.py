@@ -49,6 +49,7 @@ class DynamicsNode(LifecycleNode):
     ------
     InputError
         A parameter given at start is not valid.
+
     """
 
     def __init__(self) -> None:
@@ -96,7 +97,7 @@ class DynamicsNode(LifecycleNode):
         """Return the URDF, as text or path; empty if it is not known yet."""
         if self.values['robot_description'] or not self.values['urdf']:
             return str(self.values['robot_description'] or self._description)
-        name = self.values['urdf']
+        name = str(self.values['urdf'])
         if name.startswith('package://'):
             package, _, rest = name.removeprefix('package://').partition('/')
             try:

@@ -176,6 +176,7 @@ def read(name: str, value: Any) -> Any:
     ------
     InputError
         Names the parameter, the value, and what is valid.
+
     """
     spec = BY_NAME[name]
     try:
@@ -193,6 +194,7 @@ def declare(node: Node) -> dict[str, Any]:
     ------
     InputError
         A value given at start is not valid.
+
     """
     values = {}
     for spec in SPECS:
@@ -225,6 +227,7 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
     ------
     InputError
         The list is neither empty nor as long as the list of joints.
+
     """
     value = values[name]
     if value.shape == (0,):

@@ -39,6 +39,7 @@ class Services(Node):
     on_trajectory : callable
         Takes each JointTrajectory message; called in the services' thread, so that neither
         taking nor fitting a long one stalls the torque path.
+
     """
 
     def __init__(self, front: Node, on_trajectory: Callable[[JointTrajectory], None]) -> None:

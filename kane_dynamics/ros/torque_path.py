@@ -39,6 +39,7 @@ class TorquePath:
     statistics : Statistics
     warn : callable
         Takes the reason and the details of every state that was dropped.
+
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,

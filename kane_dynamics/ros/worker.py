@@ -21,6 +21,7 @@ class Worker:
     wake : callable
         Called in the worker's thread after a piece of work is done; wakes the executor whose
         coroutines wait for it.
+
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -39,6 +40,7 @@ class Worker:
         ------
         BusyError
             As many pieces of work are waiting as may wait.
+
         """
         if self._queue.qsize() >= max_waiting:
             raise BusyError(f'busy: {max_waiting} simulations are waiting (parameter '

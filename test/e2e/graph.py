@@ -201,7 +201,7 @@ class Client(Node):
     def state(self):
         return self.call(GetState, 'get_state').current_state.label
 
-    def set(self, **parameters):
+    def set(self, **parameters):  # noqa: A003
         """Set parameters together; return the node's answer."""
         messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                     for name, value in parameters.items()]

@@ -1,6 +1,6 @@
 """Pinocchio's numbers for a robot of ours: joints matched by name, mimics projected."""
 
-from functools import lru_cache
+from functools import cache
 import hashlib
 from importlib.metadata import files
 import warnings
@@ -26,7 +26,7 @@ def urdf_files():
     return list(found.values())
 
 
-@lru_cache(maxsize=None)
+@cache
 def loaded(path):
     """Return our model of a URDF; indefinite inertias, which the peer does not mind, too."""
     with warnings.catch_warnings():
@@ -74,7 +74,8 @@ class Peer:
         x, result = self.G @ q + self.g, np.zeros(self.pin.nq)
         for joint in list(self.pin.joints)[1:]:
             if joint.nq == 2:
-                result[joint.idx_q:joint.idx_q + 2] = np.cos(x[joint.idx_v]), np.sin(x[joint.idx_v])
+                angle = x[joint.idx_v]
+                result[joint.idx_q:joint.idx_q + 2] = np.cos(angle), np.sin(angle)
             else:
                 result[joint.idx_q] = x[joint.idx_v]
         return result
@@ -113,7 +114,7 @@ class Peer:
         return pin.computePotentialEnergy(self.pin, self.data, self.position(q))
 
     def potential_energy_scale(self, q):
-        """Return the sum of the bodies' potential energies without their signs: it can't cancel."""
+        """Return the sum of the bodies' potential energies without signs: it can't cancel."""
         pin.forwardKinematics(self.pin, self.data, self.position(q))
         heights = [pose.act(body.lever)[2] for pose, body in zip(self.data.oMi, self.pin.inertias)]
         masses = [body.mass for body in self.pin.inertias]
