@@ -6,11 +6,11 @@ answers each joint state with an array of the same size on rclpy's default execu
 on the EventsExecutor. One driver visits them in shuffled order, one visit every 2 ms on average,
 with a jittered period, so that every contender meets the same noise.
 
-The gate: the median of the dynamics node is no worse than that of the echo on the default executor.
+The gate: the median of the dynamics node is no worse than the default executor's echo.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 import random
 import signal
@@ -49,10 +49,8 @@ def echo(namespace: str, executor: str) -> None:
         lambda message: publisher.publish(Float64MultiArray(data=message.position)), BEST_EFFORT)
     spinner = EventsExecutor() if executor == EVENTS else SingleThreadedExecutor()
     spinner.add_node(node)
-    try:
+    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         spinner.spin_until_future_complete(rclpy.task.Future(), 1e6)
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        pass
 
 
 @contextmanager
@@ -82,6 +80,7 @@ class Driver(Node):
     def __init__(self) -> None:
         super().__init__('driver')
         self._answered = ''
+        self._random = np.random.default_rng(0)
         self._at = 0.0
         self._publishers_to = {}
         for name, namespace in NAMESPACES.items():
@@ -100,8 +99,8 @@ class Driver(Node):
     def visit(self, name: str, patience: float = PATIENCE) -> float:
         """Return the seconds of one round trip; nan if there is no answer."""
         message = self._message
-        message.position = np.random.uniform(-1.0, 1.0, len(JOINTS)).tolist()
-        message.velocity = np.random.uniform(-1.0, 1.0, len(JOINTS)).tolist()
+        message.position = self._random.uniform(-1.0, 1.0, len(JOINTS)).tolist()
+        message.velocity = self._random.uniform(-1.0, 1.0, len(JOINTS)).tolist()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
         self._answered = ''
         began = time.perf_counter()

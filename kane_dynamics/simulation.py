@@ -89,6 +89,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     InputError
         Names the argument, the value and what is valid; also where the motion leaves the finite
         numbers, with the time and the joint.
+
     """
     state = np.concatenate([_vector(robot, 'q0', q0), _vector(robot, 'u0', u0)])
     step = _positive('step', step)

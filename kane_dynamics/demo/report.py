@@ -48,9 +48,9 @@ class Recording:
         """Return the part between two times."""
         def kept(table: Array, times: Array) -> Array:
             return table[(times >= start) & (times <= end)]
-        rows = [kept(table, self.t) for table in (self.t, self.q, self.u, self.command,
-                                                  self.servo)]
-        return Recording(*rows, kept(self.latency, self.latency[:, 0]))
+        rows = {name: kept(getattr(self, name), self.t) for name in ('t', 'q', 'u', 'command',
+                                                                     'servo')}
+        return Recording(**rows, latency=kept(self.latency, self.latency[:, 0]))
 
 
 def rms(error: Array) -> Array:

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from graph import URDF, wait_until  # noqa: E402
+from graph import URDF, wait_until  # noqa: E402, I100
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate  # noqa: E402
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from std_msgs.msg import String  # noqa: E402

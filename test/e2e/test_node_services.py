@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from graph import JOINTS, model, NAME, Process, URDF, wait_until  # noqa: E402
+from graph import JOINTS, model, NAME, Process, URDF, wait_until  # noqa: E402, I100
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate  # noqa: E402
 from kane_dynamics_interfaces.action import SimulateMotion  # noqa: E402
 from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,  # noqa: E402

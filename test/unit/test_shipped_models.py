@@ -5,7 +5,7 @@ from pathlib import Path
 import warnings
 
 from kane_dynamics import load_urdf, ModelWarning, Robot
-from kane_dynamics.supplement import read_supplement
+from kane_dynamics.urdf.supplement import read_supplement
 import mujoco
 import numpy as np
 import pinocchio

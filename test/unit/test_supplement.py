@@ -1,8 +1,8 @@
 """The supplement beside a URDF: what it adds, and how it refuses what it cannot mean."""
 
 from kane_dynamics.errors import KaneError, ModelError, UrdfError
-from kane_dynamics.supplement import JOINT_KEYS
 from kane_dynamics.urdf import load_urdf
+from kane_dynamics.urdf.supplement import JOINT_KEYS
 import numpy as np
 from numpy.testing import assert_allclose
 import pytest

@@ -2,8 +2,8 @@
 
 import io
 
+from kane_dynamics.cli.tables import read_motion, read_states, write_states
 from kane_dynamics.errors import InputError
-from kane_dynamics.tables import read_motion, read_states, write_states
 import numpy as np
 import pytest
 

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from kane_dynamics.errors import InputError, UrdfError
-from kane_dynamics.tree import check_mimics, expanded, listing, Mimic, Single, UrdfTree
+from kane_dynamics.urdf.tree import check_mimics, expanded, listing, Mimic, Single, UrdfTree
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import math
 
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Array, Body, constant, Frame, Inertial, Joint, Limits, Model, WORLD
-from kane_dynamics.notices import Notices
-from kane_dynamics.selection import Selection
-from kane_dynamics.supplement import Supplement
-from kane_dynamics.tree import Link, listing, Single, snapped, StatedLimits, UrdfTree
+from kane_dynamics.urdf.notices import Notices
+from kane_dynamics.urdf.selection import Selection
+from kane_dynamics.urdf.supplement import Supplement
+from kane_dynamics.urdf.tree import Link, listing, Single, snapped, StatedLimits, UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -10,14 +10,14 @@ import time
 from typing import Any
 import warnings
 
-from kane_dynamics import inspection
+from kane_dynamics.cli import inspection
+from kane_dynamics.cli.tables import read_motion, read_states, write_states
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation import simulate
-from kane_dynamics.tables import read_motion, read_states, write_states
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 

@@ -10,9 +10,9 @@ import re
 import sys
 
 from kane_dynamics.errors import UrdfError
-from kane_dynamics.notices import Notices
-from kane_dynamics.tree import MOVING, TYPES
-from kane_dynamics.urdf_xml import Element
+from kane_dynamics.urdf.document import Element
+from kane_dynamics.urdf.notices import Notices
+from kane_dynamics.urdf.tree import MOVING, TYPES
 
 NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?', re.ASCII)
 LONGEST = 1000  # characters of a name or number

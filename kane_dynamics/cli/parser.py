@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import sys
 from typing import Any
 
-from kane_dynamics import commands
+from kane_dynamics.cli import commands
 from kane_dynamics.errors import KaneError
 from kane_dynamics.model import GRAVITY
 
@@ -125,7 +125,3 @@ def _add_model(sub: argparse.ArgumentParser) -> None:
     group.add_argument('--no-strict', action='store_true',
                        help='warn of impossible inertias instead of refusing them')
     sub.add_argument('--json', action='store_true', help='print JSON')
-
-
-if __name__ == '__main__':
-    sys.exit(main())

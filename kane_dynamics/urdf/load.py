@@ -5,16 +5,16 @@ import io
 import os
 from typing import Any
 
-from kane_dynamics.assembly import assemble
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Array, GRAVITY, Inertial, Model
-from kane_dynamics.notices import Notices
-from kane_dynamics.selection import select
-from kane_dynamics.supplement import check_joints, read_supplement
-from kane_dynamics.tree import (build_tree, Link, Mimic, snapped, StatedLimits, UrdfJoint,
-                                UrdfTree)
-from kane_dynamics.urdf_schema import check_schema, CHILDREN
-from kane_dynamics.urdf_xml import Element, parse, read_source, rebuilt
+from kane_dynamics.urdf.assembly import assemble
+from kane_dynamics.urdf.document import Element, parse, read_source, rebuilt
+from kane_dynamics.urdf.notices import Notices
+from kane_dynamics.urdf.schema import check_schema, CHILDREN
+from kane_dynamics.urdf.selection import select
+from kane_dynamics.urdf.supplement import check_joints, read_supplement
+from kane_dynamics.urdf.tree import (build_tree, Link, Mimic, snapped, StatedLimits, UrdfJoint,
+                                     UrdfTree)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -57,7 +57,7 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         Links whose own inertial to leave out (not those of links attached to them). Their frames
         stay.
     supplement : path or dict, optional
-        What URDF has no words for; see `kane_dynamics.supplement`.
+        What URDF has no words for; see `kane_dynamics.urdf.supplement`.
     gravity : (3,) array
         m/s^2, world axes; the base link's axes are the world's.
     strict : bool

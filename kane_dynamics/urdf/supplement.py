@@ -33,7 +33,7 @@ from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Inertial
-from kane_dynamics.tree import listing
+from kane_dynamics.urdf.tree import listing
 import numpy as np
 import yaml
 
