@@ -6,10 +6,15 @@ from typing import Any
 
 from kane_dynamics.mechanics import frames
 from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
+from kane_dynamics.mechanics.factorization import solve
+from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Array
+from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
 import numpy as np
+
+LARGE = 24  # coordinates from which on an inverse written out would compile too slowly
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,8 @@ class KernelSet:
     def program(self, name: str) -> Program:
         """Trace one of `QUANTITIES`."""
         quantity = QUANTITIES[name]
+        if name == 'inverse_mass_matrix' and self.equations.n > LARGE:
+            return self._large_inverse()
         method = getattr(self.equations, name)
 
         def function(*inputs: Any) -> Any:
@@ -131,6 +138,32 @@ class KernelSet:
             return self.equations.rigid_dynamics(q, u, udot, wrench, rest[-1])
         return trace_program('rigid_dynamics', function,
                              self._inputs(QUANTITIES['inverse_dynamics']))
+
+    def _large_inverse(self) -> Program:
+        """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""
+        equations, n = self.equations, self.equations.n
+        places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
+
+        def factors(q: Any, parameters: Any) -> Any:
+            L, reciprocal = equations.factors(q, parameters)
+            places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
+            return [*(L[k][i] for k, i in places), *reciprocal]
+        inputs = self._inputs(QUANTITIES['inverse_mass_matrix'])
+        factorization = trace_program('factorization', factors, inputs)
+
+        def solution(entries: Any, b: Any) -> Any:
+            L = [[0.0] * n for _ in range(n)]
+            for (k, i), entry in zip(places, entries):
+                L[k][i] = entry
+            return solve((L, list(entries[len(places):])), equations.order, b)
+        solving = trace_program('solution', solution,
+                                [('entries', (len(places) + n,)), ('b', (n,))])
+
+        def columns(q: Any, parameters: Any) -> Any:
+            entries = call(factorization, q, parameters)
+            full = [call(solving, entries, unit) for unit in np.eye(n)]
+            return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
+        return trace_program('inverse_mass_matrix', columns, inputs)
 
     def _frame_program(self, name: str, frame_name: str) -> Program:
         frame = self.equations.model.frame(frame_name)

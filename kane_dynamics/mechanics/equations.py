@@ -93,14 +93,14 @@ class Equations:
 
     def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return M^-1, (n, n)."""
-        return inverse(self._factors(q, parameters), self.order)
+        return inverse(self.factors(q, parameters), self.order)
 
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
         """Return udot = M^-1 (tau + external - bias), (n,)."""
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
-        return solve(self._factors(q, parameters), self.order, tau - held)
+        return solve(self.factors(q, parameters), self.order, tau - held)
 
-    def _factors(self, q: Any, parameters: Any) -> Any:
+    def factors(self, q: Any, parameters: Any) -> Any:
         """Factorise M; ModelError where it is singular in every posture."""
         try:
             return factorize(self.mass_matrix(q, parameters), self.order)

@@ -106,14 +106,13 @@ class Function:
         self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
-        """Return a pointer to the entries: the caller's own argument where it is just that."""
+        """Return a pointer to the entries; where they lie in a row already, to that."""
         first = entries[0]
-        if isinstance(first, Expr) and first.op == 'input' and first.args[1] == 0:
-            own = first.args[0]
-            whole = size_of(dict(self.program.inputs)[own]) == len(entries)
-            if whole and all(isinstance(x, Expr) and x.op == 'input' and x.args == (own, j)
-                             for j, x in enumerate(entries)):
-                return f'%in.{own}'
+        if isinstance(first, Expr) and first.op in ('input', 'output') and first.args[1] == 0:
+            op, source = first.op, first.args[0]
+            if all(isinstance(x, Expr) and x.op == op and x.args[0] is source and x.args[1] == j
+                   for j, x in enumerate(entries)):
+                return f'%in.{source}' if op == 'input' else f'%ret{source.index}'
         self.lines.append(f'  %arg{i}.{k} = alloca [{len(entries)} x double]')
         for j, x in enumerate(entries):
             self.lines += [f'  %put{i}.{k}.{j} = getelementptr double, ptr %arg{i}.{k}, i64 {j}',

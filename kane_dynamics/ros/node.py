@@ -7,7 +7,6 @@ import time
 from typing import Any
 import warnings
 
-from ament_index_python.packages import get_package_share_directory, PackageNotFoundError
 from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.control import Controller
 from kane_dynamics.errors import InputError, KaneError
@@ -16,6 +15,7 @@ from kane_dynamics.robot import Robot
 from kane_dynamics.ros import parameters
 from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
+from kane_dynamics.ros.files import located
 from kane_dynamics.ros.report import report
 from kane_dynamics.ros.requests import Bounds, Served
 from kane_dynamics.ros.services import Services
@@ -97,15 +97,7 @@ class DynamicsNode(LifecycleNode):
         """Return the URDF, as text or path; empty if it is not known yet."""
         if self.values['robot_description'] or not self.values['urdf']:
             return str(self.values['robot_description'] or self._description)
-        name = str(self.values['urdf'])
-        if name.startswith('package://'):
-            package, _, rest = name.removeprefix('package://').partition('/')
-            try:
-                return Path(get_package_share_directory(package)) / rest
-            except (PackageNotFoundError, ValueError):
-                raise InputError(f"parameter 'urdf' is '{name}': package '{package}' is not "
-                                 'installed') from None
-        return Path(name).expanduser()
+        return located('urdf', self.values['urdf'])
 
     def _on_description(self, message: String) -> None:
         """Take the URDF from the topic, unless a parameter gives it."""
@@ -215,7 +207,8 @@ class DynamicsNode(LifecycleNode):
             warnings.simplefilter('always')
             model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
                               joints=list(values['joints']) or None,
-                              supplement=values['supplement'] or None,
+                              supplement=(located('supplement', values['supplement'])
+                                          if values['supplement'] else None),
                               gravity=values['gravity'])
         for warning in found:
             self.get_logger().warning(str(warning.message))

@@ -123,9 +123,8 @@ class Client(Node):
         self.states = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
         self.description = self.create_publisher(String, 'robot_description', LATCHED)
-        self.create_subscription(JointState, f'{NAME}/joint_torques', self._on_torques, DEEP)
-        self.create_subscription(Float64MultiArray, 'commands',
-                                 lambda m: self.commands.append(list(m.data)), DEEP)
+        self._heard = []
+        self.listen(True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP)
         self.spinner = SingleThreadedExecutor()
         self.spinner.add_node(self)
@@ -147,6 +146,16 @@ class Client(Node):
         self._thread.join(2.0)
         self.spinner.shutdown()
         self.destroy_node()
+
+    def listen(self, on):
+        """Subscribe to the torques, or leave a node under load to its driver alone."""
+        for subscription in self._heard:
+            self.destroy_subscription(subscription)
+        self._heard = [
+            self.create_subscription(JointState, f'{NAME}/joint_torques', self._on_torques, DEEP),
+            self.create_subscription(Float64MultiArray, 'commands',
+                                     lambda m: self.commands.append(list(m.data)), DEEP),
+        ] if on else []
 
     def _on_torques(self, message):
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec

@@ -9,6 +9,7 @@ pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
 from graph import URDF, wait_until  # noqa: E402, I100
+from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate  # noqa: E402
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
@@ -112,3 +113,11 @@ def test_names_follow_namespace_and_remapping(client, start):
     topics = dict(client.get_topic_names_and_types())
     assert {'/left/effort_controller/commands', '/left/joint_states',
             '/left/kane_dynamics/joint_torques', '/diagnostics'} <= set(topics)
+
+
+@pytest.mark.parametrize('name', ['fr3.yaml', 'ur10e.yaml', 'two_link.yaml'])
+def test_every_shipped_configuration_starts_a_node(start, name):
+    node = start('--params-file', str(resource_path('config', name)), robot_description='""')
+    node.wait_for('active, mode inverse_dynamics')
+    assert 'does not exist' not in node.log
+    assert node.end()[0] == 0

@@ -1,0 +1,103 @@
+"""The launch file: what it starts, and with which parameters."""
+
+import importlib.util
+from pathlib import Path
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LAUNCH = ROOT / 'launch' / 'kane_dynamics.launch.py'
+
+
+class Recorder:
+    """Stands in for a class of launch: keeps its arguments."""
+
+    def __init__(self, *arguments, **keywords):
+        self.arguments, self.keywords = arguments, keywords
+
+
+class Configuration(Recorder):
+    """Stands in for LaunchConfiguration; the context is a dict."""
+
+    def perform(self, context):
+        return context[self.arguments[0]]
+
+
+def load():
+    spec = importlib.util.spec_from_file_location('launch_file', LAUNCH)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def launch_file(monkeypatch):
+    """Return the launch file as loaded where small recorders stand in for launch."""
+    made = {'launch': {'LaunchDescription': Recorder},
+            'launch.actions': {'DeclareLaunchArgument': Recorder, 'OpaqueFunction': Recorder},
+            'launch.substitutions': {'LaunchConfiguration': Configuration},
+            'launch_ros': {}, 'launch_ros.actions': {'Node': Recorder},
+            'ament_index_python': {},
+            'ament_index_python.packages': {
+                'get_package_share_directory': lambda package: str(ROOT)}}
+    for name, members in made.items():
+        module = ModuleType(name)
+        vars(module).update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    return load()
+
+
+def start(launch_file, **arguments):
+    """Return what starts with some arguments."""
+    description = launch_file.generate_launch_description().arguments[0]
+    context = {each.arguments[0]: each.keywords['default_value'] for each in description[:-1]}
+    assert set(arguments) <= set(context)
+    started = description[-1].keywords['function'](context | arguments)
+    return [SimpleNamespace(**each.keywords) for each in started]
+
+
+def test_alone_it_starts_the_node_and_nothing_else(launch_file):
+    node, = start(launch_file)
+    assert (node.package, node.executable) == ('kane_dynamics', 'dynamics_node')
+    assert node.parameters == [{'use_sim_time': False}]
+    assert node.remappings == []
+
+
+@pytest.mark.parametrize('path', sorted((ROOT / 'config').glob('*.yaml')), ids=lambda p: p.stem)
+def test_every_shipped_configuration_is_found_by_its_name(launch_file, path):
+    node, = start(launch_file, config=path.name)
+    assert Path(node.parameters[0]) == path
+
+
+def test_a_urdf_wins_over_the_configuration(launch_file):
+    node, = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
+    assert node.parameters[1:] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
+
+
+def test_topics_are_remapped_and_namespaced(launch_file):
+    node, = start(launch_file, commands='effort/commands', namespace='left')
+    assert node.remappings == [('commands', 'effort/commands')]
+    assert node.namespace == 'left'
+
+
+def test_the_state_publisher_gets_the_same_urdf(launch_file):
+    urdf = ROOT / 'urdf' / 'two_link.urdf'
+    _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left')
+    assert publisher.package == 'robot_state_publisher'
+    assert publisher.parameters[0] == {'robot_description': urdf.read_text()}
+    assert publisher.namespace == 'left'
+
+
+def test_what_cannot_be_started_is_refused_in_words(launch_file):
+    with pytest.raises(FileNotFoundError, match='nowhere.yaml'):
+        start(launch_file, config='nowhere.yaml')
+    with pytest.raises(ValueError, match='needs urdf'):
+        start(launch_file, state_publisher='true')
+
+
+def test_it_loads_where_launch_is_installed():
+    pytest.importorskip('launch')
+    pytest.importorskip('launch_ros')
+    assert load().generate_launch_description().entities

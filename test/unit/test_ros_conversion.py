@@ -1,0 +1,101 @@
+"""Messages to arrays and back, and the counts that diagnostics report."""
+
+from array import array
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from builtin_interfaces.msg import Duration  # noqa: E402
+from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,  # noqa: E402
+                                          NOT_FINITE, order, SHORT, StateReader,
+                                          trajectory_message, TWICE)
+from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
+from kane_dynamics.trajectory import Trajectory  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+
+JOINTS = ('a', 'b', 'c')
+
+
+def state(names, positions, velocities=()):
+    return JointState(name=list(names), position=array('d', positions),
+                      velocity=array('d', velocities))
+
+
+def test_a_state_is_read_by_name_into_the_same_arrays():
+    reader = StateReader(JOINTS)
+    q, u = reader.q, reader.u
+    assert reader.read(state('cxab', [3, 9, 1, 2], [30, 90, 10, 20]), True) is None
+    assert (q.tolist(), u.tolist()) == ([1, 2, 3], [10, 20, 30])
+    assert reader.read(state('abc', [4, 5, 6], [7, 8, 9]), True) is None
+    assert (q.tolist(), u.tolist()) == ([4, 5, 6], [7, 8, 9])
+    assert reader.q is q
+
+
+@pytest.mark.parametrize(('reason', 'detail', 'message'), [
+    (MISSING, 'c', state('ab', [1, 2], [1, 2])),
+    (TWICE, 'a', state('abca', [1, 2, 3, 4], [1, 2, 3, 4])),
+    (SHORT, '2 positions for 3 names', state('abc', [1, 2], [1, 2, 3])),
+    (SHORT, '2 velocities for 3 names', state('abc', [1, 2, 3], [1, 2])),
+    (NO_VELOCITY, '0 velocities', state('abc', [1, 2, 3])),
+    (NOT_FINITE, 'b', state('abc', [1, math.nan, 3], [1, 2, 3])),
+    (NOT_FINITE, 'c', state('abc', [1, 2, 3], [1, 2, math.inf])),
+    (SHORT, '0 positions', state('abc', [])),
+])
+def test_a_bad_state_is_told_its_reason_and_a_good_one_still_goes(reason, detail, message):
+    reader = StateReader(JOINTS)
+    assert reader.read(message, True) == reason
+    assert detail in reader.detail
+    assert reader.read(state('abc', [1, 2, 3], [1, 2, 3]), True) is None
+
+
+def test_without_need_of_velocity_a_missing_one_is_rest():
+    reader = StateReader(JOINTS)
+    reader.u[:] = 5.0
+    assert reader.read(state('abc', [1, 2, 3]), False) is None
+    assert not reader.u.any()
+
+
+def test_an_order_is_none_where_nothing_changes():
+    assert order([], JOINTS, 'names') is None
+    assert order(JOINTS, JOINTS, 'names') is None
+    assert order(['c', 'a', 'b'], JOINTS, 'names').tolist() == [1, 2, 0]
+    for names in (['a', 'b'], ['a', 'b', 'c', 'd'], ['a', 'b', 'c', 'c']):
+        with pytest.raises(InputError, match='names .*; valid: each of a, b, c once, or empty'):
+            order(names, JOINTS, 'names')
+
+
+@pytest.mark.parametrize(('seconds', 'expected'), [
+    (0.0, (0, 0)), (1.5, (1, 500_000_000)), (0.9999999999, (1, 0)), (3600.000001, (3600, 1000))])
+def test_durations_are_rounded_to_the_nanosecond(seconds, expected):
+    assert duration(seconds) == Duration(sec=expected[0], nanosec=expected[1])
+
+
+def test_a_trajectory_becomes_a_message_in_the_order_asked_for():
+    rows = np.arange(6.0).reshape(2, 3)
+    trajectory = Trajectory(t=np.array([0.0, 0.25]), q=rows, u=rows + 10, udot=rows + 20,
+                            tau=rows + 30, energy=np.zeros((2, 2)), joint_names=JOINTS)
+    message = trajectory_message(trajectory, ['c', 'a', 'b'])
+    last = message.points[1]
+    assert list(message.joint_names) == ['c', 'a', 'b']
+    assert list(last.positions) == [5, 3, 4]
+    assert list(last.velocities) == [15, 13, 14]
+    assert list(last.accelerations) == [25, 23, 24]
+    assert list(last.effort) == [35, 33, 34]
+    assert last.time_from_start == Duration(nanosec=250_000_000)
+
+
+def test_a_report_counts_its_own_period():
+    statistics = Statistics()
+    for k in range(200):
+        statistics.command(1e-6 * (k + 1), 1e-3, k % 2 == 0)
+    statistics.dropped['not finite'] += 3
+    rate, dropped, values = statistics.period(2.0)
+    assert (rate, dropped) == (100.0, 3)
+    assert values['callback latency max'] == '200 us'
+    assert values['commands clamped'] == '100'
+    assert values['states dropped: not finite'] == '3'
+    assert statistics.period(1.0)[:2] == (0.0, 0)
