@@ -17,6 +17,7 @@ def located(parameter: str, name: str) -> Path:
     ------
     InputError
         The package is not installed, or there is no such file.
+
     """
     if name.startswith('package://'):
         package, _, rest = name.removeprefix('package://').partition('/')

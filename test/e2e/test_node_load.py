@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from graph import Process, wait_until  # noqa: E402
+from graph import Process, wait_until  # noqa: E402, I100
 from kane_dynamics import load_urdf  # noqa: E402
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate  # noqa: E402
