@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from builtin_interfaces.msg import Duration, Time
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion import Motion
-from kane_dynamics.simulation import Trajectory
+from kane_dynamics.trajectory import Trajectory
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import JointState

@@ -75,7 +75,8 @@ class Simulation:
             raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE}, COMPUTED_TORQUE '
                              f'{request.COMPUTED_TORQUE}')
-        return cls(served.robot, tuple(request.joint_names), vector(request.position, index, n, 'position'),
+        return cls(served.robot, tuple(request.joint_names),
+                   vector(request.position, index, n, 'position'),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
                    torque)
 
@@ -142,4 +143,5 @@ def _table(request: Any, index: Index | None, n: int, duration: float, step: flo
     if row_of_step[-1] >= len(table):
         raise InputError(f'torques has {len(table)} rows of {period:g} s; valid: at least '
                          f'{row_of_step[-1] + 1} for a duration of {duration:g} s')
-    return table[row_of_step] if index is None else table[row_of_step][:, index]
+    held: Array = table[row_of_step]
+    return held if index is None else held[:, index]

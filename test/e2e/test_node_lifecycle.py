@@ -8,11 +8,11 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from graph import URDF, wait_until  # noqa: E402
-from kane_dynamics.resources import resource_path  # noqa: E402
-from kane_dynamics_interfaces.srv import GetDynamics, Simulate  # noqa: E402
-from lifecycle_msgs.msg import Transition  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from graph import URDF, wait_until
+from kane_dynamics.resources import resource_path
+from kane_dynamics_interfaces.srv import GetDynamics, Simulate
+from lifecycle_msgs.msg import Transition
+from std_msgs.msg import String
 
 POSE = [0.3, -0.4, 0.2]
 

@@ -11,13 +11,13 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from graph import JOINTS, model, NAME, Process, URDF, wait_until  # noqa: E402
-from kane_dynamics import ComputedTorque, Motion, Robot, simulate  # noqa: E402
-from kane_dynamics_interfaces.action import SimulateMotion  # noqa: E402
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,  # noqa: E402
+from graph import JOINTS, model, NAME, Process, URDF, wait_until
+from kane_dynamics import ComputedTorque, Motion, Robot, simulate
+from kane_dynamics_interfaces.action import SimulateMotion
+from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,
                                           InverseDynamics, Simulate)
-from rclpy.action import ActionClient  # noqa: E402
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
+from rclpy.action import ActionClient
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 Q, U, A = [0.3, -0.4, 0.2], [0.5, 1.0, -0.3], [1.0, -2.0, 0.5]
 ORDER = [2, 0, 1]  # of a request that names the joints in another order

@@ -9,9 +9,9 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
-from graph import JOINTS, model, URDF, wait_until  # noqa: E402
-from kane_dynamics import Controller, Motion, Robot, Terms  # noqa: E402
-from lifecycle_msgs.msg import Transition  # noqa: E402
+from graph import JOINTS, model, URDF, wait_until
+from kane_dynamics import Controller, Motion, Robot, Terms
+from lifecycle_msgs.msg import Transition
 
 GENERATOR = np.random.default_rng(7)
 

@@ -91,7 +91,7 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 
 
 def test_what_cannot_be_started_is_refused_in_words(launch_file):
-    with pytest.raises(FileNotFoundError, match='nowhere.yaml'):
+    with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
         start(launch_file, config='nowhere.yaml')
     with pytest.raises(ValueError, match='needs urdf'):
         start(launch_file, state_publisher='true')

@@ -8,14 +8,14 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from builtin_interfaces.msg import Duration  # noqa: E402
-from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,  # noqa: E402
+from builtin_interfaces.msg import Duration
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,
                                           NOT_FINITE, order, SHORT, StateReader,
                                           trajectory_message, TWICE)
-from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
-from kane_dynamics.trajectory import Trajectory  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
+from kane_dynamics.ros.diagnostics import Statistics
+from kane_dynamics.trajectory import Trajectory
+from sensor_msgs.msg import JointState
 
 JOINTS = ('a', 'b', 'c')
 
@@ -64,7 +64,7 @@ def test_an_order_is_none_where_nothing_changes():
     assert order(JOINTS, JOINTS, 'names') is None
     assert order(['c', 'a', 'b'], JOINTS, 'names').tolist() == [1, 2, 0]
     for names in (['a', 'b'], ['a', 'b', 'c', 'd'], ['a', 'b', 'c', 'c']):
-        with pytest.raises(InputError, match='names .*; valid: each of a, b, c once, or empty'):
+        with pytest.raises(InputError, match=r'names .*; valid: each of a, b, c once, or empty'):
             order(names, JOINTS, 'names')
 
 

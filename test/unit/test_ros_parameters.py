@@ -9,10 +9,10 @@ import yaml
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import load_urdf  # noqa: E402
-from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.files import located  # noqa: E402
-from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read  # noqa: E402
+from kane_dynamics import load_urdf
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.files import located
+from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read
 
 CONFIG = sorted((Path(__file__).parents[2] / 'config').glob('*.yaml'))
 
@@ -76,7 +76,7 @@ def test_a_misspelt_name_is_told_its_neighbour():
 def test_a_package_that_is_not_installed_is_named():
     with pytest.raises(InputError, match="package 'no_such_package' is not installed"):
         located('urdf', 'package://no_such_package/a.urdf')
-    with pytest.raises(InputError, match="no file 'nothing.urdf' in urdf"):
+    with pytest.raises(InputError, match=r"no file 'nothing\.urdf' in urdf"):
         located('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
     with pytest.raises(InputError, match="parameter 'urdf' is '/no/file'"):
         located('urdf', '/no/file')
