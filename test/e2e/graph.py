@@ -210,7 +210,7 @@ class Client(Node):
     def state(self):
         return self.call(GetState, 'get_state').current_state.label
 
-    def set(self, **parameters):
+    def adjust(self, **parameters):
         """Set parameters together; return the node's answer."""
         messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                     for name, value in parameters.items()]

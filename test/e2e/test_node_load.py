@@ -13,16 +13,12 @@ import subprocess
 import sys
 import time
 
-import numpy as np
-import pytest
-
-pytest.importorskip('rclpy')
-pytest.importorskip('kane_dynamics_interfaces')
-
 from graph import Process, wait_until
 from kane_dynamics import load_urdf
 from kane_dynamics.resources import resource_path
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate
+import numpy as np
+import pytest
 
 ARM = resource_path('urdf', 'fr3.urdf')
 JOINTS = tuple(name for name in load_urdf(ARM).joint_names if 'finger' not in name)

@@ -3,11 +3,6 @@
 from array import array
 import math
 
-import numpy as np
-import pytest
-
-pytest.importorskip('rclpy')
-
 from builtin_interfaces.msg import Duration
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,
@@ -15,6 +10,8 @@ from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,
                                           trajectory_message, TWICE)
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.trajectory import Trajectory
+import numpy as np
+import pytest
 from sensor_msgs.msg import JointState
 
 JOINTS = ('a', 'b', 'c')

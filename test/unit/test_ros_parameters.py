@@ -3,16 +3,13 @@
 import math
 from pathlib import Path
 
-import numpy as np
-import pytest
-import yaml
-
-pytest.importorskip('rclpy')
-
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.files import located
 from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read
+import numpy as np
+import pytest
+import yaml
 
 CONFIG = sorted((Path(__file__).parents[2] / 'config').glob('*.yaml'))
 
