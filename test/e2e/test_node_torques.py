@@ -55,9 +55,10 @@ def test_without_a_motion_the_torques_hold_gravity_at_the_measured_pose(node, ro
         assert close(node.ask(q, u), robot.gravity_force(q))
 
 
-def test_commands_hold_the_same_numbers_as_joint_torques(node, robot):
+def test_commands_hold_the_same_numbers_as_joint_torques_which_are_named(node, robot):
     q = np.array([0.3, -0.4, 0.2])
     tau = node.ask(q, np.zeros(3))
+    assert node.names == JOINTS
     assert wait_until(lambda: node.commands and node.commands[-1] == tau.tolist())
 
 
