@@ -6,7 +6,8 @@ answers each joint state with an array of the same size on rclpy's default execu
 on the EventsExecutor. One driver visits them in shuffled order, one visit every 2 ms on average,
 with a jittered period, so that every contender meets the same noise.
 
-The gate: the median of the dynamics node is no worse than the default executor's echo.
+The gate: the median of the dynamics node is no worse than that of the echo on the default
+executor.
 """
 
 from collections.abc import Iterator
@@ -22,10 +23,11 @@ from kane_dynamics import load_urdf
 from kane_dynamics.resources import resource_path
 import numpy as np
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -36,6 +38,7 @@ NAMESPACES = {OURS: '/ours', DEFAULT: '/default', EVENTS: '/events'}
 PERIOD = 2e-3  # s between visits, on average
 PATIENCE = 20e-3  # s after which an answer counts as lost
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+GENERATOR = np.random.default_rng(0)
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -49,8 +52,8 @@ def echo(namespace: str, executor: str) -> None:
         lambda message: publisher.publish(Float64MultiArray(data=message.position)), BEST_EFFORT)
     spinner = EventsExecutor() if executor == EVENTS else SingleThreadedExecutor()
     spinner.add_node(node)
-    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        spinner.spin_until_future_complete(rclpy.task.Future(), 1e6)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        spinner.spin_until_future_complete(Future(), 1e6)
 
 
 @contextmanager
@@ -80,7 +83,6 @@ class Driver(Node):
     def __init__(self) -> None:
         super().__init__('driver')
         self._answered = ''
-        self._random = np.random.default_rng(0)
         self._at = 0.0
         self._publishers_to = {}
         for name, namespace in NAMESPACES.items():
@@ -99,8 +101,8 @@ class Driver(Node):
     def visit(self, name: str, patience: float = PATIENCE) -> float:
         """Return the seconds of one round trip; nan if there is no answer."""
         message = self._message
-        message.position = self._random.uniform(-1.0, 1.0, len(JOINTS)).tolist()
-        message.velocity = self._random.uniform(-1.0, 1.0, len(JOINTS)).tolist()
+        message.position = GENERATOR.uniform(-1.0, 1.0, len(JOINTS)).tolist()
+        message.velocity = GENERATOR.uniform(-1.0, 1.0, len(JOINTS)).tolist()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
         self._answered = ''
         began = time.perf_counter()

@@ -19,7 +19,7 @@ ARGUMENTS = {
     'config': ('', 'parameter file: a path, or the name of one in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; wins over the parameter file'),
     'namespace': ('', 'namespace of all nodes'),
-    'commands': ('commands', 'topic of the torques, such as forward_effort_controller/commands'),
+    'commands': ('commands', 'topic of the torques; a controller has its own, <name>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
     'use_sim_time': ('false', 'take the time from /clock'),
     'state_publisher': ('false', 'start robot_state_publisher too; needs urdf:='),

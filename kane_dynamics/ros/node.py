@@ -88,7 +88,7 @@ class DynamicsNode(LifecycleNode):
         """Configure and activate, if that is wanted and the URDF is known."""
         if not self.values['autostart'] or self.state != 'unconfigured':
             return
-        if not self._urdf():
+        if not (self.values['robot_description'] or self.values['urdf'] or self._description):
             self.get_logger().info('waiting for a URDF on topic robot_description')
         elif self.trigger_configure() == SUCCESS:
             self.trigger_activate()

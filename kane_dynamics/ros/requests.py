@@ -60,7 +60,6 @@ class Simulation:
         ------
         InputError
             Names the field, its value, and what is valid.
-
         """
         joints, n = served.robot.joint_names, served.robot.n
         index = order(request.joint_names, joints, 'joint_names')
@@ -144,5 +143,5 @@ def _table(request: Any, index: Index | None, n: int, duration: float, step: flo
     if row_of_step[-1] >= len(table):
         raise InputError(f'torques has {len(table)} rows of {period:g} s; valid: at least '
                          f'{row_of_step[-1] + 1} for a duration of {duration:g} s')
-    rows: Array = table[row_of_step] if index is None else table[row_of_step][:, index]
-    return rows
+    held: Array = table[row_of_step]
+    return held if index is None else held[:, index]

@@ -61,7 +61,7 @@ class Worker:
             work, future = item
             try:
                 work()
-            except BaseException as error:  # noqa: B902  (handed on to whoever waits)
+            except BaseException as error:
                 future.set_exception(error)
             else:
                 future.set_result(None)

@@ -118,6 +118,7 @@ class Client(Node):
         super().__init__('client')
         self.joints = joints
         self.torques = OrderedDict()  # by stamp, ns
+        self.names = ()
         self.commands = []
         self.diagnostics = []
         self.states = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
@@ -159,8 +160,8 @@ class Client(Node):
 
     def _on_torques(self, message):
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        assert tuple(message.name) == self.joints
         self.torques[stamp] = np.array(message.effort)
+        self.names = tuple(message.name)
 
     def _on_diagnostics(self, message):
         for status in message.status:
@@ -210,7 +211,7 @@ class Client(Node):
     def state(self):
         return self.call(GetState, 'get_state').current_state.label
 
-    def set(self, **parameters):  # noqa: A003
+    def adjust(self, **parameters):
         """Set parameters together; return the node's answer."""
         messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                     for name, value in parameters.items()]

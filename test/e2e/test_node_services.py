@@ -5,19 +5,15 @@ import time
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
+from graph import JOINTS, model, NAME, Process, URDF, wait_until
+from kane_dynamics import ComputedTorque, Motion, Robot, simulate
+from kane_dynamics_interfaces.action import SimulateMotion
+from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,
+                                          InverseDynamics, Simulate)
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy')
-pytest.importorskip('kane_dynamics_interfaces')
-
-from graph import JOINTS, model, NAME, Process, URDF, wait_until  # noqa: E402, I100
-from kane_dynamics import ComputedTorque, Motion, Robot, simulate  # noqa: E402
-from kane_dynamics_interfaces.action import SimulateMotion  # noqa: E402
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,  # noqa: E402
-                                          InverseDynamics, Simulate)
-from rclpy.action import ActionClient  # noqa: E402
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
+from rclpy.action import ActionClient
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 Q, U, A = [0.3, -0.4, 0.2], [0.5, 1.0, -0.3], [1.0, -2.0, 0.5]
 ORDER = [2, 0, 1]  # of a request that names the joints in another order
@@ -200,7 +196,7 @@ class Goal:
 
 
 def test_the_action_reports_progress_and_ends_with_the_librarys_numbers(node, robot):
-    assert node.set(simulation__max_duration=3600.0).successful
+    assert node.adjust(simulation__max_duration=3600.0).successful
     goal = Goal(node, duration=300.0, sample_period=1.0)
     status, result = goal.result()
     assert status == GoalStatus.STATUS_SUCCEEDED, result.message
@@ -235,7 +231,7 @@ def test_a_bad_goal_is_aborted_with_the_reason(node):
 
 
 def test_more_waiting_simulations_than_allowed_are_told_that_it_is_busy(node):
-    assert node.set(simulation__max_waiting=1).successful
+    assert node.adjust(simulation__max_waiting=1).successful
     long = [Goal(node, duration=1000.0) for _ in range(3)]
     answers = [each.result(30.0)[1] for each in long[2:]]
     assert not answers[0].success
@@ -244,4 +240,4 @@ def test_more_waiting_simulations_than_allowed_are_told_that_it_is_busy(node):
     for each in long[:2]:
         each.handle.cancel_goal_async()
         each.result()
-    assert node.set(simulation__max_waiting=8).successful
+    assert node.adjust(simulation__max_waiting=8).successful

@@ -3,15 +3,11 @@
 import math
 import time
 
+from graph import JOINTS, model, URDF, wait_until
+from kane_dynamics import Controller, Motion, Robot, Terms
+from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy')
-pytest.importorskip('kane_dynamics_interfaces')
-
-from graph import JOINTS, model, URDF, wait_until  # noqa: E402, I100
-from kane_dynamics import Controller, Motion, Robot, Terms  # noqa: E402
-from lifecycle_msgs.msg import Transition  # noqa: E402
 
 GENERATOR = np.random.default_rng(7)
 
@@ -34,9 +30,10 @@ def module_node():
 @pytest.fixture
 def node(module_node, client):
     """Return a client of a node that is as it was at its start."""
-    assert client.set(mode='inverse_dynamics', state_timeout=1.0, limits__effort=math.inf,
-                      compensate__gravity=True, compensate__friction=True,
-                      gravity=[0.0, 0.0, -9.81]).successful
+    assert client.adjust(
+        mode='inverse_dynamics', state_timeout=1.0, limits__effort=math.inf,
+        compensate__gravity=True, compensate__friction=True,
+        gravity=[0.0, 0.0, -9.81]).successful
     client.connect()
     client.transition(Transition.TRANSITION_DEACTIVATE)
     client.transition(Transition.TRANSITION_ACTIVATE)
@@ -58,15 +55,16 @@ def test_without_a_motion_the_torques_hold_gravity_at_the_measured_pose(node, ro
         assert close(node.ask(q, u), robot.gravity_force(q))
 
 
-def test_commands_hold_the_same_numbers_as_joint_torques(node, robot):
+def test_commands_hold_the_same_numbers_as_joint_torques_which_are_named(node, robot):
     q = np.array([0.3, -0.4, 0.2])
     tau = node.ask(q, np.zeros(3))
+    assert node.names == JOINTS
     assert wait_until(lambda: node.commands and node.commands[-1] == tau.tolist())
 
 
 @pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
 def test_along_a_motion_the_torques_equal_the_librarys(node, robot, mode):
-    assert node.set(mode=mode, compensate__friction=False, limits__effort=1000.0).successful
+    assert node.adjust(mode=mode, compensate__friction=False, limits__effort=1000.0).successful
     points = [(0.0, [0, 0, 0]), (0.6, [0.5, -0.4, 0.3]), (1.5, [0.1, 0.2, -0.2])]
     start = time.time_ns() + 50_000_000
     node.follow(points, start=start)
@@ -83,14 +81,14 @@ def test_along_a_motion_the_torques_equal_the_librarys(node, robot, mode):
 
 
 def test_a_switched_off_term_is_absent_at_once(node, robot):
-    assert node.set(compensate__gravity=False).successful
+    assert node.adjust(compensate__gravity=False).successful
     assert not node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
 
 
 def test_gravity_changes_at_run_time(node, robot):
     tilted = Robot(model())
     tilted.parameters.gravity = [3.0, 0.0, -9.0]
-    assert node.set(gravity=[3.0, 0.0, -9.0]).successful
+    assert node.adjust(gravity=[3.0, 0.0, -9.0]).successful
     q = np.array([0.3, -0.4, 0.2])
     assert close(node.ask(q, np.zeros(3)), tilted.gravity_force(q))
 
@@ -127,13 +125,13 @@ def test_a_bad_state_gets_no_torque_and_is_counted(node, reason, arguments):
 
 
 def test_torques_beyond_the_finite_numbers_are_not_commanded(node):
-    assert node.set(mode='computed_torque').successful
+    assert node.adjust(mode='computed_torque').successful
     assert node.ask([0, 0, 0], [1e200, 1e200, 1e200], timeout=0.1) is None
     assert node.rest() is not None
 
 
 def test_gravity_compensation_needs_no_velocity(node, robot):
-    assert node.set(mode='gravity_compensation').successful
+    assert node.adjust(mode='gravity_compensation').successful
     q = np.array([0.3, -0.4, 0.2])
     assert close(node.ask(q), robot.gravity_force(q))
 
@@ -142,7 +140,7 @@ def test_torques_are_clamped_to_the_limit(node, robot):
     q = np.array([0.3, -0.4, 0.2])
     free = robot.gravity_force(q)
     limit = 0.5 * np.abs(free).max()
-    assert node.set(limits__effort=limit).successful
+    assert node.adjust(limits__effort=limit).successful
     node.diagnostics.clear()
     assert close(node.ask(q, np.zeros(3)), np.clip(free, -limit, limit))
     assert wait_until(lambda: any(int(values.get('commands clamped', 0)) > 0
@@ -150,7 +148,7 @@ def test_torques_are_clamped_to_the_limit(node, robot):
 
 
 def test_silence_brings_zeros_once_and_shows_in_diagnostics(node):
-    assert node.set(state_timeout=0.1).successful
+    assert node.adjust(state_timeout=0.1).successful
     node.diagnostics.clear()
     assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
     before = len(node.commands)
@@ -202,7 +200,7 @@ def test_a_bad_trajectory_is_rejected_with_the_reason(node, robot, words, argume
 ])
 def test_a_bad_parameter_is_refused_with_the_reason_and_changes_nothing(node, robot, words,
                                                                         values):
-    answer = node.set(compensate__gravity=False, **values)
+    answer = node.adjust(compensate__gravity=False, **values)
     assert not answer.successful
     assert words in answer.reason
     q = np.array([0.3, -0.4, 0.2])

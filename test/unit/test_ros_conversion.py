@@ -3,19 +3,16 @@
 from array import array
 import math
 
-import numpy as np
-import pytest
-
-pytest.importorskip('rclpy')
-
-from builtin_interfaces.msg import Duration  # noqa: E402, I100
-from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,  # noqa: E402
+from builtin_interfaces.msg import Duration
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,
                                           NOT_FINITE, order, SHORT, StateReader,
                                           trajectory_message, TWICE)
-from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
-from kane_dynamics.trajectory import Trajectory  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
+from kane_dynamics.ros.diagnostics import Statistics
+from kane_dynamics.trajectory import Trajectory
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
 
 JOINTS = ('a', 'b', 'c')
 

@@ -3,16 +3,13 @@
 import math
 from pathlib import Path
 
+from kane_dynamics import load_urdf
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.files import located
+from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip('rclpy')
-
-from kane_dynamics import load_urdf  # noqa: E402, I100
-from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.files import located  # noqa: E402
-from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read  # noqa: E402
 
 CONFIG = sorted((Path(__file__).parents[2] / 'config').glob('*.yaml'))
 
