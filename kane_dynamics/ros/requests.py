@@ -60,6 +60,7 @@ class Simulation:
         ------
         InputError
             Names the field, its value, and what is valid.
+
         """
         joints, n = served.robot.joint_names, served.robot.n
         index = order(request.joint_names, joints, 'joint_names')
