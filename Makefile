@@ -81,8 +81,13 @@ test: install
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
 
+# Every benchmark that is a program; all of them run, then any failure counts.
+BENCHMARKS ?= $(shell grep -l '^if __name__' benchmarks/*.py)
+
 bench: install
-	$(ROS_ENV) $(BIN)/python -m pytest -m bench -s --timeout 1800 test benchmarks $(PYTEST_ARGS)
+	@failed=; for program in $(BENCHMARKS); do \
+	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program || failed="$$failed $$program"; \
+	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 
 LINTED = $(wildcard kane_dynamics test examples benchmarks launch setup.py $(INTERFACES)/test)
 
