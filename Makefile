@@ -116,9 +116,10 @@ COLCON_ENV = VIRTUAL_ENV='$(CURDIR)/$(COLCON_VENV)' PATH="$(CURDIR)/$(COLCON_VEN
 COLCON_FOLDERS = --build-base $(COLCON_BASE)/build --install-base $(COLCON_BASE)/install
 COLCON_TESTS ?= test/unit test/e2e
 
-# The results are looked for by name: a package without any would pass.
+# The Python package is built anew, since colcon leaves deleted modules where they were. The results
+# are looked for by name: a package without any would pass.
 colcon-test: $(COLCON_VENV)/.tools
-	rm -rf $(COLCON_BASE)/build/*/pytest.xml $(COLCON_BASE)/build/*/test_results
+	rm -rf $(COLCON_BASE)/*/kane_dynamics $(COLCON_BASE)/build/*/test_results
 	$(COLCON_ENV) colcon build $(COLCON_FOLDERS) --event-handlers console_cohesion+ \
 	  --cmake-args -DBUILD_TESTING=ON -DCMAKE_PROJECT_INCLUDE='$(CURDIR)/$(INTERFACES)/pip_ros.cmake'
 	$(COLCON_ENV) colcon test $(COLCON_FOLDERS) --event-handlers console_direct+ \
