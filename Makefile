@@ -81,8 +81,13 @@ test: install
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
 
+# Every benchmark that is a program; all of them run, then any failure counts.
+BENCHMARKS ?= $(shell grep -l '^if __name__' benchmarks/*.py)
+
 bench: install
-	$(ROS_ENV) $(BIN)/python -m pytest -m bench -s --timeout 1800 test benchmarks $(PYTEST_ARGS)
+	@failed=; for program in $(BENCHMARKS); do \
+	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program || failed="$$failed $$program"; \
+	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 
 LINTED = $(wildcard kane_dynamics test examples benchmarks launch setup.py $(INTERFACES)/test)
 
@@ -111,9 +116,10 @@ COLCON_ENV = VIRTUAL_ENV='$(CURDIR)/$(COLCON_VENV)' PATH="$(CURDIR)/$(COLCON_VEN
 COLCON_FOLDERS = --build-base $(COLCON_BASE)/build --install-base $(COLCON_BASE)/install
 COLCON_TESTS ?= test/unit test/e2e
 
-# The results are looked for by name: a package without any would pass.
+# The Python package is built anew, since colcon leaves deleted modules where they were. The results
+# are looked for by name: a package without any would pass.
 colcon-test: $(COLCON_VENV)/.tools
-	rm -rf $(COLCON_BASE)/build/*/pytest.xml $(COLCON_BASE)/build/*/test_results
+	rm -rf $(COLCON_BASE)/*/kane_dynamics $(COLCON_BASE)/build/*/test_results
 	$(COLCON_ENV) colcon build $(COLCON_FOLDERS) --event-handlers console_cohesion+ \
 	  --cmake-args -DBUILD_TESTING=ON -DCMAKE_PROJECT_INCLUDE='$(CURDIR)/$(INTERFACES)/pip_ros.cmake'
 	$(COLCON_ENV) colcon test $(COLCON_FOLDERS) --event-handlers console_direct+ \

@@ -27,6 +27,7 @@ RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
 
 # Who may import these at all, even inside a function.
 DOORS = {
+    'ament_index_python': ('ros',),
     'example_robot_data': (),
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
