@@ -1,10 +1,15 @@
-"""Where the files are that parameters name."""
+"""Where the files are that parameters name, and the model that they describe."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
+import warnings
 
 from ament_index_python.packages import get_package_share_directory, PackageNotFoundError
 from kane_dynamics.errors import InputError
+from kane_dynamics.model import Model
 from kane_dynamics.resources import resource_path
+from kane_dynamics.urdf import load_urdf
 
 OURS = 'kane_dynamics'
 
@@ -34,3 +39,16 @@ def located(parameter: str, name: str) -> Path:
     if not path.is_file():
         raise InputError(f"parameter '{parameter}' is '{name}': no file '{path}'")
     return path
+
+
+def load(source: str | Path, values: Mapping[str, Any], warn: Callable[[str], object]) -> Model:
+    """Load the URDF as the parameters say; `warn` takes each remark about it."""
+    supplement = values['supplement']
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter('always')
+        model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
+                          joints=list(values['joints']) or None, gravity=values['gravity'],
+                          supplement=located('supplement', supplement) if supplement else None)
+    for warning in found:
+        warn(str(warning.message))
+    return model

@@ -1,27 +1,23 @@
 """The lifecycle node: it finds the URDF, compiles the robot, and wires the torque path."""
 
-from collections.abc import Sequence
 import gc
 from pathlib import Path
 import time
 from typing import Any
-import warnings
 
 from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.control import Controller
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.model import Model
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros import parameters
 from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
-from kane_dynamics.ros.files import located
+from kane_dynamics.ros.files import load, located
 from kane_dynamics.ros.report import report
 from kane_dynamics.ros.requests import Bounds, Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
 from kane_dynamics.stepping import compile_simulation
-from kane_dynamics.urdf import load_urdf
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -176,7 +172,7 @@ class DynamicsNode(LifecycleNode):
         if not source:
             raise InputError("no URDF: set parameter 'robot_description' or 'urdf', or publish "
                              'on topic robot_description')
-        model = self._load(source)
+        model = load(source, self.values, self.get_logger().warning)
         robot, beside = Robot(model), Robot(model)
         robot.compile()
         compile_simulation(beside)  # what both use it finds in the cache
@@ -187,7 +183,7 @@ class DynamicsNode(LifecycleNode):
         self._publishers_of_torque = [commands, torques]
         clock = self.get_clock()
         self.path = TorquePath(
-            Controller(robot, **self._settings(self.values, robot.joint_names)), commands,
+            Controller(robot, **parameters.controller_settings(self.values, robot.joint_names)), commands,
             torques, lambda: clock.now().nanoseconds, self.values['state_timeout'],
             self.statistics, self._warn)
         self._states = self.create_subscription(JointState, 'joint_states', self.path.on_state,
@@ -199,20 +195,6 @@ class DynamicsNode(LifecycleNode):
         self.get_logger().info(
             f'{model.name}: {robot.n} joints ({", ".join(robot.joint_names)}), kernels ready in '
             f'{time.perf_counter() - began:.2f} s, verified to {self.verified:.1e}')
-
-    def _load(self, source: str | Path) -> Model:
-        """Load the URDF; warnings about it go to the log."""
-        values = self.values
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter('always')
-            model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
-                              joints=list(values['joints']) or None,
-                              supplement=(located('supplement', values['supplement'])
-                                          if values['supplement'] else None),
-                              gravity=values['gravity'])
-        for warning in found:
-            self.get_logger().warning(str(warning.message))
-        return model
 
     def _release(self) -> None:
         """Forget the robot and close its topics."""
@@ -247,15 +229,6 @@ class DynamicsNode(LifecycleNode):
 
     # -------------------------------------------------------------- parameters
 
-    @staticmethod
-    def _settings(values: dict[str, Any], joints: Sequence[str]) -> dict[str, Any]:
-        """Return the settings of a Controller."""
-        return {'mode': values['mode'], 'compensate': parameters.terms(values),
-                'kp': parameters.per_joint(values, 'gains.kp', joints, 0.0),
-                'kd': parameters.per_joint(values, 'gains.kd', joints, 0.0),
-                'effort_limit': parameters.per_joint(values, 'limits.effort', joints, np.inf),
-                'rate_limit': parameters.per_joint(values, 'limits.rate', joints, np.inf)}
-
     def _serve(self, robot: Robot) -> None:
         """Let the services answer with `robot` and the present parameters."""
         values, joints = self.values, robot.joint_names
@@ -282,7 +255,7 @@ class DynamicsNode(LifecycleNode):
                                      'clean up first')
                 staged[change.name] = value
             if self.robot is not None:
-                self._settings(staged, self.robot.joint_names)
+                parameters.controller_settings(staged, self.robot.joint_names)
         except KaneError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._staged = staged
@@ -297,7 +270,7 @@ class DynamicsNode(LifecycleNode):
         if self.path is None or self.robot is None or self.server.served is None:
             return
         self.path.set_timeout(self.values['state_timeout'])
-        self.path.controller.update(**self._settings(self.values, self.robot.joint_names))
+        self.path.controller.update(**parameters.controller_settings(self.values, self.robot.joint_names))
         beside = self.server.served.robot
         for robot in (self.robot, beside):
             robot.parameters.gravity = self.values['gravity']

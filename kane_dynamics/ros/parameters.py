@@ -242,3 +242,12 @@ def terms(values: Mapping[str, Any]) -> Terms:
     """Return the term switches that the compensate parameters set."""
     return Terms(**{name: values[f'compensate.{name}']
                     for name in ('gravity', 'coriolis', 'inertia', 'friction')})
+
+
+def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of a Controller."""
+    return {'mode': values['mode'], 'compensate': terms(values),
+            'kp': per_joint(values, 'gains.kp', joints, 0.0),
+            'kd': per_joint(values, 'gains.kd', joints, 0.0),
+            'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
+            'rate_limit': per_joint(values, 'limits.rate', joints, math.inf)}

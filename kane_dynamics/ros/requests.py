@@ -15,7 +15,7 @@ from kane_dynamics.simulation import simulate
 import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
-ROWS = 500   # points of the answer, about, where a request leaves the sample period open
+ROWS = 100   # points of the answer, about, where a request leaves the sample period open
 
 
 @dataclass(frozen=True)
