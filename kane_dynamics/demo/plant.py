@@ -132,22 +132,26 @@ class Plant(Node):
 
     def _on_desired(self, message: JointTrajectory) -> None:
         start = message.header.stamp
-        self._started = start.sec + start.nanosec * 1e-9
+        self._begin_record(start.sec + start.nanosec * 1e-9)
         self._motion = Motion.from_points(
             [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points],
             [p.positions for p in message.points], joint_names=message.joint_names, order=JOINTS)
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Put the arm at rest at home, its servo on or off; forget the motion and the record."""
+        """Put the arm at rest at home, its servo on or off; forget the motion."""
         self.arm.reset()
         self._motion = None
         self._servo_on = request.data
-        self._started = time.time()
+        self._begin_record(time.time())
+        response.success = True
+        return response
+
+    def _begin_record(self, start: float) -> None:
+        """Record anew, with times from `start` on."""
+        self._started = start
         self._rows.clear()
         self._sent.clear()
         self._latencies.clear()
-        response.success = True
-        return response
 
     def _save(self, request: Any, response: Any) -> Any:
         """Write the record, and the latencies, to the file."""

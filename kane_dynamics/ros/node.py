@@ -182,10 +182,11 @@ class DynamicsNode(LifecycleNode):
         torques = self.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
         self._publishers_of_torque = [commands, torques]
         clock = self.get_clock()
+        settings = parameters.controller_settings(self.values, robot.joint_names)
         self.path = TorquePath(
-            Controller(robot, **parameters.controller_settings(self.values, robot.joint_names)), commands,
-            torques, lambda: clock.now().nanoseconds, self.values['state_timeout'],
-            self.statistics, self._warn)
+            Controller(robot, **settings), commands, torques,
+            lambda: clock.now().nanoseconds, self.values['state_timeout'], self.statistics,
+            self._warn)
         self._states = self.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT)
         self._serve(beside)
@@ -270,7 +271,8 @@ class DynamicsNode(LifecycleNode):
         if self.path is None or self.robot is None or self.server.served is None:
             return
         self.path.set_timeout(self.values['state_timeout'])
-        self.path.controller.update(**parameters.controller_settings(self.values, self.robot.joint_names))
+        settings = parameters.controller_settings(self.values, self.robot.joint_names)
+        self.path.controller.update(**settings)
         beside = self.server.served.robot
         for robot in (self.robot, beside):
             robot.parameters.gravity = self.values['gravity']
