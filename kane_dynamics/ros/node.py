@@ -14,7 +14,7 @@ from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load, located
 from kane_dynamics.ros.report import report
-from kane_dynamics.ros.requests import Bounds, Served
+from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
 import numpy as np
@@ -115,12 +115,9 @@ class DynamicsNode(LifecycleNode):
         """Load the URDF, compile and verify the kernels, and open the topics."""
         try:
             self._configure()
-        except KaneError as error:
-            self.get_logger().error(f'not configured: {error}')
-            self._release()
-            return FAILURE
         except Exception as error:
-            self.get_logger().error(f'not configured: {type(error).__name__}: {error}')
+            kind = '' if isinstance(error, KaneError) else f'{type(error).__name__}: '
+            self.get_logger().error(f'not configured: {kind}{error}')
             self._release()
             return FAILURE
         return super().on_configure(state)
@@ -181,8 +178,8 @@ class DynamicsNode(LifecycleNode):
         self._publishers_of_torque = [commands, torques]
         clock = self.get_clock()
         self.path = TorquePath(
-            Controller(robot, **parameters.controller_settings(self.values, robot.joint_names)), commands,
-            torques, lambda: clock.now().nanoseconds, self.values['state_timeout'],
+            Controller(robot, **parameters.controller_settings(self.values, robot.joint_names)),
+            commands, torques, lambda: clock.now().nanoseconds, self.values['state_timeout'],
             self.statistics, self._warn)
         self._states = self.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT)
@@ -229,13 +226,8 @@ class DynamicsNode(LifecycleNode):
 
     def _serve(self, robot: Robot) -> None:
         """Let the services answer with `robot` and the present parameters."""
-        values, joints = self.values, robot.joint_names
-        self.server.max_waiting = values['simulation.max_waiting']
-        self.server.served = Served(
-            robot, parameters.per_joint(values, 'gains.kp', joints, 0.0),
-            parameters.per_joint(values, 'gains.kd', joints, 0.0),
-            Bounds(values['simulation.max_duration'], values['simulation.max_steps'],
-                   values['simulation.max_points'], values['trajectory.max_points']))
+        self.server.max_waiting = self.values['simulation.max_waiting']
+        self.server.served = Served.from_values(robot, self.values)
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a set of changes as a whole; nothing is applied yet."""
@@ -268,7 +260,8 @@ class DynamicsNode(LifecycleNode):
         if self.path is None or self.robot is None or self.server.served is None:
             return
         self.path.set_timeout(self.values['state_timeout'])
-        self.path.controller.update(**parameters.controller_settings(self.values, self.robot.joint_names))
+        self.path.controller.update(
+            **parameters.controller_settings(self.values, self.robot.joint_names))
         beside = self.server.served.robot
         for robot in (self.robot, beside):
             robot.parameters.gravity = self.values['gravity']
@@ -277,14 +270,20 @@ class DynamicsNode(LifecycleNode):
     # -------------------------------------------------------------- timers and reports
 
     def _set_timers(self) -> None:
-        """Start watchdog and diagnostics, on steady time: a paused clock stops neither."""
-        for timer in self._timers_of_rate:
-            self.destroy_timer(timer)
+        """
+        Start watchdog and diagnostics, on steady time: a paused clock stops neither.
+
+        The diagnostics run in the services' thread: a report takes longer than a cycle may wait.
+        """
+        for node, timer in self._timers_of_rate:
+            node.destroy_timer(timer)
         watch = max(0.2 * self.values['state_timeout'], 1e-3)
         self._timers_of_rate = [
-            self.create_timer(period, callback, clock=self._steady)
-            for period, callback in ((watch, self._watch),
-                                     (1.0 / self.values['diagnostics_rate'], self._report))]
+            (node, node.create_timer(period, callback, clock=self._steady))
+            for node, period, callback in (
+                (self, watch, self._watch),
+                (self.server, 1.0 / self.values['diagnostics_rate'], self._report))]
+        self.server.spinner.wake()
 
     def _watch(self) -> None:
         if self.path is not None:
