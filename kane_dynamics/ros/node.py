@@ -76,8 +76,6 @@ class DynamicsNode(LifecycleNode):
         """Label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
 
-    # -------------------------------------------------------------- robot description
-
     def autostart(self) -> None:
         """Configure and activate, if that is wanted and the URDF is known."""
         if not self.values['autostart'] or self.state != 'unconfigured':
@@ -108,8 +106,6 @@ class DynamicsNode(LifecycleNode):
         if self.state == 'inactive':
             self.get_logger().warning('the changed robot_description takes effect when the node '
                                       'is cleaned up and configured anew')
-
-    # -------------------------------------------------------------- lifecycle
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the URDF, compile and verify the kernels, and open the topics."""
@@ -203,8 +199,6 @@ class DynamicsNode(LifecycleNode):
             self.destroy_lifecycle_publisher(publisher)
         self._publishers_of_torque = []
 
-    # -------------------------------------------------------------- desired motion
-
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Take a new desired motion; runs in the services' thread."""
         path, robot = self.path, self.robot
@@ -221,8 +215,6 @@ class DynamicsNode(LifecycleNode):
         except KaneError as error:
             self.statistics.rejected['joint_trajectory'] += 1
             self.get_logger().error(f'joint_trajectory rejected: {error}')
-
-    # -------------------------------------------------------------- parameters
 
     def _serve(self, robot: Robot) -> None:
         """Let the services answer with `robot` and the present parameters."""
@@ -266,8 +258,6 @@ class DynamicsNode(LifecycleNode):
         for robot in (self.robot, beside):
             robot.parameters.gravity = self.values['gravity']
         self._serve(beside)
-
-    # -------------------------------------------------------------- timers and reports
 
     def _set_timers(self) -> None:
         """
