@@ -14,7 +14,7 @@ from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load, located
 from kane_dynamics.ros.report import report
-from kane_dynamics.ros.requests import Bounds, Served
+from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
 from kane_dynamics.stepping import compile_simulation
@@ -45,7 +45,6 @@ class DynamicsNode(LifecycleNode):
     ------
     InputError
         A parameter given at start is not valid.
-
     """
 
     def __init__(self) -> None:
@@ -78,8 +77,6 @@ class DynamicsNode(LifecycleNode):
         """Label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
 
-    # -------------------------------------------------------------- robot description
-
     def autostart(self) -> None:
         """Configure and activate, if that is wanted and the URDF is known."""
         if not self.values['autostart'] or self.state != 'unconfigured':
@@ -111,18 +108,13 @@ class DynamicsNode(LifecycleNode):
             self.get_logger().warning('the changed robot_description takes effect when the node '
                                       'is cleaned up and configured anew')
 
-    # -------------------------------------------------------------- lifecycle
-
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the URDF, compile and verify the kernels, and open the topics."""
         try:
             self._configure()
-        except KaneError as error:
-            self.get_logger().error(f'not configured: {error}')
-            self._release()
-            return FAILURE
         except Exception as error:
-            self.get_logger().error(f'not configured: {type(error).__name__}: {error}')
+            kind = '' if isinstance(error, KaneError) else f'{type(error).__name__}: '
+            self.get_logger().error(f'not configured: {kind}{error}')
             self._release()
             return FAILURE
         return super().on_configure(state)
@@ -182,11 +174,10 @@ class DynamicsNode(LifecycleNode):
         torques = self.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
         self._publishers_of_torque = [commands, torques]
         clock = self.get_clock()
-        settings = parameters.controller_settings(self.values, robot.joint_names)
         self.path = TorquePath(
-            Controller(robot, **settings), commands, torques,
-            lambda: clock.now().nanoseconds, self.values['state_timeout'], self.statistics,
-            self._warn)
+            Controller(robot, **parameters.controller_settings(self.values, robot.joint_names)),
+            commands, torques, lambda: clock.now().nanoseconds, self.values['state_timeout'],
+            self.statistics, self._warn)
         self._states = self.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT)
         self._serve(beside)
@@ -209,8 +200,6 @@ class DynamicsNode(LifecycleNode):
             self.destroy_lifecycle_publisher(publisher)
         self._publishers_of_torque = []
 
-    # -------------------------------------------------------------- desired motion
-
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Take a new desired motion; runs in the services' thread."""
         path, robot = self.path, self.robot
@@ -228,17 +217,10 @@ class DynamicsNode(LifecycleNode):
             self.statistics.rejected['joint_trajectory'] += 1
             self.get_logger().error(f'joint_trajectory rejected: {error}')
 
-    # -------------------------------------------------------------- parameters
-
     def _serve(self, robot: Robot) -> None:
         """Let the services answer with `robot` and the present parameters."""
-        values, joints = self.values, robot.joint_names
-        self.server.max_waiting = values['simulation.max_waiting']
-        self.server.served = Served(
-            robot, parameters.per_joint(values, 'gains.kp', joints, 0.0),
-            parameters.per_joint(values, 'gains.kd', joints, 0.0),
-            Bounds(values['simulation.max_duration'], values['simulation.max_steps'],
-                   values['simulation.max_points'], values['trajectory.max_points']))
+        self.server.max_waiting = self.values['simulation.max_waiting']
+        self.server.served = Served.from_values(robot, self.values)
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a set of changes as a whole; nothing is applied yet."""
@@ -271,24 +253,28 @@ class DynamicsNode(LifecycleNode):
         if self.path is None or self.robot is None or self.server.served is None:
             return
         self.path.set_timeout(self.values['state_timeout'])
-        settings = parameters.controller_settings(self.values, self.robot.joint_names)
-        self.path.controller.update(**settings)
+        self.path.controller.update(
+            **parameters.controller_settings(self.values, self.robot.joint_names))
         beside = self.server.served.robot
         for robot in (self.robot, beside):
             robot.parameters.gravity = self.values['gravity']
         self._serve(beside)
 
-    # -------------------------------------------------------------- timers and reports
-
     def _set_timers(self) -> None:
-        """Start watchdog and diagnostics, on steady time: a paused clock stops neither."""
-        for timer in self._timers_of_rate:
-            self.destroy_timer(timer)
+        """
+        Start watchdog and diagnostics, on steady time: a paused clock stops neither.
+
+        The diagnostics run in the services' thread: a report takes longer than a cycle may wait.
+        """
+        for node, timer in self._timers_of_rate:
+            node.destroy_timer(timer)
         watch = max(0.2 * self.values['state_timeout'], 1e-3)
         self._timers_of_rate = [
-            self.create_timer(period, callback, clock=self._steady)
-            for period, callback in ((watch, self._watch),
-                                     (1.0 / self.values['diagnostics_rate'], self._report))]
+            (node, node.create_timer(period, callback, clock=self._steady))
+            for node, period, callback in (
+                (self, watch, self._watch),
+                (self.server, 1.0 / self.values['diagnostics_rate'], self._report))]
+        self.server.spinner.wake()
 
     def _watch(self) -> None:
         if self.path is not None:

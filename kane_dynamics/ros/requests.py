@@ -1,6 +1,6 @@
 """What a simulation request asks for, checked; shared by the service and the action."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 import time
@@ -11,6 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
                                           trajectory_message, vector)
+from kane_dynamics.ros.parameters import per_joint
 from kane_dynamics.simulation import simulate
 import numpy as np
 
@@ -36,6 +37,15 @@ class Served:
     kp: Array
     kd: Array
     bounds: Bounds
+
+    @classmethod
+    def from_values(cls, robot: Robot, values: Mapping[str, Any]) -> 'Served':
+        """Take gains and bounds from the node's parameters."""
+        kp, kd = (per_joint(values, name, robot.joint_names, 0.0)
+                  for name in ('gains.kp', 'gains.kd'))
+        return cls(robot, kp, kd, Bounds(
+            values['simulation.max_duration'], values['simulation.max_steps'],
+            values['simulation.max_points'], values['trajectory.max_points']))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -140,6 +141,8 @@ class Client(Node):
                 self.spinner.spin_once(timeout_sec=0.5)
             except ShutdownException:
                 return
+            except InvalidHandle:  # of something that was destroyed at that moment
+                continue
 
     def close(self):
         self._ended = True
