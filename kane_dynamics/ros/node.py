@@ -45,6 +45,7 @@ class DynamicsNode(LifecycleNode):
     ------
     InputError
         A parameter given at start is not valid.
+
     """
 
     def __init__(self) -> None:

@@ -14,7 +14,8 @@ PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 # its own. A module that does not exist yet may be listed; one that exists must be.
 TABLE = (
     'errors',
-    'model progress resources',
+    'inertial progress resources',
+    'model',
     'limiter mechanics motion urdf',
     'native',
     'kernel_set parameters verification',
