@@ -15,8 +15,8 @@ from typing import Any
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
-from kane_dynamics.native.entry import repeat
 from kane_dynamics.native.kernels import Argument, checked, Kernel
+from kane_dynamics.native.support import repeat
 from kane_dynamics.robot import Robot
 from kane_dynamics.stepping import step_kernel
 from kane_dynamics.trajectory import LimitEvent, LimitWatch, Trajectory

@@ -8,8 +8,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.native import cache, llvm
 from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.entry import fast_entry, repeat
+from kane_dynamics.native.entry import fast_entry
 from kane_dynamics.native.program import Program, Shape, size_of
+from kane_dynamics.native.support import repeat
 import numpy as np
 
 SYMBOL = 'kernel'  # the name of every kernel's own function in its object file

@@ -2,8 +2,8 @@
 
 from kane_dynamics.native import cache, llvm
 from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.entry import repeat
 from kane_dynamics.native.program import trace_program
+from kane_dynamics.native.support import repeat
 import mpmath
 import numpy as np
 import pytest
