@@ -8,14 +8,16 @@ the call. Each function returns its figure and, given a path, saves it (png, pdf
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain, cycle, islice
 import os
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from kane_dynamics.model import Array
-from kane_dynamics.trajectory import Trajectory
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
+
+if TYPE_CHECKING:  # a trajectory draws itself with this module
+    from kane_dynamics.trajectory import Trajectory
 
 # Okabe & Ito's palette, which all kinds of colour vision tell apart, without its pale yellow.
 BLUE, ORANGE, GREEN, RED = '#0072B2', '#E69F00', '#009E73', '#D55E00'
@@ -41,7 +43,7 @@ Path = str | os.PathLike[str]
 Run = tuple[Array, Array, Array]
 
 
-def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
+def plot_trajectory(trajectory: 'Trajectory', path: Path | None = None, *,
                     prismatic: Collection[str] = (), title: str = 'Simulated motion') -> Figure:
     """
     Draw positions, speeds, torques and energies of a simulation over time.
