@@ -243,7 +243,8 @@ class Controller:
         else:
             self._pose = None  # where it stood before says nothing about where it will end
             q_d, u_d, udot_d = motion.sample(moment)
-        correction = self.kd * (u_d - u) + self.kp * (q_d - q)
+        with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
+            correction = self.kd * (u_d - u) + self.kp * (q_d - q)
         if self._all:
             return (robot.inverse_dynamics(q, u, udot_d + correction)
                     + (robot.friction_force(u_d) - robot.friction_force(u)))

@@ -39,7 +39,7 @@ def node(module_node, client):
 
 
 def drive(seconds, meanwhile=lambda: None):
-    """Let a driver send states at 500 Hz; return how many it sent, and how many went unanswered."""
+    """Let a driver send states at 500 Hz; return how many, and how many went unanswered."""
     path = os.pathsep.join([str(HERE), str(HERE.parents[1]), os.environ.get('PYTHONPATH', '')])
     process = subprocess.Popen([sys.executable, str(HERE / 'driver.py'), str(seconds),
                                 ','.join(JOINTS)], stdout=subprocess.PIPE, text=True,

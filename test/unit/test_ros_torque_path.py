@@ -1,0 +1,143 @@
+"""Promises of the torque path that need no graph: its clock, its stamps, its zeros."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
+from kane_dynamics.resources import resource_path  # noqa: E402
+from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
+from kane_dynamics.ros.torque_path import DISORDER, FUTURE, OLD, TorquePath  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+
+ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
+NANO = 10**9
+
+
+class Publisher:
+    """Keeps what is published."""
+
+    def __init__(self):
+        self.sent = []
+
+    def publish(self, message):
+        self.sent.append(np.array(getattr(message, 'data', None) or message.effort))
+
+
+class Rig:
+    """A torque path with a clock to set by hand."""
+
+    def __init__(self, **settings):
+        self.time = 100 * NANO
+        self.commands, self.torques, self.warnings = Publisher(), Publisher(), []
+        self.statistics = Statistics()
+        self.path = TorquePath(Controller(ROBOT, **settings), self.commands, self.torques,
+                               lambda: self.time, 0.1, self.statistics,
+                               lambda reason, detail: self.warnings.append(reason))
+        self.path.start()
+
+    def state(self, q=(0.3, -0.2), u=(0.0, 0.0), *, after=0.0, age=0.0):
+        """Advance the clock, give the path a state of some age, return the command if any."""
+        self.time += round(after * NANO)
+        message = JointState(name=list(ROBOT.joint_names), position=list(q), velocity=list(u))
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
+        before = len(self.commands.sent)
+        self.path.on_state(message)
+        return self.commands.sent[-1] if len(self.commands.sent) > before else None
+
+
+def gravity(q=(0.3, -0.2)):
+    return ROBOT.gravity_force(np.array(q))
+
+
+def test_without_a_motion_gravity_is_held():
+    rig = Rig()
+    np.testing.assert_array_equal(rig.state(), gravity())
+    np.testing.assert_array_equal(rig.torques.sent[-1], gravity())
+
+
+def test_the_motion_is_sampled_at_the_stamp_of_the_state():
+    rig = Rig()
+    rig.path.set_motion(MOTION, rig.time)
+    expected = ROBOT.inverse_dynamics(*MOTION.sample(0.73))
+    np.testing.assert_allclose(rig.state(after=0.75, age=0.02), expected, rtol=1e-12)
+
+
+def test_a_clock_that_jumps_back_forgets_the_motion_and_goes_on():
+    rig = Rig()
+    rig.path.set_motion(MOTION, rig.time)
+    rig.state(after=0.5)
+    np.testing.assert_array_equal(rig.state(after=-50.0), gravity())
+    assert 'clock' in rig.warnings
+    np.testing.assert_array_equal(rig.state(after=0.01), gravity())
+
+
+def test_a_paused_clock_neither_times_out_nor_stops_the_answers():
+    rig = Rig()
+    for _ in range(3):
+        np.testing.assert_array_equal(rig.state(), gravity())
+        rig.path.watch()
+    assert not rig.path.timed_out
+
+
+@pytest.mark.parametrize(('age', 'reason'), [(0.2, OLD), (-0.2, FUTURE)])
+def test_a_state_too_old_or_from_the_future_gives_no_torque(age, reason):
+    rig = Rig()
+    assert rig.state(age=age) is None
+    assert rig.statistics.dropped[reason] == 1
+
+
+def test_states_out_of_order_give_no_torque():
+    rig = Rig()
+    assert rig.state(after=0.05) is not None
+    assert rig.state(age=0.03) is None
+    assert rig.statistics.dropped[DISORDER] == 1
+
+
+def test_silence_brings_zeros_once_and_the_next_state_torques_again():
+    rig = Rig()
+    rig.state()
+    for _ in range(3):
+        rig.time += round(0.2 * NANO)
+        rig.path.watch()
+    assert [command.any() for command in rig.commands.sent] == [True, False]
+    assert rig.path.timed_out
+    assert rig.statistics.timeouts == 1
+    np.testing.assert_array_equal(rig.state(), gravity())
+    assert not rig.path.timed_out
+
+
+def test_nothing_is_commanded_before_the_first_state():
+    rig = Rig()
+    rig.time += NANO
+    rig.path.watch()
+    assert not rig.commands.sent
+
+
+def test_the_rate_limit_counts_the_time_between_stamps_and_zeros_bypass_it():
+    rig = Rig(rate_limit=2.0)
+    assert not rig.state().any()
+    second = rig.state(after=0.05)
+    np.testing.assert_allclose(np.abs(second), np.minimum(np.abs(gravity()), 0.1), rtol=1e-9)
+    rig.path.stop()
+    assert not rig.commands.sent[-1].any()
+
+
+def test_stopping_commands_zeros_and_ends_the_answers():
+    rig = Rig()
+    rig.state()
+    rig.path.stop()
+    assert not rig.commands.sent[-1].any()
+    assert rig.state(after=0.01) is None
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, 1e308])
+def test_no_torque_comes_from_numbers_that_are_none(bad):
+    rig = Rig(mode='computed_torque')
+    assert rig.state(u=(bad, 0.0)) is None
+    assert rig.statistics.dropped.total() == 1
