@@ -15,7 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path):
     for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
         pytest.importorskip(module)
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT),
+    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
+    environment = {**os.environ, 'PYTHONPATH': path,
                    'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
     done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--output',
                            str(tmp_path)], capture_output=True, text=True, timeout=90,

@@ -27,7 +27,8 @@ def test_commands_run(command, tmp_path):
     (tmp_path / 'urdf').symlink_to(ROOT / 'urdf')
     done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', *shlex.split(command)],
                           cwd=tmp_path, capture_output=True, text=True,
-                          env={**os.environ, 'PYTHONPATH': str(ROOT)})
+                          env={**os.environ, 'PYTHONPATH': os.pathsep.join(
+                              [str(ROOT), os.environ.get('PYTHONPATH', '')])})
     assert done.returncode == 0, done.stderr
     assert done.stdout
 
