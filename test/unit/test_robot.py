@@ -46,7 +46,7 @@ def test_forward_dynamics_inverts_inverse_dynamics(seed):
     robot = Robot(model)
     q, u, udot = random_state(model, seed)
     M = robot.mass_matrix(q)
-    tolerance = 10 * np.finfo(float).eps * np.linalg.cond(M) * 10
+    tolerance = 10 * np.finfo(float).eps * np.linalg.cond(M)
     assert_equal(robot.forward_dynamics(q, u, robot.inverse_dynamics(q, u, udot)), udot,
                  tolerance)
     assert_equal(robot.inverse_mass_matrix(q) @ M, np.eye(6), tolerance)
@@ -199,11 +199,12 @@ def test_limits_stand_in_the_order_of_the_coordinates():
             joint.lower, joint.upper, joint.velocity, joint.effort)
 
 
-def test_operation_counts_are_those_of_the_hand_derived_closed_forms():
+def test_a_planar_two_link_arm_costs_no_more_than_its_reduced_closed_form():
     link = random_model(0, 1, prismatic=0.0, passive=False).bodies[0].inertial
     z = Joint('a', 'revolute', [0, 0, 1])
     elbow = Joint('b', 'revolute', [0, 0, 1], translation=[0.4, 0.0, 0.0], coordinate=1)
     flat = Model('2R', (Body('1', -1, z, link), Body('2', 0, elbow, link)), ('a', 'b'),
                  gravity=[0.0, -9.81, 0.0])
     count = Robot(flat).operation_count()['inverse_dynamics']
-    assert count.multiplications <= 30 and count.additions <= 20
+    # 23 and 15 with gravity a constant; as a run-time vector it takes two more of each.
+    assert (count.multiplications, count.additions) == (25, 17)
