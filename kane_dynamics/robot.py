@@ -57,8 +57,8 @@ class Robot:
     friction : bool
         Whether damping and Coulomb friction are part of the equations.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels where that saves arithmetic; the
-        numbers are the same.
+        Use Denavit-Hartenberg-like frames inside the kernels. That saves arithmetic on most arms
+        and costs some on a few; `operation_count` tells. The numbers are the same.
 
     Raises
     ------
