@@ -28,7 +28,7 @@ def functions():
 
 
 @pytest.mark.parametrize('size', [1e-300, 1e-8, 1e-3, 0.3, 1.0, 3.0, 100.0, 1e4, 1e6])
-def test_sine_and_cosine_err_by_at_most_two_units_in_the_last_place_and_tanh_by_three(functions, size):
+def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, size):
     x = np.random.default_rng(1).uniform(-size, size, N)
     got = functions(x)
     with mpmath.workprec(200):
