@@ -48,6 +48,10 @@ class KernelSet:
                           self._parameters, self._shape(quantity))
         return self._kept((name, ''), make)
 
+    def in_use(self, name: str) -> bool:
+        """Tell whether the kernel of one of `QUANTITIES` has been asked for."""
+        return (name, '') in self._made
+
     def at_frame(self, name: str, frame: str) -> Kernel:
         """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
         def make() -> Kernel:

@@ -72,6 +72,10 @@ QUANTITIES = {
     'forward_dynamics_derivatives': Quantity(LOADED, _three_matrices),
     'regressor': Quantity(MOTION, lambda n, bodies: (n, 10 * bodies)),
 }
+# What control and simulation call: a node compiles these before it serves.
+IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
+            'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'kinetic_energy',
+            'potential_energy')
 FRAME_QUANTITIES = {
     'frame_pose': Quantity(('q',), lambda n, bodies: (4, 4)),
     'frame_velocity': Quantity(STATE, _wrench),

@@ -98,10 +98,26 @@ class Robot(Dynamics):
         return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
                              for name in ('lower', 'upper', 'velocity', 'effort')))
 
-    def compile(self) -> None:  # noqa: A003
-        """Compile every kernel now (frame quantities compile at the first use of a frame)."""
-        for name in QUANTITIES:
+    def compile(self, *names: str) -> None:  # noqa: A003
+        """
+        Compile kernels now that would compile at their first use.
+
+        Parameters
+        ----------
+        *names : str
+            Which; without any, all but those of frames and joint reactions.
+
+        Raises
+        ------
+        InputError
+            No such kernel; the message lists the valid names.
+
+        """
+        for name in names or QUANTITIES:
+            if name not in QUANTITIES:
+                raise InputError(f"no kernel '{name}'; valid: {', '.join(QUANTITIES)}")
             try:
+                self.kernels.quantity(name)
                 getattr(self, name)
             except ModelError:
                 continue  # no forward dynamics with massless joints; a call says so

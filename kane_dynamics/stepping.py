@@ -6,13 +6,14 @@ from kane_dynamics.mechanics.integration import runge_kutta_4
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
+from kane_dynamics.quantities import IN_LOOPS
 from kane_dynamics.robot import Robot
 import numpy as np
 
 
 def compile_simulation(robot: Robot) -> None:
     """Compile every kernel that `simulate` may need, so that no request waits for a compiler."""
-    robot.compile()
+    robot.compile(*IN_LOOPS)
     for feedback in (False, True):
         step_kernel(robot, feedback)
 
