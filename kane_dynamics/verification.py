@@ -67,8 +67,9 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 
 def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Array:
     """Return what the bodies' inertia and weight ask for, (n,): no rotors, springs, friction."""
-    torque: Array = -kane.generalized_inertia_force(without_rotors(model), q, u, udot)
-    return torque + kane.gravity_force(model, q, gravity=gravity)
+    inertia: Array = kane.generalized_inertia_force(without_rotors(model), q, u, udot)
+    weight: Array = kane.gravity_force(model, q, gravity=gravity)
+    return weight - inertia
 
 
 def without_rotors(model: Model) -> Model:

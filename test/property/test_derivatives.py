@@ -1,4 +1,4 @@
-"""Derivatives, Coriolis matrix, regressor, reactions: against exact differentiation and balance."""
+"""Derivatives, regressor, reactions: against exact differentiation and the laws of balance."""
 
 from hypothesis import given
 from kane_dynamics import Robot
