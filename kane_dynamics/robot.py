@@ -207,11 +207,21 @@ class Robot:
         """Return (6, n): column r is the frame's linear then angular velocity per unit u_r."""
         return self._at_frame('partial_velocities', frame, (q,), out)
 
-    def compile(self) -> None:  # noqa: A003
-        """Compile every kernel now (frame quantities compile at the first use of a frame)."""
+    def compile(self, *, batches: bool = True) -> None:  # noqa: A003
+        """
+        Compile every kernel now (frame quantities compile at the first use of a frame).
+
+        Parameters
+        ----------
+        batches : bool
+            Also for batches, which take several states at once by kernels of their own.
+
+        """
         for name in QUANTITIES:
             try:
                 getattr(self, name)
+                if batches:
+                    self.kernels.quantity(name).compile_lanes()
             except ModelError:
                 continue  # no forward dynamics with massless joints; a call says so
 

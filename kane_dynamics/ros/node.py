@@ -168,7 +168,7 @@ class DynamicsNode(LifecycleNode):
                              'on topic robot_description')
         model = load(source, self.values, self.get_logger().warning)
         robot, beside = Robot(model), Robot(model)
-        robot.compile()
+        robot.compile(batches=False)
         compile_simulation(beside)  # what both use it finds in the cache
         self.verified = robot.verify()
         self.robot, self.statistics = robot, Statistics()

@@ -21,6 +21,7 @@ TABLE = (
     'kernel_set parameters verification',
     'robot',
     'control stepping trajectory',
+    'limit_watch torque_source',
     'plot simulation',
     'cli demo ros',
 )

@@ -1,0 +1,92 @@
+"""Which joints pass their limits in a simulation, and when."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+from kane_dynamics.parameters import JointLimits
+from kane_dynamics.trajectory import LimitEvent
+import numpy as np
+
+MOST_EVENTS = 1_000_000
+
+
+class LimitWatch:
+    """
+    Finds the steps at which a joint passes a limit that it kept before.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+    limits : JointLimits
+    states : (N, 2 n) array
+        At time 0; what is beyond a limit there is an event.
+    single : bool
+        Whether events shall leave open which of the N simulations they are of.
+
+    """
+
+    def __init__(self, joint_names: Sequence[str], limits: JointLimits, states: Array,
+                 single: bool) -> None:
+        self.events: list[LimitEvent] = []
+        self._names, self._single, n = joint_names, single, len(joint_names)
+        self._bounds = {
+            name: (part, bound, sign) for name, part, bound, sign in (
+                ('lower', slice(0, n), limits.lower, -1.0),
+                ('upper', slice(0, n), limits.upper, 1.0),
+                ('velocity', slice(n, 2 * n), limits.velocity, 0.0)) if np.isfinite(bound).any()}
+        self._beyond = {name: np.zeros((len(states), n), dtype=bool) for name in self._bounds}
+        self.look(states[:, None], np.zeros(1), None)
+
+    def look(self, states: Array, t: Array, extremes: tuple[Array, Array] | None) -> None:
+        """
+        Add the crossings among further states.
+
+        Parameters
+        ----------
+        states : (N, K, 2 n) array
+        t : (K,) array
+            Their times, s.
+        extremes : (N, 2 n) arrays, optional
+            Least and largest of each entry over the K times. They spare a look at all of them
+            where no limit can have been passed.
+
+        Raises
+        ------
+        InputError
+            There are more than a million crossings.
+
+        """
+        found: list[LimitEvent] = []
+        for name, (part, bound, sign) in self._bounds.items():
+            before = self._beyond[name]
+            some = (np.arange(len(states)) if extremes is None
+                    else _passing(extremes[0][:, part], extremes[1][:, part], bound, sign, before))
+            x = states[some, :, part]
+            beyond = _beyond(x, bound, sign)
+            new = beyond & ~np.concatenate([before[some][:, None], beyond[:, :-1]], axis=1)
+            if len(self.events) + len(found) + np.count_nonzero(new) > MOST_EVENTS:
+                raise InputError(f'joints pass their limits more than {MOST_EVENTS} times by '
+                                 f'{t[-1]:.6g} s; simulate less, or give the model no limits')
+            found += [LimitEvent(float(t[k]), self._names[j], name, float(x[i, k, j]),
+                                 float(bound[j]), None if self._single else int(some[i]))
+                      for i, k, j in np.argwhere(new)]
+            self._beyond[name] = _beyond(states[:, -1, part], bound, sign)
+        self.events += sorted(found, key=lambda event: event.t)
+
+
+def _beyond(x: Array, bound: Array, sign: float) -> Any:
+    """Tell which entries are past a limit: a speed's size, a position to one side."""
+    return np.abs(x) > bound if sign == 0.0 else sign * x > sign * bound
+
+
+def _passing(low: Array, high: Array, bound: Array, sign: float, before: Any) -> Any:
+    """Return the simulations in which some joint may have passed a limit, by its extremes."""
+    if sign == 0.0:
+        largest, never_kept = np.maximum(high, -low), (low > bound) | (high < -bound)
+    else:
+        largest, least = (high, low) if sign > 0.0 else (-low, -high)
+        never_kept = least > sign * bound
+    passing = (largest > (bound if sign == 0.0 else sign * bound)) & ~(never_kept & before)
+    return np.flatnonzero(passing.any(axis=1))
