@@ -60,19 +60,22 @@ class LimitWatch:
         """
         found: list[LimitEvent] = []
         for name, (part, bound, sign) in self._bounds.items():
-            before = self._beyond[name]
-            some = (np.arange(len(states)) if extremes is None
-                    else _passing(extremes[0][:, part], extremes[1][:, part], bound, sign, before))
-            x = states[some, :, part]
-            beyond = _beyond(x, bound, sign)
-            new = beyond & ~np.concatenate([before[some][:, None], beyond[:, :-1]], axis=1)
-            if len(self.events) + len(found) + np.count_nonzero(new) > MOST_EVENTS:
+            x, before = states[:, :, part], self._beyond[name]
+            i, j = np.nonzero(np.ones_like(before) if extremes is None else _passing(
+                extremes[0][:, part], extremes[1][:, part], bound, sign, before))
+            beyond = _beyond(x[i, :, j], bound[j, None], sign)
+            new = beyond & ~np.concatenate([before[i, j][:, None], beyond[:, :-1]], axis=1)
+            which, k = np.nonzero(new)
+            i, j = i[which], j[which]
+            if len(self.events) + len(found) + len(k) > MOST_EVENTS:
                 raise InputError(f'joints pass their limits more than {MOST_EVENTS} times by '
                                  f'{t[-1]:.6g} s; simulate less, or give the model no limits')
-            found += [LimitEvent(float(t[k]), self._names[j], name, float(x[i, k, j]),
-                                 float(bound[j]), None if self._single else int(some[i]))
-                      for i, k, j in np.argwhere(new)]
-            self._beyond[name] = _beyond(states[:, -1, part], bound, sign)
+            found += [LimitEvent(at, self._names[joint], name, value, passed,
+                                 None if self._single else state)
+                      for at, joint, value, passed, state in zip(
+                          t[k].tolist(), j.tolist(), x[i, k, j].tolist(), bound[j].tolist(),
+                          i.tolist(), strict=True)]
+            self._beyond[name] = _beyond(x[:, -1], bound, sign)
         self.events += sorted(found, key=lambda event: event.t)
 
 
@@ -82,11 +85,8 @@ def _beyond(x: Array, bound: Array, sign: float) -> Any:
 
 
 def _passing(low: Array, high: Array, bound: Array, sign: float, before: Any) -> Any:
-    """Return the simulations in which some joint may have passed a limit, by its extremes."""
+    """Tell which joints, of each simulation, may have passed a limit, by their extremes."""
     if sign == 0.0:
-        largest, never_kept = np.maximum(high, -low), (low > bound) | (high < -bound)
-    else:
-        largest, least = (high, low) if sign > 0.0 else (-low, -high)
-        never_kept = least > sign * bound
-    passing = (largest > (bound if sign == 0.0 else sign * bound)) & ~(never_kept & before)
-    return np.flatnonzero(passing.any(axis=1))
+        return (np.maximum(high, -low) > bound) & ~(((low > bound) | (high < -bound)) & before)
+    largest, least = (high, low) if sign > 0.0 else (-low, -high)
+    return (largest > sign * bound) & ~((least > sign * bound) & before)

@@ -45,7 +45,9 @@ class Robot:
 
     M(q) udot + bias(q, u) = tau + external, with u = q' and everything in SI units and world
     axes. Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in
-    kind. Kernels compile on first use and are kept in a cache on disk.
+    kind. Kernels compile on first use and are kept in a cache on disk. Batches have kernels of
+    their own, which take several states at once and leave other Python threads free; where that
+    pays they use as many threads as there are processors, or as ``KANE_DYNAMICS_THREADS`` says.
 
     Parameters
     ----------

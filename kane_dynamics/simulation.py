@@ -25,8 +25,9 @@ MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
 CHUNK_SECONDS = 0.01  # of native code between two looks at progress: half of the promised bound
-CHUNK_BYTES = 2**26  # of states between two looks, unless a single step of all takes more
-FIRST_CHUNK = 256
+CHUNK_BYTES = 2**27  # of states between two looks, unless a single step of all takes more
+FIRST_CHUNK = 256  # steps
+LEAST_CHUNK = 8  # steps of many simulations, lest the looks take longer than the steps
 
 Torque = Callable[[float, Array, Array], Any]
 Progress = Callable[[float], bool | None]
@@ -60,7 +61,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         state are always in.
     progress : callable, optional
         Called with the simulated time now and then (native code never runs for more than about
-        20 ms in between, or for one step of all N states); returning False ends the simulation
+        20 ms in between, or eight steps of all N states); returning False ends the simulation
         there.
 
     Returns
@@ -110,7 +111,8 @@ def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, e
     states = np.empty((N, len(kept), size))
     states[:, 0] = starts
     most = max(1, CHUNK_BYTES // starts.nbytes) if N else count
-    done, chunk = 0, FIRST_CHUNK if single else 1
+    done, least = 0, 1 if single else LEAST_CHUNK
+    chunk = FIRST_CHUNK if single else LEAST_CHUNK
     watch = LimitWatch(robot.joint_names, robot.limits, starts, single)
     while done < count:
         chunk = min(chunk, most, count - done)
@@ -129,7 +131,7 @@ def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, e
         done += chunk
         if progress is not None and progress(done * source.step) is False:
             break
-        chunk = max(1, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
+        chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
     return (*_ended(kept, states, done, starts), watch.events)
 
 
