@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from threading import Lock
 from typing import Any
 
 from kane_dynamics.errors import InputError
@@ -109,6 +109,8 @@ class Kernel:
         self.arguments = tuple(arguments)
         self.parameters = parameters
         self._program, self._key = program, key
+        self._compiling = Lock()
+        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once: others hold it
         self.code = self._made('', lambda: module_text(program(), SYMBOL))
         self.address = self.code.address(SYMBOL)
 
@@ -121,18 +123,19 @@ class Kernel:
     def compile_lanes(self) -> None:
         """Compile what a batch needs now instead of at the first batch."""
         driver(width())
-        assert self.lane_address
+        with self._compiling:
+            if self._lanes is None:
+                code = self._made(f'{width()} lanes',
+                                  lambda: lane_text(self._program(), SYMBOL, width()))
+                self._lanes = code, code.address(SYMBOL)
 
-    @cached_property
-    def lanes(self) -> llvm.Code:
-        """Machine code for batches, as many states at once as the processor has lanes."""
-        return self._made(f'{width()} lanes',
-                          lambda: lane_text(self._program(), SYMBOL, width()))
-
-    @cached_property
+    @property
     def lane_address(self) -> llvm.Address:
-        """Address of the lane kernel, which compiles at the first use."""
-        return self.lanes.address(SYMBOL)
+        """Address of the kernel for `lanes.width()` states, which compiles at the first use."""
+        if self._lanes is None:
+            self.compile_lanes()
+            assert self._lanes
+        return self._lanes[1]
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return the fastest way in that this interpreter allows."""

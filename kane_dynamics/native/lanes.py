@@ -10,7 +10,7 @@ the same way. `bad` collects bits that are set where an argument, or a result, i
 from functools import cache
 
 from kane_dynamics.native import llvm
-from kane_dynamics.native.elementary import Vector
+from kane_dynamics.native.elementary import Vector, vector_type
 from kane_dynamics.native.emit import Function, with_callees
 from kane_dynamics.native.expression import Expr
 from kane_dynamics.native.program import Program, size_of
@@ -29,7 +29,11 @@ def width() -> int:
 
 def transposed(v: Vector, rows: list[str]) -> list[str]:
     """Return the columns of a square tile; ever smaller blocks of it change places."""
-    distance = v.width // 2
+    return exchanged(v, rows, v.width // 2)
+
+
+def exchanged(v: Vector, rows: list[str], distance: int) -> list[str]:
+    """Let blocks of this size, and then ever smaller ones, change places across the diagonal."""
     while distance:
         kept = [lane for lane in range(v.width) if not lane & distance]
         low = sorted([*kept, *(lane + v.width for lane in kept)], key=lambda k: (
@@ -89,7 +93,7 @@ class RowFunction(Function):
         self._ask(rows, len(outputs), writing=True)
         for c in range(0, len(outputs), v.width):
             tile = [self.value(x) for x in outputs[c:c + v.width]]
-            mask = self._mask(len(tile))
+            mask = _mask(v.width, len(tile))
             tile += ['zeroinitializer'] * (v.width - len(tile))
             for row, vector in zip(rows, transposed(v, tile)):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {c}')
@@ -118,20 +122,32 @@ class RowFunction(Function):
         """Load rows of `size` entries; return a vector for each entry, add the rows' oddities."""
         v, columns = self._vector, []
         self._ask(rows, size, writing=False)
-        for c in range(0, size, v.width):
-            mask, tile = self._mask(size - c), []
-            for row in rows:
-                at = v.new(f'getelementptr double, ptr {row}, i64 {c}')
-                tile.append(v.new(f'call {v.type} @llvm.masked.load.v{v.width}f64.p0(ptr {at}, '
-                                  f'i32 8, {mask}, {v.type} zeroinitializer)'))
-            bits += [self._oddity(row) for row in tile]
-            columns += transposed(v, tile)
+        half = v.width // 2
+        for c in range(0, size, v.width):  # the largest blocks change places while they load
+            tile = [self._joined(rows[i], rows[i + half], place, size)
+                    for place in (c, c + half) for i in range(half)]
+            bits += [self._oddity(row) for row in tile if row != 'zeroinitializer']
+            columns += exchanged(v, tile, half // 2)
         return columns[:size]
 
-    def _mask(self, live: int) -> str:
-        """Return the lanes below `live`, for a masked instruction."""
-        lanes = ', '.join(f'i1 {int(lane < live)}' for lane in range(self.lanes))
-        return f'<{self.lanes} x i1> <{lanes}>'
+    def _joined(self, first: str, second: str, place: int, size: int) -> str:
+        """Load half a vector from each of two rows, from a place on; zeros past their end."""
+        v, half = self._vector, self.lanes // 2
+        if place >= size:
+            return 'zeroinitializer'
+        kind, halves = vector_type(half), []
+        for row in (first, second):
+            at = v.new(f'getelementptr double, ptr {row}, i64 {place}')
+            halves.append(v.new(
+                f'load {kind}, ptr {at}, align 8' if half <= size - place else
+                f'call {kind} @llvm.masked.load.v{half}f64.p0(ptr {at}, i32 8, '
+                f'{_mask(half, size - place)}, {kind} zeroinitializer)'))
+        if half == 1:
+            one = v.new(f'insertelement {v.type} poison, double {halves[0]}, i32 0')
+            return v.new(f'insertelement {v.type} {one}, double {halves[1]}, i32 1')
+        places = ', '.join(f'i32 {k}' for k in range(self.lanes))
+        return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
+                     f'<{self.lanes} x i32> <{places}>')
 
     def _oddity(self, x: str) -> str:
         """Return the bits of x - x: no bits where x is finite, not a number where it is not."""
@@ -161,11 +177,18 @@ class RowFunction(Function):
                                'i32 3, i32 1)')
 
 
+def _mask(lanes: int, live: int) -> str:
+    """Return the first `live` lanes, for a masked instruction."""
+    bits = ', '.join(f'i1 {int(lane < live)}' for lane in range(lanes))
+    return f'<{lanes} x i1> <{bits}>'
+
+
 def lane_text(program: Program, symbol: str, lanes: int) -> str:
     """Return the assembly of a lane kernel; all states share the program's last argument."""
     main = RowFunction(program, symbol, lanes, program.inputs[-1][0])
-    v, mask = f'<{lanes} x double>', f'<{lanes} x i1>'
+    half = max(lanes // 2, 2)
+    v, part = vector_type(lanes), vector_type(half)
     return with_callees(main, [
         'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)',
-        f'declare {v} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, {mask}, {v})',
-        f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, {mask})'])
+        f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, <{half} x i1>, {part})',
+        f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, <{lanes} x i1>)'])

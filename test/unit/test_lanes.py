@@ -1,4 +1,4 @@
-"""Promises of batches: the numbers of single states, whatever the batch, the lanes, the threads."""
+"""Promises of batches: the numbers of single states, whatever batch, lanes and threads."""
 
 import re
 import threading
@@ -247,3 +247,20 @@ def test_compile_leaves_nothing_for_the_first_batch(monkeypatch):
     given = np.ones((3, 4, 2))
     for name, quantity in QUANTITIES.items():
         getattr(robot, name)(*given[:len(quantity.arguments)])
+
+
+def test_first_batches_of_many_threads_at_once_are_right():
+    robot = Robot(random_model(23, 3))
+    given = batch(100, 3)
+    results = []
+
+    def work():
+        results.append(robot.inverse_dynamics(*given))
+    workers = [threading.Thread(target=work) for _ in range(6)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(results) == 6
+    close(results[0], [robot.inverse_dynamics(*row) for row in given.transpose(1, 0, 2)])
+    assert all(np.array_equal(result, results[0]) for result in results)
