@@ -1,6 +1,9 @@
 """Promises of batches: the numbers of single states, whatever batch, lanes and threads."""
 
+import os
 import re
+import subprocess
+import sys
 import threading
 import time
 
@@ -264,3 +267,24 @@ def test_first_batches_of_many_threads_at_once_are_right():
     assert len(results) == 6
     close(results[0], [robot.inverse_dynamics(*row) for row in given.transpose(1, 0, 2)])
     assert all(np.array_equal(result, results[0]) for result in results)
+
+
+FORK = """
+import os, time, warnings
+warnings.simplefilter('ignore')
+from kane_dynamics.native import threads
+threads.WORTH = 1e-12
+work = lambda begin, end: 1
+threads.shared(work, 100, 1, 1)
+time.sleep(0.1)  # the threads wait for more
+child = os.fork()
+if not child:
+    os._exit(threads.shared(work, 100, 1, 1))
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
+def test_a_forked_process_has_threads_of_its_own():
+    subprocess.run([sys.executable, '-c', FORK], check=True, timeout=20,
+                   env={**os.environ, threads.VARIABLE: '3'})
