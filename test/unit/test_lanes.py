@@ -287,4 +287,4 @@ assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
 def test_a_forked_process_has_threads_of_its_own():
     subprocess.run([sys.executable, '-c', FORK], check=True, timeout=20,
-                   env={**os.environ, threads.VARIABLE: '3'})
+                   env={**os.environ, threads.VARIABLE: '2'})
