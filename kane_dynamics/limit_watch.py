@@ -11,6 +11,8 @@ import numpy as np
 
 MOST_EVENTS = 1_000_000
 
+Extremes = tuple[Array, Array]
+
 
 class LimitWatch:
     """
@@ -37,9 +39,9 @@ class LimitWatch:
                 ('upper', slice(0, n), limits.upper, 1.0),
                 ('velocity', slice(n, 2 * n), limits.velocity, 0.0)) if np.isfinite(bound).any()}
         self._beyond = {name: np.zeros((len(states), n), dtype=bool) for name in self._bounds}
-        self.look(states[:, None], np.zeros(1), None)
+        self.look(states[:, None], np.zeros(1))
 
-    def look(self, states: Array, t: Array, extremes: tuple[Array, Array] | None) -> None:
+    def look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
         """
         Add the crossings among further states.
 
@@ -49,8 +51,8 @@ class LimitWatch:
         t : (K,) array
             Their times, s.
         extremes : (N, 2 n) arrays, optional
-            Least and largest of each entry over the K times. They spare a look at all of them
-            where no limit can have been passed.
+            Least and largest of each entry over the K times, where they are known already: they
+            tell which joints may have passed a limit at all.
 
         Raises
         ------
@@ -58,11 +60,14 @@ class LimitWatch:
             There are more than a million crossings.
 
         """
+        low, high = extremes or (states.min(axis=1), states.max(axis=1))
         found: list[LimitEvent] = []
         for name, (part, bound, sign) in self._bounds.items():
             x, before = states[:, :, part], self._beyond[name]
-            i, j = np.nonzero(np.ones_like(before) if extremes is None else _passing(
-                extremes[0][:, part], extremes[1][:, part], bound, sign, before))
+            i, j = np.nonzero(_passing(low[:, part], high[:, part], bound, sign, before))
+            self._beyond[name] = _beyond(x[:, -1], bound, sign)
+            if not len(i):
+                continue
             beyond = _beyond(x[i, :, j], bound[j, None], sign)
             new = beyond & ~np.concatenate([before[i, j][:, None], beyond[:, :-1]], axis=1)
             which, k = np.nonzero(new)
@@ -75,7 +80,6 @@ class LimitWatch:
                       for at, joint, value, passed, state in zip(
                           t[k].tolist(), j.tolist(), x[i, k, j].tolist(), bound[j].tolist(),
                           i.tolist(), strict=True)]
-            self._beyond[name] = _beyond(x[:, -1], bound, sign)
         self.events += sorted(found, key=lambda event: event.t)
 
 

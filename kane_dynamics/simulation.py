@@ -118,13 +118,12 @@ def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, e
         chunk = min(chunk, most, count - done)
         buffer = np.empty((N, chunk + 1, size))
         buffer[:, 0] = starts
-        extremes = np.full_like(starts, np.inf), np.full_like(starts, -np.inf)
         started = time.perf_counter()
-        source.advance(buffer, done, single, extremes)
+        extremes = source.advance(buffer, done, single)
         took = time.perf_counter() - started
         _finite(robot, buffer, done, source.step, single)
         watch.look(buffer[:, 1:], (done + np.arange(1, chunk + 1)) * np.float64(source.step),
-                   None if single else extremes)
+                   extremes)
         here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
         states[:, here] = buffer[:, kept[here] - done]
         starts = buffer[:, -1].copy()
@@ -151,8 +150,12 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
     source = torque_source(robot, step, 1, None, None)
     kept, states, taus = [], [], []
     watch = LimitWatch(robot.joint_names, robot.limits, state[None], single=True)
+    buffer = np.empty((1, FIRST_CHUNK + 1, 2 * n))
+    buffer[0, 0] = state
     reported = time.perf_counter()
     for k in range(count + 1):
+        j = k % FIRST_CHUNK
+        state = buffer[0, j].copy()
         tau = _vector(robot, f'torque at {k * step:.6g} s',
                       torque(k * step, state[:n].copy(), state[n:].copy()))
         if k % every == 0 or k == count:
@@ -161,15 +164,16 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
             taus.append(tau)
         if k == count:
             break
-        buffer = np.array([[state, state]])
-        replace(source, torque=tau[None, None]).advance(buffer, k, single=True)
-        _finite(robot, buffer, k, step, single=True)
-        watch.look(buffer[:, 1:], np.array([(k + 1) * step]), None)
-        state = buffer[0, 1]
+        here = buffer[:, j:j + 2]
+        replace(source, torque=tau[None, None]).advance(here, k, single=True)
+        _finite(robot, here, k, step, single=True)
         if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
             reported = time.perf_counter()
             if progress((k + 1) * step) is False:
-                break
+                count = k + 1
+        if j + 1 == FIRST_CHUNK or k + 1 == count:
+            watch.look(buffer[:, 1:j + 2], np.arange(k - j + 1, k + 2) * np.float64(step))
+            buffer[:, 0] = buffer[:, j + 1]
     return np.array(kept), np.array([states]), np.array([taus]), watch.events
 
 

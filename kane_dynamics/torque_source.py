@@ -24,8 +24,7 @@ class TorqueSource:
     constants: Array  # gains and step, then the robot's parameters
     torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques; one serves all
 
-    def advance(self, buffer: Array, done: int, single: bool,
-                extremes: tuple[Array, Array] | None = None) -> None:
+    def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """
         Fill in the states after each step, without the GIL.
 
@@ -36,8 +35,11 @@ class TorqueSource:
         done : int
         single : bool
             Use the kernel for one state; N is 1.
-        extremes : (N, 2 n) arrays, optional
-            Lowered and raised to what the K states reach; left alone where `single`.
+
+        Returns
+        -------
+        (N, 2 n) arrays, or None where `single`
+            Least and largest of each entry of the K states.
 
         """
         steps = buffer.shape[1] - 1
@@ -48,8 +50,10 @@ class TorqueSource:
         if single:
             repeat(self.kernel.address, [row.address for row in rows],
                    [row.step for row in rows], steps)
-        else:
-            march(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=extremes)
+            return None
+        extremes = np.full_like(buffer[:, 0], np.inf), np.full_like(buffer[:, 0], -np.inf)
+        march(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=extremes)
+        return extremes
 
     def _inputs(self, done: int, count: int) -> tuple[Array, int, int]:
         """Return the inputs of `count` steps from `done` on; bytes between states and steps."""
