@@ -130,7 +130,7 @@ def test_progress_is_told_and_can_end_it(robot):
 
 def test_a_function_of_torque_passes_the_same_limits_as_zero_torque():
     robot = pendulum(limits=Limits(-0.5, 0.5, 2.0, 10.0))
-    asked, zero = (simulate(robot, [0.4], [1.0], 1.5, torque=torque)
+    asked, zero = (simulate(robot, [0.4], [1.0], 3.0, torque=torque)
                    for torque in (lambda t, q, u: [0.0], None))
     assert asked.limit_events == zero.limit_events and len(zero.limit_events) > 2
 
