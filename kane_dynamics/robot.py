@@ -23,7 +23,9 @@ class Robot(Dynamics):
 
     M(q) udot + bias(q, u) = tau + external, with u = q' and everything in SI units and world
     axes. Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in
-    kind. Kernels compile on first use and are kept in a cache on disk.
+    kind. Kernels compile on first use and are kept in a cache on disk. Batches have kernels of
+    their own, which take several states at once and leave other Python threads free; where that
+    pays they use as many threads as there are processors, or as ``KANE_DYNAMICS_THREADS`` says.
 
     Parameters
     ----------
@@ -98,7 +100,7 @@ class Robot(Dynamics):
         return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
                              for name in ('lower', 'upper', 'velocity', 'effort')))
 
-    def compile(self, *names: str) -> None:  # noqa: A003
+    def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
         """
         Compile kernels now that would compile at their first use.
 
@@ -106,6 +108,8 @@ class Robot(Dynamics):
         ----------
         *names : str
             Which; without any, all but those of frames and joint reactions.
+        batches : bool
+            Also for batches, which take several states at once by kernels of their own.
 
         Raises
         ------
@@ -119,6 +123,8 @@ class Robot(Dynamics):
             try:
                 self.kernels.quantity(name)
                 getattr(self, name)
+                if batches:
+                    self.kernels.quantity(name).compile_lanes()
             except ModelError:
                 continue  # no forward dynamics with massless joints; a call says so
 

@@ -23,6 +23,7 @@ TABLE = (
     'dynamics',
     'robot',
     'control stepping trajectory',
+    'limit_watch torque_source',
     'plot simulation',
     'cli demo ros',
 )
