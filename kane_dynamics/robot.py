@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+import os
+from pathlib import Path
 from typing import Any
 
 from kane_dynamics.dynamics import Dynamics
 from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.export import DEFAULT_KERNELS, write_c
 from kane_dynamics.kernel_set import KernelSet
 from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
 from kane_dynamics.model import Array, Inertial, Model
@@ -149,6 +152,35 @@ class Robot(Dynamics):
     def operation_count(self) -> dict[str, OperationCount]:
         """Return the arithmetic of one call of every kernel."""
         return {name: self.kernels.program(name).operation_count() for name in QUANTITIES}
+
+    def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS
+                 ) -> tuple[Path, Path]:
+        """
+        Write kernels as C99 that needs libm alone: a source, and a header that documents it.
+
+        The parameters of now are its defaults. `<stem>_self_test()` compares every function with
+        results of this library.
+
+        Parameters
+        ----------
+        path : path
+            Of the source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
+            begins with `<stem>_`. Files that an earlier export wrote are replaced, others never.
+        kernels : sequence of str
+            Names of quantities, as `operation_count` lists them.
+
+        Returns
+        -------
+        (Path, Path)
+            The source and the header.
+
+        Raises
+        ------
+        InputError
+            No such kernel, or the path cannot be written; names it.
+
+        """
+        return write_c(self, path, kernels)
 
 
 def _restored(model: Model, options: dict[str, Any], gravity: Array,

@@ -21,6 +21,7 @@ TABLE = (
     'explanation parameters quantities verification',
     'kernel_set',
     'dynamics',
+    'export',
     'robot',
     'control stepping trajectory',
     'limit_watch torque_source',
