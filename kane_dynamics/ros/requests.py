@@ -11,6 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
                                           trajectory_message, vector)
+from kane_dynamics.ros.loads import Loads
 from kane_dynamics.ros.parameters import per_joint
 from kane_dynamics.simulation import simulate
 import numpy as np
@@ -31,19 +32,35 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Served:
-    """What requests are answered with: a Robot of their own, and the node's gains, (n,) each."""
+    """
+    What requests are answered with.
+
+    Attributes
+    ----------
+    robot, simulated : Robot
+        For requests that are answered at once, and for simulations: each belongs to one thread.
+    loads : Loads
+        Put into a robot before it answers.
+    kp, kd : (n,) arrays
+        The node's gains.
+    bounds : Bounds
+
+    """
 
     robot: Robot
+    simulated: Robot
+    loads: Loads
     kp: Array
     kd: Array
     bounds: Bounds
 
     @classmethod
-    def from_values(cls, robot: Robot, values: Mapping[str, Any]) -> 'Served':
+    def from_values(cls, robot: Robot, simulated: Robot, loads: Loads,
+                    values: Mapping[str, Any]) -> 'Served':
         """Take gains and bounds from the node's parameters."""
         kp, kd = (per_joint(values, name, robot.joint_names, 0.0)
                   for name in ('gains.kp', 'gains.kd'))
-        return cls(robot, kp, kd, Bounds(
+        return cls(robot, simulated, loads, kp, kd, Bounds(
             values['simulation.max_duration'], values['simulation.max_steps'],
             values['simulation.max_points'], values['trajectory.max_points']))
 
@@ -53,6 +70,7 @@ class Simulation:
     """A checked request: the arguments of `simulate`, and the joints' order in the answer."""
 
     robot: Robot
+    loads: Loads
     joint_names: tuple[str, ...]
     q0: Array
     u0: Array
@@ -86,13 +104,14 @@ class Simulation:
             raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE}, COMPUTED_TORQUE '
                              f'{request.COMPUTED_TORQUE}')
-        return cls(served.robot, tuple(request.joint_names),
+        return cls(served.simulated, served.loads, tuple(request.joint_names),
                    vector(request.position, index, n, 'position'),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
                    torque)
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; `proceed(t)` returning False ends it early."""
+        self.loads.apply(self.robot)
         began = time.perf_counter()
         trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
                               torque=self.torque, sample=self.sample, progress=proceed)

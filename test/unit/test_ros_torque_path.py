@@ -11,7 +11,9 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I1
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path import DISORDER, FUTURE, OLD, TorquePath  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
 MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
@@ -21,11 +23,11 @@ NANO = 10**9
 class Publisher:
     """Keeps what is published."""
 
-    def __init__(self):
-        self.sent = []
+    def __init__(self, kind, field):
+        self.sent, self.kind, self.field = [], kind, field
 
     def publish(self, message):
-        self.sent.append(np.array(getattr(message, 'data', None) or message.effort))
+        self.sent.append(np.array(getattr(deserialize_message(message, self.kind), self.field)))
 
 
 class Rig:
@@ -33,7 +35,8 @@ class Rig:
 
     def __init__(self, **settings):
         self.time = 100 * NANO
-        self.commands, self.torques, self.warnings = Publisher(), Publisher(), []
+        self.commands = Publisher(Float64MultiArray, 'data')
+        self.torques, self.warnings = Publisher(JointState, 'effort'), []
         self.statistics = Statistics()
         self.path = TorquePath(Controller(ROBOT, **settings), self.commands, self.torques,
                                lambda: self.time, 0.1, self.statistics,
@@ -47,7 +50,7 @@ class Rig:
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
         before = len(self.commands.sent)
-        self.path.on_state(message)
+        self.path.on_state(serialize_message(message))
         return self.commands.sent[-1] if len(self.commands.sent) > before else None
 
 
