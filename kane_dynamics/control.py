@@ -146,6 +146,8 @@ class Controller:
         rate = None if rate_limit is None else per_joint(rate_limit, 'rate_limit', names,
                                                          finite=False)
         self.kp, self.kd = new_kp, new_kd
+        self._kp: list[float] = new_kp.tolist()
+        self._kd: list[float] = new_kd.tolist()
         if effort is not None:
             self._limiter.set_effort(effort)
         if rate is not None:
@@ -243,12 +245,17 @@ class Controller:
         else:
             self._pose = None  # where it stood before says nothing about where it will end
             q_d, u_d, udot_d = motion.sample(moment)
-        with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
-            correction = self.kd * (u_d - u) + self.kp * (q_d - q)
+        if not (self._all or self.compensate.inertia):
+            udot_d = self._zero
+        # Plain floats, as in the limiter; what overflows is refused by the kernel, in words.
+        udot = np.array([
+            forward + (kd * (rate_d - rate) + kp * (place_d - place))
+            for forward, kd, rate_d, rate, kp, place_d, place in zip(
+                udot_d.tolist(), self._kd, u_d.tolist(), u.tolist(), self._kp, q_d.tolist(),
+                q.tolist(), strict=True)])
         if self._all:
-            return (robot.inverse_dynamics(q, u, udot_d + correction)
+            return (robot.inverse_dynamics(q, u, udot)
                     + (robot.friction_force(u_d) - robot.friction_force(u)))
-        udot = udot_d + correction if self.compensate.inertia else correction
         tau: Array = self._back @ robot.torque_terms(q, u, udot)
         return tau + robot.friction_force(u_d) if self.compensate.friction else tau
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 import threading
+import time
 from typing import Any
 
 from kane_dynamics.control import Controller
@@ -61,7 +62,7 @@ class Arm:
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
         self.values, self._node, self._server, self._warn = values, node, server, warn
-        self._statistics = statistics
+        self._statistics, self._clock = statistics, node.get_clock()
         self._lock = threading.Lock()  # of the loads, which two threads change
         self.loads: Loads = start_loads(model, values)
         self.gravity_source = GravityFromImu(
@@ -78,9 +79,8 @@ class Arm:
         commands = node.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)
         torques = node.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
         self._publishers = commands, torques
-        clock = node.get_clock()
         self.path = TorquePath(
-            controller, commands, torques, lambda: clock.now().nanoseconds,
+            controller, commands, torques, self._now,
             values['state_timeout'], statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
         self._distribute()
@@ -90,6 +90,11 @@ class Arm:
             Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
             BEST_EFFORT) if self.gravity_source is not None else None
         server.spinner.wake()
+
+    def _now(self) -> int:
+        """Return the node's clock, ns; the system's own is the same where no other is in use."""
+        return (int(self._clock.now().nanoseconds) if self._clock.ros_time_is_active
+                else time.time_ns())
 
     @property
     def sources(self) -> int:
