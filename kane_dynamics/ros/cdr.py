@@ -20,6 +20,10 @@ STAMP = struct.Struct('<iI')
 STAMP_AT = HEAD  # a Header begins with its stamp, and a JointState with its Header
 
 
+class TooShortError(InputError):
+    """A message ends before what it announces."""
+
+
 class Reader:
     """
     Reads one serialised message from its beginning to its end.
@@ -56,8 +60,8 @@ class Reader:
         begin = self.at + -(self.at - HEAD) % size
         end = begin + size * count
         if end > len(self._data):
-            raise InputError(f'{count} elements of {size} bytes from byte {begin} on in a message '
-                             f'of {len(self._data)} bytes')
+            raise TooShortError(f'{count} elements of {size} bytes from byte {begin} on in a '
+                                f'message of {len(self._data)} bytes')
         self.at = end
         return begin
 
@@ -85,9 +89,9 @@ class Reader:
     def texts(self) -> list[str]:
         """Return a sequence of strings."""
         count = self.word()
-        if 5 * count > len(self._data) - self.at:  # an empty string takes five bytes
-            raise InputError(f'{count} strings from byte {self.at} on in a message of '
-                             f'{len(self._data)} bytes')
+        if 4 * count > len(self._data) - self.at:  # each has its length
+            raise TooShortError(f'{count} strings from byte {self.at} on in a message of '
+                                f'{len(self._data)} bytes')
         return [self.text() for _ in range(count)]
 
     def doubles(self) -> NDArray[np.float64]:

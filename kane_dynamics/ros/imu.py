@@ -90,7 +90,7 @@ class GravityFromImu:
             raise InputError('the IMU measures no acceleration: its covariance begins with -1')
         a, w = message.linear_acceleration, message.angular_velocity
         force = np.array([a.x, a.y, a.z])
-        size = float(np.linalg.norm(force))
+        size = math.hypot(a.x, a.y, a.z)
         if not abs(size - self._magnitude) <= REST_FORCE * self._magnitude:
             raise InputError(f'the acceleration is {size:.3g} m/s^2; valid at rest: '
                              f'{self._magnitude:.3g} within {REST_FORCE:.0%}')

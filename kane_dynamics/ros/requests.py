@@ -169,9 +169,11 @@ def _table(request: Any, index: Index | None, n: int, duration: float, step: flo
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise InputError(f'row {row} of torques is {table[row].tolist()}; valid: finite numbers')
     steps = math.ceil(duration / step - 1e-9)
-    row_of_step = np.floor(np.arange(steps) * (step / period) + 1e-9).astype(np.intp)
-    if row_of_step[-1] >= len(table):
+    last = (steps - 1) * step / period + 1e-9  # infinite for the shortest of periods
+    if not last < len(table):
         raise InputError(f'torques has {len(table)} rows of {period:g} s; valid: at least '
-                         f'{row_of_step[-1] + 1} for a duration of {duration:g} s')
+                         f'{np.floor(last) + 1.0:.0f} for a duration of {duration:g} s')
+    row_of_step = np.floor(np.arange(steps) * (step / period) + 1e-9).astype(np.intp)
+    row_of_step = np.minimum(row_of_step, len(table) - 1)
     held: Array = table[row_of_step]
     return held if index is None else held[:, index]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.cdr import Block, Reader, STAMP, STAMP_AT, write_joint_state
+from kane_dynamics.ros.cdr import Block, Reader, STAMP, STAMP_AT, TooShortError, write_joint_state
 from kane_dynamics.ros.conversion import Index, NANO
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -28,8 +28,6 @@ class Layout:
     ----------
     data : bytes
         A message of this layout.
-    joints : sequence of str
-        The joints to read, each of which it names once.
 
     Raises
     ------
@@ -38,13 +36,13 @@ class Layout:
 
     """
 
-    def __init__(self, data: bytes, joints: Sequence[str]) -> None:
+    def __init__(self, data: bytes) -> None:
         reader = Reader(data)
-        if reader.order != '<':
-            raise InputError('the message is big endian')
         reader.pair()
         frame_id, names = reader.text(), reader.texts()
         counts = [len(reader.doubles()) for _ in range(3)]
+        if reader.order != '<':
+            raise InputError('the message is big endian')
         writer, (positions, velocities, _) = write_joint_state(names, frame_id, counts)
         full, _ = write_joint_state(names, frame_id, counts, fill=0xff)
         # Whole messages as numbers: the fastest masked comparison that the language has.
@@ -53,7 +51,7 @@ class Layout:
             self.expected ^ int.from_bytes(full.data, 'little'))
         block = Block(len(data))
         self.landing = memoryview(block.bytes)
-        self.index = np.array([names.index(joint) for joint in joints], dtype=np.intp)
+        self.index: Index = np.zeros(0, dtype=np.intp)  # of the joints to read
         self.positions = block.doubles(positions, len(names))
         self.velocities = (block.doubles(velocities, len(names)) if counts[1] == len(names)
                            else None)
@@ -110,22 +108,31 @@ class StateReader:
     def _read_normally(self, data: bytes, need_velocity: bool) -> str | None:
         """Read a message as rclpy does; learn its layout if it is good."""
         self.normal += 1
+        layout = None
+        try:
+            layout = Layout(data)
+        except TooShortError as error:  # rclpy would refuse it too, but print that every time
+            self.detail = str(error)
+            return GARBLED
+        except InputError:  # rclpy reads more than plain CDR: such messages stay on its road
+            pass
         try:
             message = deserialize_message(data, JointState)
         except (RuntimeError, MemoryError, ValueError) as error:  # RMWError is a RuntimeError
             self.detail = f'{len(data)} bytes: {str(error)[:100]}'
             return GARBLED
-        fault = self._read_message(message, need_velocity)
-        if fault is None:
-            self._learn(data)
-        return fault
-
-    def _read_message(self, message: JointState, need_velocity: bool) -> str | None:
         stamp = message.header.stamp
         self.sec, self.nanosec = stamp.sec, stamp.nanosec
         index = self._index(message.name)
         if isinstance(index, str):
             return index
+        fault = self._gather(message, index, need_velocity)
+        if fault is None and layout is not None:
+            layout.index = index
+            self._learn(data, layout)
+        return fault
+
+    def _gather(self, message: JointState, index: Index, need_velocity: bool) -> str | None:
         count = len(message.name)
         if len(message.position) != count:
             self.detail = f'{len(message.position)} positions for {count} names'
@@ -159,12 +166,8 @@ class StateReader:
         self.detail = ', '.join(self.joints[i] for i in np.flatnonzero(bad))
         return NOT_FINITE
 
-    def _learn(self, data: bytes) -> None:
+    def _learn(self, data: bytes, layout: Layout) -> None:
         """Keep the layout of a good message, in place of the oldest if there are many."""
-        try:
-            layout = Layout(data, self.joints)
-        except InputError:  # rclpy reads more than plain CDR: such messages stay on its road
-            return
         self._layouts.pop(len(data), None)
         if len(self._layouts) >= MOST_LAYOUTS:
             del self._layouts[next(iter(self._layouts))]
