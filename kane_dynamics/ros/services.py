@@ -20,6 +20,7 @@ from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseD
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -58,6 +59,8 @@ class Services(Node):
         self.spinner.add_node(self)
         self.worker = Worker(self.spinner.wake)
         services = QoSProfile(depth=MOST_REQUESTS)
+        # In the ordinary group a simulation would keep everything else out until it ends.
+        waiting = ReentrantCallbackGroup()
         for kind, name, call in ((InverseDynamics, 'inverse_dynamics', inverse_dynamics),
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
                                  (GetDynamics, 'get_dynamics', get_dynamics),
@@ -66,12 +69,12 @@ class Services(Node):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
                                 self._answering(call), qos_profile=services)
         self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate,
-                            qos_profile=services)
+                            qos_profile=services, callback_group=waiting)
         self.create_subscription(JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
                                  on_trajectory, QoSProfile(depth=1), raw=True)
         self.action = ActionServer(
             self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
-            self._simulate_motion, result_timeout=RESULT_TIMEOUT,
+            self._simulate_motion, result_timeout=RESULT_TIMEOUT, callback_group=waiting,
             cancel_callback=lambda handle: CancelResponse.ACCEPT)
 
     def spin(self) -> None:
