@@ -217,16 +217,25 @@ class Controller:
                 raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
-        moment = t if motion_time is None else motion_time
+        return self.command_checked(t, q, q if u is None else u, motion,
+                                    t if motion_time is None else motion_time)
+
+    def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
+                        moment: float) -> Command:
+        """
+        Return the torques to apply, as `command` does, without looking at the arguments.
+
+        For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
+        the motion is of the robot's joints in the robot's order.
+        """
         if self.mode is Mode.COMPUTED_TORQUE:
-            assert u is not None
             tau = self._computed_torque(q, u, motion, moment)
         elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
             q_d, u_d, udot_d = motion.sample(moment)
             tau = (self.robot.inverse_dynamics(q_d, u_d, udot_d) if self._all
                    else self._forward @ self.robot.torque_terms(q_d, u_d, udot_d))
         else:
-            tau = self.robot.gravity_force(q) if self.compensate.gravity else self._zero
+            tau = self.robot.gravity_force(q) if self.compensate.gravity else self._zero.copy()
         return self._limiter.apply(t, tau)
 
     def stop(self) -> Command:

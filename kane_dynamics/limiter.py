@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Flags = NDArray[np.bool_]
+FINITE = float(np.finfo(np.float64).max)
 
 
 class Command(NamedTuple):
@@ -52,6 +53,7 @@ class Limiter:
         self.effort = effort
         # A command under a wider limit must not outlast it through the rate limit.
         self._largest: list[float] = effort.tolist()
+        self._bounds = [(-most, most) for most in np.minimum(effort, FINITE).tolist()]
         self._last = [min(max(last, -most), most)
                       for last, most in zip(self._last, self._largest, strict=True)]
 
@@ -69,6 +71,13 @@ class Limiter:
 
         A stamp that lies before the last one leaves no time for a change.
 
+        Parameters
+        ----------
+        t : float
+            s, on any clock.
+        tau : (n,) array
+            N m or N; it is the command where no limit changes it.
+
         Raises
         ------
         InputError
@@ -76,6 +85,13 @@ class Limiter:
 
         """
         wanted = tau.tolist()
+        if not self._rated:
+            for x, (low, high) in zip(wanted, self._bounds):
+                if not low <= x <= high:  # nan and infinity too
+                    break
+            else:
+                self._last, self._stamp = wanted, t
+                return Command(tau, self._none, self._none, False)
         if not all(map(math.isfinite, wanted)):
             raise InputError('the torques are not finite: '
                              f'{dict(zip(self._names, wanted, strict=True))}; the state, '
@@ -89,7 +105,7 @@ class Limiter:
                                             strict=True)]
         self._last, self._stamp = out, t
         if out == wanted:
-            return Command(tau.copy(), self._none, self._none, False)
+            return Command(tau, self._none, self._none, False)
         clamped, limited = np.array(within) != tau, np.array(out) != np.array(within)
         return Command(np.array(out), clamped, limited, True)
 

@@ -63,6 +63,7 @@ class Arm:
                  warn: Callable[[str, str], None]) -> None:
         self.values, self._node, self._server, self._warn = values, node, server, warn
         self._statistics, self._clock = statistics, node.get_clock()
+        self._simulated_time = bool(self._clock.ros_time_is_active)
         self._lock = threading.Lock()  # of the loads, which two threads change
         self.loads: Loads = start_loads(model, values)
         self.gravity_source = GravityFromImu(
@@ -92,9 +93,8 @@ class Arm:
         server.spinner.wake()
 
     def _now(self) -> int:
-        """Return the node's clock, ns; the system's own is the same where no other is in use."""
-        return (int(self._clock.now().nanoseconds) if self._clock.ros_time_is_active
-                else time.time_ns())
+        """Return the node's clock, ns; the system's own is the same where none is simulated."""
+        return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
 
     @property
     def sources(self) -> int:
@@ -129,6 +129,7 @@ class Arm:
         """Use checked parameters from the next cycle and the next request on."""
         turned = (values['gravity'] != self.values['gravity']).any()
         self.values = values
+        self._simulated_time = bool(self._clock.ros_time_is_active)
         self.path.set_timeout(values['state_timeout'])
         self.path.controller.update(**controller_settings(values, self.robot.joint_names))
         self._change(**({'gravity': values['gravity']} if turned else {}))

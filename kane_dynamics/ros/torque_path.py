@@ -126,8 +126,8 @@ class TorquePath:
             self._take_loads()
         motion, start = self._motion or (None, 0)
         try:
-            command = controller.command(stamp / NANO, reader.q, reader.u, motion,
-                                         (stamp - start) / NANO)
+            command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion,
+                                                 (stamp - start) / NANO)
         except InputError as error:  # the state is finite, but its torques are not
             self._drop(BEYOND, str(error))
             return
