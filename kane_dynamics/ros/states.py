@@ -32,7 +32,8 @@ class Layout:
     Raises
     ------
     InputError
-        The message is big endian, or is not what CDR says it must be.
+        The message is big endian, has not a position for each name, or is not what CDR says it
+        must be.
 
     """
 
@@ -41,8 +42,8 @@ class Layout:
         reader.pair()
         frame_id, names = reader.text(), reader.texts()
         counts = [len(reader.doubles()) for _ in range(3)]
-        if reader.order != '<':
-            raise InputError('the message is big endian')
+        if reader.order != '<' or counts[0] != len(names):
+            raise InputError('the message is big endian, or not a position for each name')
         writer, (positions, velocities, _) = write_joint_state(names, frame_id, counts)
         full, _ = write_joint_state(names, frame_id, counts, fill=0xff)
         # Whole messages as numbers: the fastest masked comparison that the language has.
@@ -51,10 +52,17 @@ class Layout:
             self.expected ^ int.from_bytes(full.data, 'little'))
         block = Block(len(data))
         self.landing = memoryview(block.bytes)
-        self.index: Index = np.zeros(0, dtype=np.intp)  # of the joints to read
-        self.positions = block.doubles(positions, len(names))
-        self.velocities = (block.doubles(velocities, len(names)) if counts[1] == len(names)
-                           else None)
+        self.moving = counts[1] == len(names)  # whether each joint has a velocity
+        # Eight bytes lie between positions and velocities, the count of these and padding: both
+        # are gathered from one row of doubles.
+        self.between = (velocities - positions) // 8
+        self.numbers = block.doubles(positions, self.between + len(names) if self.moving
+                                     else len(names))
+        self.index: Index = np.zeros(0, dtype=np.intp)
+
+    def choose(self, index: Index) -> None:
+        """Gather the joints that have these entries: their positions, then their velocities."""
+        self.index = np.concatenate([index, index + self.between]) if self.moving else index
 
 
 class StateReader:
@@ -79,7 +87,8 @@ class StateReader:
 
     def __init__(self, joints: Sequence[str]) -> None:
         self.joints = tuple(joints)
-        self.q, self.u = np.zeros(len(self.joints)), np.zeros(len(self.joints))
+        self._state = np.zeros(2 * len(self.joints))
+        self.q, self.u = np.split(self._state, 2)
         self.sec = self.nanosec = 0
         self.detail = ''
         self.normal = 0
@@ -94,15 +103,15 @@ class StateReader:
         """Read one message; return None if it is good, else the reason to drop it."""
         layout = self._layouts.get(len(data))
         if layout is None or (int.from_bytes(data, 'little') & layout.mask) != layout.expected or (
-                need_velocity and layout.velocities is None):
+                need_velocity and not layout.moving):
             return self._read_normally(data, need_velocity)
         self.sec, self.nanosec = STAMP.unpack_from(data, STAMP_AT)
         layout.landing[:] = data
-        layout.positions.take(layout.index, out=self.q, mode='clip')
-        if layout.velocities is None:
-            self.u.fill(0.0)
+        if layout.moving:
+            layout.numbers.take(layout.index, out=self._state, mode='clip')
         else:
-            layout.velocities.take(layout.index, out=self.u, mode='clip')
+            layout.numbers.take(layout.index, out=self.q, mode='clip')
+            self.u.fill(0.0)
         return self._finite()
 
     def _read_normally(self, data: bytes, need_velocity: bool) -> str | None:
@@ -128,7 +137,7 @@ class StateReader:
             return index
         fault = self._gather(message, index, need_velocity)
         if fault is None and layout is not None:
-            layout.index = index
+            layout.choose(index)
             self._learn(data, layout)
         return fault
 
@@ -159,10 +168,11 @@ class StateReader:
         return np.array([entry[joint] for joint in self.joints], dtype=np.intp)
 
     def _finite(self) -> str | None:
-        values = self.q.tolist() + self.u.tolist()
-        if all(map(math.isfinite, values)):  # short rows: faster than numpy
+        if math.isfinite(sum(self._state.tolist())):  # short rows: faster than numpy
             return None
         bad = ~(np.isfinite(self.q) & np.isfinite(self.u))
+        if not bad.any():  # the sum alone left the finite numbers
+            return None
         self.detail = ', '.join(self.joints[i] for i in np.flatnonzero(bad))
         return NOT_FINITE
 
