@@ -15,7 +15,6 @@ idle, and beside simulations the node loses less than 2 % of the states. With th
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import count
 import os
 import random
 import signal
@@ -75,26 +74,22 @@ def load() -> None:
     node = Node('load', namespace=NAMESPACES[OURS])
     client = node.create_client(Simulate, 'kane_dynamics/simulate')
     client.wait_for_service()
-    lines = count()
-    position = next(lines)
+    wanted, ended = threading.Event(), threading.Event()
 
     def read() -> None:
-        nonlocal position
         for _ in sys.stdin:
-            position = next(lines)
+            (wanted.clear if wanted.is_set() else wanted.set)()
+        ended.set()
+        wanted.set()
 
     threading.Thread(target=read, daemon=True).start()
     done = 0
+    request = Simulate.Request(position=[0.1] * len(JOINTS), duration=10.0)
     print('ready', flush=True)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        while True:
-            if position % 2 == 0:
-                time.sleep(0.01)
-                continue
-            request = Simulate.Request(position=[0.1] * len(JOINTS), duration=10.0)
-            future = client.call_async(request)
-            rclpy.spin_until_future_complete(node, future)
-            done += future.result().success
+    while wanted.wait() and not ended.is_set():
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(node, future)
+        done += future.result().success
     print(done, flush=True)
 
 
@@ -112,7 +107,9 @@ def contenders(*more: str) -> Iterator[subprocess.Popen[str]]:
     try:
         yield loader
     finally:
-        for process in [loader, *running]:
+        assert loader.stdin is not None
+        loader.stdin.close()  # which ends it
+        for process in running:
             process.send_signal(signal.SIGINT)
         for process in [loader, *running]:
             try:

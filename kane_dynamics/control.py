@@ -4,8 +4,10 @@ Feedforward control: from a measured state and a desired motion to the torques t
 Everything here is plain library code; the ROS node only converts messages around it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 import math
 
 from kane_dynamics.errors import InputError
@@ -146,8 +148,7 @@ class Controller:
         rate = None if rate_limit is None else per_joint(rate_limit, 'rate_limit', names,
                                                          finite=False)
         self.kp, self.kd = new_kp, new_kd
-        self._kp: list[float] = new_kp.tolist()
-        self._kd: list[float] = new_kd.tolist()
+        self._gains = np.concatenate([new_kp, new_kd])
         if effort is not None:
             self._limiter.set_effort(effort)
         if rate is not None:
@@ -163,6 +164,16 @@ class Controller:
             # Feedback acts through M in any case; friction is added at the desired speed.
             rows |= {'inertia': True, 'friction': False}
             self._back = np.array(list(rows.values()), dtype=np.float64)
+
+    @cached_property
+    def _law(self) -> Callable[..., Array]:
+        """The kernel of computed torque with all terms."""
+        kernel = self.robot.kernels.computed_torque()
+        return kernel.entry('', kernel)
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile now what a command may need beyond the robot's own kernels."""
+        self._law  # noqa: B018
 
     @property
     def effort_limit(self) -> Array:
@@ -254,17 +265,12 @@ class Controller:
         else:
             self._pose = None  # where it stood before says nothing about where it will end
             q_d, u_d, udot_d = motion.sample(moment)
-        if not (self._all or self.compensate.inertia):
-            udot_d = self._zero
-        # Plain floats, as in the limiter; what overflows is refused by the kernel, in words.
-        udot = np.array([
-            forward + (kd * (rate_d - rate) + kp * (place_d - place))
-            for forward, kd, rate_d, rate, kp, place_d, place in zip(
-                udot_d.tolist(), self._kd, u_d.tolist(), u.tolist(), self._kp, q_d.tolist(),
-                q.tolist(), strict=True)])
         if self._all:
-            return (robot.inverse_dynamics(q, u, udot)
-                    + (robot.friction_force(u_d) - robot.friction_force(u)))
+            whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
+            return whole
+        with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
+            correction = self.kd * (u_d - u) + self.kp * (q_d - q)
+        udot = udot_d + correction if self.compensate.inertia else correction
         tau: Array = self._back @ robot.torque_terms(q, u, udot)
         return tau + robot.friction_force(u_d) if self.compensate.friction else tau
 

@@ -77,6 +77,7 @@ class Arm:
         compile_simulation(self._for_simulations)
         self.verified = self.robot.verify()
         controller = Controller(self.robot, **controller_settings(values, self.robot.joint_names))
+        controller.compile()
         commands = node.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)
         torques = node.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
         self._publishers = commands, torques

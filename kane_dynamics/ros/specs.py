@@ -112,7 +112,7 @@ SPECS = (
          positive=True, low=0.0),
     live('simulation.max_steps', 'count', 1_000_000, 'most steps of one simulation', low=1.0,
          high=1e8),
-    live('simulation.max_points', 'count', 1000, 'most points in one simulated trajectory; the '
+    live('simulation.max_points', 'count', 2000, 'most points in one simulated trajectory; the '
          'torque path waits while thousands are converted', low=2.0, high=1e6),
     live('simulation.max_waiting', 'count', 8, 'simulations that may wait for their turn; '
          'further ones are told that the node is busy', low=1.0, high=1000.0),

@@ -142,7 +142,7 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     ('duration is inf s', {'duration': math.inf}),
     ('at most 3600 s', {'duration': 1e9}),
     ('at most 1000000 (parameter simulation.max_steps)', {'duration': 1.0, 'step': 1e-9}),
-    ('at most 1000 (parameter simulation.max_points)',
+    ('at most 2000 (parameter simulation.max_points)',
      {'duration': 10.0, 'sample_period': 1e-3}),
     ('step is -1 s', {'step': -1.0}),
     ('step is 2 s; valid: at most the duration', {'step': 2.0}),
