@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
+from kane_dynamics.ros.loads import Loads  # noqa: E402
 from kane_dynamics.ros.torque_path import DISORDER, FUTURE, OLD, TorquePath  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -100,6 +101,19 @@ def test_states_out_of_order_give_no_torque():
     assert rig.state(after=0.05) is not None
     assert rig.state(age=0.03) is None
     assert rig.statistics.dropped[DISORDER] == 1
+
+
+def test_loads_are_put_into_the_kernels_between_two_cycles_and_not_before():
+    rig, before = Rig(), ROBOT.parameters.gravity
+    try:
+        rig.state()
+        rig.path.set_loads(Loads(np.array([1.0, 0.0, -3.0])))
+        assert (ROBOT.parameters.gravity == before).all(), 'not from another thread'
+        command = rig.state(after=0.01)
+        assert ROBOT.parameters.gravity.tolist() == [1.0, 0.0, -3.0]
+        np.testing.assert_array_equal(command, gravity())
+    finally:
+        ROBOT.parameters.gravity = before
 
 
 def test_silence_brings_zeros_once_and_the_next_state_torques_again():
