@@ -15,6 +15,7 @@ from kane_dynamics_interfaces.srv import InverseDynamics, Simulate
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -135,8 +136,10 @@ def test_a_flood_of_requests_is_answered_oldest_first_and_the_rest_told_at_once(
                                                                                holding):
     start(state_timeout=1.0, simulation__max_waiting=4)
     client.connect()
-    simulations = client.create_client(Simulate, f'{NAME}/simulate')
-    torques = client.create_client(InverseDynamics, f'{NAME}/inverse_dynamics')
+    # Of ordinary depth, a client loses answers that come faster than it reads them.
+    simulations, torques = (
+        client.create_client(kind, f'{NAME}/{name}', qos_profile=QoSProfile(depth=200))
+        for kind, name in ((Simulate, 'simulate'), (InverseDynamics, 'inverse_dynamics')))
     assert simulations.wait_for_service(10.0) and torques.wait_for_service(10.0)
     request = Simulate.Request(position=Q.tolist(), duration=1000.0)
     pending = [simulations.call_async(request) for _ in range(60)]
