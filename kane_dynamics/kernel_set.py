@@ -1,21 +1,26 @@
 """The kernels of one robot: what each computes, how it is traced, and the one of each made."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics import frames
+from kane_dynamics.mechanics.derivatives import directly, Share
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.factorization import solve
 from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Array
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
+from kane_dynamics.native.outline import Outline
 from kane_dynamics.native.program import Program, Shape, trace_program
 from kane_dynamics.quantities import FRAME_QUANTITIES, JOINT_REACTION, QUANTITIES, Quantity
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse written out would compile too slowly
+OUTLINED = 40  # and from which on derivatives would
+SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives')
 FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
 
 
@@ -93,6 +98,8 @@ class KernelSet:
         if name == 'inverse_mass_matrix' and self.equations.n > LARGE:
             return self._large_inverse()
         method = getattr(self.equations, name)
+        if name in SHARING:
+            method = partial(method, share=self._share())
 
         def function(*inputs: Any) -> Any:
             *given, parameters = inputs
@@ -166,6 +173,10 @@ class KernelSet:
             full = [call(solving, entries, unit) for unit in np.eye(n)]
             return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
         return trace_program('inverse_mass_matrix', columns, inputs)
+
+    def _share(self) -> Share:
+        """Return how parts of derivatives are used again: written out, or called."""
+        return directly if self.equations.n <= OUTLINED else Outline()
 
     def _frame_program(self, name: str, frame_name: str) -> Program:
         frame = self.equations.model.frame(frame_name)

@@ -17,7 +17,7 @@ the joint carries, taken from i to the root once for all j below it; and what jo
 at the joints below it by one force and moment each, by q and by u.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,7 @@ import numpy as np
 
 NONE = np.array([0.0, 0.0, 0.0])
 Matrix = list[list[Any]]
+Share = Callable[..., Any]
 
 
 @dataclass
@@ -58,18 +59,60 @@ class Carried:
     moment: Any
 
 
-@dataclass(frozen=True)
 class Place:
-    """A link, the way to it, its motion, and its origin's velocity from its parent's origin."""
+    """
+    A link, the way to it, its motion, and its origin's velocity from its parent's origin.
 
-    link: Link
-    step: Step
-    motion: Motion
-    velocity: Any
+    `rows` and `columns` take what a joint further out passes on down by one link. They use
+    nothing that varies but `state`, (15,), so that many joints may share one subroutine.
+    """
+
+    def __init__(self, link: Link, step: Step, motion: Motion, velocity: Any) -> None:
+        """Keep the parts."""
+        self.link, self.step, self.motion, self.velocity = link, step, motion, velocity
+        omega, _, a, U = motion
+        self.state = np.array([step.s, step.c, *step.offset, *velocity, omega[0], omega[1],
+                               *U[:, 2], a[0], a[1]])
+
+    def rows(self, carried: Any, state: Any) -> Any:
+        """
+        Return (12,): shares of dtau/dq, dtau/du and M at this joint, then `carried` one link down.
+
+        `carried`, (9,), are the vectors f, n and e of the module's text in this link's axes.
+        """
+        step, velocity, x, y, U_z, a = self._read(state)
+        f, n, e = carried[:3], carried[3:6], carried[6:]
+        if self.link.kind == 'revolute':
+            entries = (n @ U_z + (f[0] * a[1] - f[1] * a[0]) + (e[0] * y - e[1] * x),
+                       n[0] * (y + y) - n[1] * (x + x) + e[2], n[2])
+        else:
+            entries = (f @ U_z, f[0] * (y + y) - f[1] * (x + x), f[2])
+        f, n, e = (step.inward(v) for v in (f, n, e))
+        n = n + cross(step.offset, f)
+        e = e + 2.0 * cross(velocity, f)
+        return np.array([*entries, *f, *n, *e])
+
+    def columns(self, pulls: Any, state: Any) -> Any:
+        """Return two forces and moments about this link's origin, (12,), about the parent's."""
+        step = self._read(state)[0]
+        result: list[Any] = []
+        for force, moment in ((pulls[:3], pulls[3:6]), (pulls[6:9], pulls[9:])):
+            force, moment = step.inward(force), step.inward(moment)
+            result += [*force, *(moment + cross(step.offset, force))]
+        return np.array(result)
+
+    def _read(self, state: Any) -> tuple[Step, Any, Any, Any, Any, Any]:
+        s, c, offset, velocity, (x, y) = state[0], state[1], state[2:5], state[5:8], state[8:10]
+        return self.step.at(s, c, offset), velocity, x, y, state[10:13], state[13:]
 
 
-def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: Any,
-                                 gravity: Any) -> Any:
+def directly(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return ``function(*arguments)``: share no subroutines."""
+    return function(*arguments)
+
+
+def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+                                 share: Share = directly) -> Any:
     """
     Return dtau/dq, dtau/du and M of the links alone, (3, n, n).
 
@@ -81,6 +124,9 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
         Coordinates, speeds and their rates; rad or m, s.
     gravity : (3,) array of scalars
         m/s^2, world axes.
+    share : callable
+        ``share(name, function, *arrays)`` returns ``function(*arrays)``; it may make a subroutine
+        of a function and use that again for the same name.
 
     """
     n = len(q)
@@ -98,8 +144,8 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
         carried.append(_alone(link, motion[-1]))
     by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
     for i in reversed(range(len(links))):
-        _add_row(places, carried[i], i, (by_q, by_u, M))
-        _add_column(places, carried[i], i, (by_q, by_u))
+        _add_row(places, carried[i], i, (by_q, by_u, M), share)
+        _add_column(places, carried[i], i, (by_q, by_u), share)
         if links[i].parent != WORLD:
             _hand_down(places[i], carried[i], carried[links[i].parent])
     return np.array([by_q, by_u, M])
@@ -115,43 +161,31 @@ def _alone(link: Link, motion: Motion) -> Carried:
 
 
 def _add_row(places: Sequence[Place], body: Carried, i: int,
-             results: tuple[Matrix, Matrix, Matrix]) -> None:
+             results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
     """Add how the torque of link i's joint depends on itself and on every joint below."""
     h, S, K, L = body.h, body.S, body.S_rate, body.L
     own = places[i].link
     if own.kind == 'revolute':
-        f = np.array([-h[1], h[0], 0.0])
-        n = np.array([-S[0, 2], -S[1, 2], S[0, 0] + S[1, 1]])
-        e = np.array([L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
+        passed = np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
+                           L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
     else:
-        f, n = body.mass * Z, np.array([h[1], -h[0], 0.0])
-        e = np.array([2.0 * body.p[1], -2.0 * body.p[0], 0.0])
+        passed = np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
+                           2.0 * body.p[1], -2.0 * body.p[0], 0.0])
     j, row, M = i, own.coordinate, results[2]
-    while True:
-        place = places[j]
-        link, (omega, _, a, U) = place.link, place.motion
-        x, y = omega[0] + omega[0], omega[1] + omega[1]
-        if link.kind == 'revolute':
-            entries = (n @ U[:, 2] + (f[0] * a[1] - f[1] * a[0])
-                       + (e[0] * omega[1] - e[1] * omega[0]),
-                       n[0] * y - n[1] * x + e[2], n[2])
-        else:
-            entries = (f @ U[:, 2], f[0] * y - f[1] * x, f[2])
+    while j != WORLD:
+        link = places[j].link
+        answer = share(f'row_{j}', places[j].rows, passed, places[j].state)
+        entries, passed = answer[:3], answer[3:]
         column, factor = link.coordinate, own.multiplier * link.multiplier
         for matrix, entry in zip(results, entries):
             matrix[row][column] = matrix[row][column] + factor * entry
         if j != i:
             M[column][row] = M[column][row] + factor * entries[2]
-        if link.parent == WORLD:
-            return
-        f, n, e = (place.step.inward(x) for x in (f, n, e))
-        n = n + cross(place.step.offset, f)
-        e = e + 2.0 * cross(place.velocity, f)
         j = link.parent
 
 
 def _add_column(places: Sequence[Place], body: Carried, i: int,
-                results: tuple[Matrix, Matrix]) -> None:
+                results: tuple[Matrix, Matrix], share: Share) -> None:
     """Add how the torques of the joints below link i depend on its coordinate and its speed."""
     link, (omega, _, a, U) = places[i].link, places[i].motion
     across = np.array([omega[1], -omega[0], 0.0])  # omega x s
@@ -159,23 +193,22 @@ def _add_column(places: Sequence[Place], body: Carried, i: int,
     if link.kind == 'revolute':
         force, moment = _pull(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
         N = body.moment
-        fields = ((force + turned, moment + np.array([-N[1], N[0], 0.0])),
-                  _pull(body, Z, across + across, NONE))
+        pulls = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
+                                *_pull(body, Z, across + across, NONE)])
     else:
         force, moment = _pull(body, NONE, NONE, U[:, 2])
-        fields = ((force, moment + turned), _pull(body, NONE, NONE, across + across))
-    for matrix, (force, moment) in zip(results, fields):
-        j = i
-        while places[j].link.parent != WORLD:
-            step = places[j].step
-            force, moment = step.inward(force), step.inward(moment)
-            moment = moment + cross(step.offset, force)
-            j = places[j].link.parent
-            below = places[j].link
-            along = moment[2] if below.kind == 'revolute' else force[2]
-            row, column = below.coordinate, link.coordinate
+        pulls = np.concatenate([force, moment + turned,
+                                *_pull(body, NONE, NONE, across + across)])
+    j = i
+    while places[j].link.parent != WORLD:
+        pulls = share(f'column_{j}', places[j].columns, pulls, places[j].state)
+        j = places[j].link.parent
+        below = places[j].link
+        row, column = below.coordinate, link.coordinate
+        along = 5 if below.kind == 'revolute' else 2  # the place of the z component in a pull
+        for matrix, entry in zip(results, (pulls[along], pulls[along + 6])):
             matrix[row][column] = (matrix[row][column]
-                                   + link.multiplier * below.multiplier * along)
+                                   + link.multiplier * below.multiplier * entry)
 
 
 def _pull(body: Carried, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:

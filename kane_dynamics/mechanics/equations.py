@@ -11,7 +11,8 @@ from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics import frames, reactions, recursive, regressor
-from kane_dynamics.mechanics.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.derivatives import (directly, inverse_dynamics_derivatives,
+                                                 Share)
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
                                              linkage, regrouped)
@@ -115,16 +116,18 @@ class Equations:
                              'torque determines its acceleration; give its body an inertia or '
                              'the joint an armature') from None
 
-    def coriolis_matrix(self, q: Any, u: Any, parameters: Any) -> Any:
+    def coriolis_matrix(self, q: Any, u: Any, parameters: Any,
+                        share: Share = directly) -> Any:
         """Return C, (n, n), of Christoffel symbols: C u is half of what C u's slope by u gives."""
         none = np.zeros(3).astype(object)
         return 0.5 * inverse_dynamics_derivatives(self.base_links(parameters), q, u, self.zeros,
-                                                  none)[1]
+                                                  none, share)[1]
 
-    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any,
+                                     share: Share = directly) -> Any:
         """Return dtau/dq, dtau/du and M = dtau/dudot, (3, n, n), without external wrenches."""
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
-                                             parameters[:3])
+                                             parameters[:3], share)
         ones = np.ones(self.n)
         return rigid + np.stack([np.diag(x) for x in (
             self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),

@@ -11,6 +11,7 @@ Gravity enters as an acceleration of the base, -g. A joint that shares its coord
 """
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 from kane_dynamics.mechanics.linkage import Link
@@ -40,6 +41,12 @@ class Step:
         else:
             self.s, self.c = 0.0, 1.0
             self.offset = link.translation + self.axis * (angle + link.offset)
+
+    def at(self, s: Any, c: Any, offset: Any) -> 'Step':
+        """Return the same way at another position: sine, cosine and offset there."""
+        other = copy(self)
+        other.s, other.c, other.offset = s, c, offset
+        return other
 
     def inward(self, v: Any) -> Any:
         """Return a vector of link axes in the parent's axes."""

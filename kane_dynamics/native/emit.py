@@ -11,6 +11,7 @@ from kane_dynamics.native.elementary import ABREAST, splat, Vector, vector_type
 from kane_dynamics.native.expression import Expr, operands
 from kane_dynamics.native.program import Program, size_of
 
+MANY_ZEROS = 16  # entries of a result that are always zero
 ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
 
 
@@ -40,6 +41,7 @@ class Function:
         self.names: dict[int, str] = {}
         self.lines = [self._head(symbol)]
         self.callees: list[Program] = []
+        self._laid_out: dict[tuple[object, ...], str] = {}  # arguments in memory, by entries
         schedule = program.schedule()
         self._load_inputs(schedule)
         for group in _levels(schedule):
@@ -71,7 +73,17 @@ class Function:
             self.names[node.index] = f'%{name}.{k}'
 
     def _store_outputs(self) -> None:
-        for k, x in enumerate(self.program.outputs):
+        outputs = self.program.outputs
+        zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
+        if len(zeros) >= MANY_ZEROS:  # a store each would be most of a sparse matrix's code
+            size = 8 * self.lanes * len(outputs)
+            self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
+                              'i1 false)')
+        else:
+            zeros = set()
+        for k, x in enumerate(outputs):
+            if k in zeros:
+                continue
             self.lines += [f'  %to.{k} = getelementptr {self.type}, ptr %in.result, i64 {k}',
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
         self.lines += ['  ret void', '}']
@@ -118,18 +130,33 @@ class Function:
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
         """Return a pointer to the entries; where they lie in a row already, to that."""
+        where = self._in_a_row(i, k, entries)
+        if where is None:
+            key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
+            where = self._laid_out.get(key)
+            if where is None:
+                where = self._laid_out[key] = f'%arg{i}.{k}'
+                self.lines.append(f'  {where} = alloca [{len(entries)} x {self.type}]')
+                for j, x in enumerate(entries):
+                    put = f'%put{i}.{k}.{j}'
+                    self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
+                                   f'  store {self.type} {self.value(x)}, ptr {put}']
+        return where
+
+    def _in_a_row(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
+        """Return a pointer to where an argument or a call's results hold these entries."""
         first = entries[0]
-        if isinstance(first, Expr) and first.op in self.in_place and first.args[1] == 0:
-            op, source = first.op, first.args[0]
-            if all(isinstance(x, Expr) and x.op == op and x.args[0] is source and x.args[1] == j
-                   for j, x in enumerate(entries)):
-                return f'%in.{source}' if op == 'input' else f'%ret{source.index}'
-        self.lines.append(f'  %arg{i}.{k} = alloca [{len(entries)} x {self.type}]')
-        for j, x in enumerate(entries):
-            put = f'%put{i}.{k}.{j}'
-            self.lines += [f'  {put} = getelementptr {self.type}, ptr %arg{i}.{k}, i64 {j}',
-                           f'  store {self.type} {self.value(x)}, ptr {put}']
-        return f'%arg{i}.{k}'
+        if not (isinstance(first, Expr) and first.op in self.in_place):
+            return None
+        op, (source, place) = first.op, first.args
+        if not all(isinstance(x, Expr) and x.op == op and x.args[0] is source
+                   and x.args[1] == place + j for j, x in enumerate(entries)):
+            return None
+        row = f'%in.{source}' if op == 'input' else f'%ret{source.index}'
+        if place == 0:
+            return row
+        self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {row}, i64 {place}')
+        return f'%row{i}.{k}'
 
     def _functions(self, group: list[Expr]) -> None:
         """Evaluate a level's sines and cosines, and its hyperbolic tangents."""
@@ -189,4 +216,5 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
                       f'declare {v} @llvm.copysign.v{width}f64({v}, {v})',
                       f'declare {v} @llvm.sqrt.v{width}f64({v})',
                       'declare double @llvm.sqrt.f64(double)',
+                      'declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)',
                       *main.lines, *(line for lines in functions.values() for line in lines)])
