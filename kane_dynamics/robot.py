@@ -11,6 +11,7 @@ from kane_dynamics.model import Array, Inertial, Model
 from kane_dynamics.native.program import OperationCount
 from kane_dynamics.parameters import JointLimits, Parameters
 from kane_dynamics.verification import verified
+from kane_dynamics.workspace import Workspace
 import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
@@ -206,6 +207,10 @@ class Robot:
     def partial_velocities(self, frame: str, q: Any, *, out: Array | None = None) -> Array:
         """Return (6, n): column r is the frame's linear then angular velocity per unit u_r."""
         return self._at_frame('partial_velocities', frame, (q,), out)
+
+    def bind(self) -> Workspace:
+        """Return arrays with zero-argument calls on them, for a loop that must not allocate."""
+        return Workspace(self.kernels)
 
     def compile(self) -> None:  # noqa: A003
         """Compile every kernel now (frame quantities compile at the first use of a frame)."""

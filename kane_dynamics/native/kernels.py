@@ -6,9 +6,8 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
-from kane_dynamics.native import cache, llvm
+from kane_dynamics.native import cache, entry, llvm
 from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.entry import fast_entry
 from kane_dynamics.native.program import Program, Shape, size_of
 from kane_dynamics.native.support import repeat
 import numpy as np
@@ -91,9 +90,12 @@ class Kernel:
                  arguments: Sequence[Argument], parameters: Array, shape: Shape) -> None:
         """Compile, or load from the cache."""
         def compiled() -> bytes:
-            return llvm.assemble(module_text(program(), SYMBOL))
+            ways_in = entry.ways_in(SYMBOL, given, [d.size for d in self._defaults], shape)
+            return llvm.assemble(f'{module_text(program(), SYMBOL)}\n{ways_in}')
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
+        self._defaults = [a.default for a in self.arguments if a.default is not None]
+        given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
         self.code = llvm.Code(compiled() if key is None
                               else cache.fetch(cache.key(name, key), compiled))
@@ -102,9 +104,14 @@ class Kernel:
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return the fastest way in that this interpreter allows."""
         given = [size_of(a.shape) for a in self.arguments if a.default is None]
-        defaults = [a.default for a in self.arguments if a.default is not None]
-        return fast_entry(self.name, doc, self.address, given, [*defaults, self.parameters],
-                          self.shape, fallback, self)
+        return entry.entry(self.name, doc, self.code, given, [*self._defaults, self.parameters],
+                           self.shape, fallback)
+
+    def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
+        """Return a function without arguments that calls on memory which stays where it is."""
+        def call() -> Any:
+            return self(*arguments, out=result if self.shape else None)
+        return entry.bound(self.name, doc, self.code, [*arguments, self.parameters, result], call)
 
     def __call__(self, *values: Any, out: Any = None) -> Any:
         """

@@ -19,6 +19,7 @@ TABLE = (
     'limiter mechanics motion urdf',
     'native',
     'kernel_set parameters verification',
+    'workspace',
     'robot',
     'control stepping trajectory',
     'plot simulation',
