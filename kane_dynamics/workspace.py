@@ -12,6 +12,21 @@ import numpy as np
 STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
 
 
+class _Quantity:
+    """A quantity that, once used on a workspace, gives way to its function there."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.__doc__ = f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
+
+    def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
+        if workspace is None:
+            return self
+        function = workspace._bound(workspace._kernels.quantity(self.name), self.__doc__ or '')
+        workspace.__dict__[self.name] = function
+        return function
+
+
 class Workspace:
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
@@ -52,22 +67,10 @@ class Workspace:
             states['wrench'] = _fixed(kernels.no_wrench.shape)
         self.__dict__.update(states, _kernels=kernels, _states=states, _at_frames={})
 
-    def __getattr__(self, name: str) -> Callable[[], Any]:
-        """Bind a quantity at its first use."""
-        if name not in QUANTITIES:
-            raise AttributeError(f"a workspace has no '{name}'; valid: "
-                                 f'{", ".join([*self._states, *QUANTITIES])}')
-        function = self.__dict__[name] = self._bound(self._kernels.quantity(name))
-        return function
-
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse: the compiled calls read the memory that is there."""
         raise InputError(f"a workspace's {name} cannot be rebound; write into its arrays: "
                          f'workspace.{name}[:] = ...')
-
-    def __dir__(self) -> list[str]:
-        """List arrays and quantities, bound yet or not."""
-        return sorted({*super().__dir__(), *QUANTITIES})
 
     def __reduce__(self) -> Any:
         """Refuse: what is bound is memory of this process."""
@@ -94,14 +97,19 @@ class Workspace:
             raise InputError(f"no quantity of a frame is called '{name}'; valid: "
                              f'{", ".join(FRAME_QUANTITIES)}')
         if (name, frame) not in self._at_frames:
-            self._at_frames[name, frame] = self._bound(self._kernels.at_frame(name, frame))
+            self._at_frames[name, frame] = self._bound(
+                self._kernels.at_frame(name, frame), f'Compute {name} of {frame}.')
         return self._at_frames[name, frame]
 
-    def _bound(self, kernel: Kernel) -> Callable[[], Any]:
+    def _bound(self, kernel: Kernel, doc: str) -> Callable[[], Any]:
         target = STATE_RESULTS.get(kernel.name)
         result = _fixed(kernel.shape) if target is None else self._states[target]
         return kernel.bind([self._states[argument.name] for argument in kernel.arguments], result,
-                           f'Compute {kernel.name} from the arrays of the workspace.')
+                           doc)
+
+
+for _name in QUANTITIES:  # not by `__getattr__`, which makes every look-up of an attribute slower
+    setattr(Workspace, _name, _Quantity(_name))
 
 
 def _fixed(shape: tuple[int, ...]) -> Array:

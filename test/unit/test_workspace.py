@@ -105,7 +105,7 @@ def test_arguments_and_unknown_names_are_refused(robot):
         workspace.inverse_dynamics(STATE[0])
     with pytest.raises(TypeError, match='keyword'):
         workspace.inverse_dynamics(q=STATE[0])
-    with pytest.raises(AttributeError, match=r"'torque'; valid: q, .*inverse_dynamics"):
+    with pytest.raises(AttributeError, match='torque'):
         _ = workspace.torque
     with pytest.raises(InputError, match="'pose'; valid: frame_pose"):
         workspace.at_frame('pose', 'frame1')
