@@ -1,70 +1,21 @@
 """The kernels of one robot: what each computes, how it is traced, and the one of each made."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics import frames
-from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.factorization import solve
 from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Array
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
+from kane_dynamics.quantities import FRAME_QUANTITIES, JOINT_REACTION, QUANTITIES, Quantity
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse written out would compile too slowly
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """
-    What a kernel computes.
-
-    Attributes
-    ----------
-    arguments : tuple of str
-        Of `Equations`' method of the same name, before the wrench and the parameters.
-    shape : callable
-        Shape of the result from the number of coordinates.
-    wrench, parameters : bool
-        Whether the method takes these as well.
-
-    """
-
-    arguments: tuple[str, ...]
-    shape: Callable[[int], Shape]
-    wrench: bool = False
-    parameters: bool = True
-
-
-def _vector(n: int) -> Shape:
-    return (n,)
-
-
-def _matrix(n: int) -> Shape:
-    return (n, n)
-
-
-QUANTITIES = {
-    'inverse_dynamics': Quantity(('q', 'u', 'udot'), _vector, wrench=True),
-    'forward_dynamics': Quantity(('q', 'u', 'tau'), _vector, wrench=True),
-    'mass_matrix': Quantity(('q',), _matrix),
-    'inverse_mass_matrix': Quantity(('q',), _matrix),
-    'bias_force': Quantity(('q', 'u'), _vector),
-    'gravity_force': Quantity(('q',), _vector),
-    'friction_force': Quantity(('u',), _vector, parameters=False),
-    'torque_terms': Quantity(('q', 'u', 'udot'), lambda n: (len(TORQUE_TERMS), n)),
-    'kinetic_energy': Quantity(('q', 'u'), lambda n: ()),
-    'potential_energy': Quantity(('q',), lambda n: ()),
-}
-FRAME_QUANTITIES = {
-    'frame_pose': Quantity(('q',), lambda n: (4, 4)),
-    'frame_velocity': Quantity(('q', 'u'), lambda n: (6,)),
-    'frame_acceleration': Quantity(('q', 'u', 'udot'), lambda n: (6,)),
-    'partial_velocities': Quantity(('q',), lambda n: (6, n)),
-}
 
 
 class KernelSet:
@@ -93,23 +44,41 @@ class KernelSet:
         """Return the kernel of one of `QUANTITIES`."""
         def make() -> Kernel:
             quantity = QUANTITIES[name]
-            arguments = self._states(quantity)
-            if quantity.wrench and len(self.no_wrench):
-                arguments.append(Argument('wrench', self.no_wrench.shape,
-                                          default=self.no_wrench))
-            return Kernel(name, lambda: self.program(name), self._key, arguments,
-                          self._parameters, quantity.shape(self.equations.n))
+            return Kernel(name, lambda: self.program(name), self._key, self._arguments(quantity),
+                          self._parameters, self._shape(quantity))
         return self._kept((name, ''), make)
+
+    def in_use(self, name: str) -> bool:
+        """Tell whether the kernel of one of `QUANTITIES` has been asked for."""
+        return (name, '') in self._made
 
     def at_frame(self, name: str, frame: str) -> Kernel:
         """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
         def make() -> Kernel:
             quantity = FRAME_QUANTITIES[name]
             return Kernel(name, lambda: self._frame_program(name, frame), self._key + frame,
-                          self._states(quantity), self._parameters,
-                          quantity.shape(self.equations.n))
+                          self._arguments(quantity), self._parameters, self._shape(quantity))
         self.equations.model.frame(frame)
         return self._kept((name, frame), make)
+
+    def reaction(self, joint: str) -> Kernel:
+        """Return the kernel of the reaction at a joint; InputError for an unknown joint."""
+        model = self.equations.model
+        names = [body.joint.name for body in model.bodies]
+        if joint not in names:
+            raise InputError(f"no moving joint '{joint}'; valid: {', '.join(names) or 'none'} "
+                             '(fixed and locked joints are merged into the bodies they join)')
+        body = names.index(joint)
+
+        def program() -> Program:
+            def function(*inputs: Any) -> Any:
+                q, u, udot, *wrench, parameters = inputs
+                return self.equations.joint_reaction(body, q, u, udot,
+                                                     wrench[0] if wrench else None, parameters)
+            return trace_program('joint_reaction', function, self._inputs(JOINT_REACTION))
+        return self._kept(('joint_reaction', joint), lambda: Kernel(
+            'joint_reaction', program, self._key + joint, self._arguments(JOINT_REACTION),
+            self._parameters, self._shape(JOINT_REACTION)))
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
@@ -173,6 +142,8 @@ class KernelSet:
             links = self.equations.links(parameters)
             if rates:
                 u, udot = (*rates, self.equations.zeros)[:2]
+                if name == 'partial_velocity_rates':
+                    return frames.partial_velocity_rates(links, frame, q, u)
                 motion = frames.frame_motion(links, frame, q, u, udot)
                 return motion[0 if name == 'frame_velocity' else 1]
             return getattr(frames, name)(links, frame, q)
@@ -183,10 +154,17 @@ class KernelSet:
             self._made[key] = make()
         return self._made[key]
 
-    def _states(self, quantity: Quantity) -> list[Argument]:
+    def _shape(self, quantity: Quantity) -> Shape:
         model = self.equations.model
-        return [Argument(name, (model.n,), model.coordinate_names)
-                for name in quantity.arguments]
+        return quantity.shape(model.n, len(model.bodies))
+
+    def _arguments(self, quantity: Quantity) -> list[Argument]:
+        model = self.equations.model
+        arguments = [Argument(name, (model.n,), model.coordinate_names)
+                     for name in quantity.arguments]
+        if quantity.wrench and len(self.no_wrench):
+            arguments.append(Argument('wrench', self.no_wrench.shape, default=self.no_wrench))
+        return arguments
 
     def _inputs(self, quantity: Quantity) -> list[tuple[str, Shape]]:
         inputs: list[tuple[str, Shape]] = [(name, (self.equations.n,))

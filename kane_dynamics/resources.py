@@ -1,8 +1,10 @@
 """Files that come with the package: URDFs, configurations, launch files."""
 
+from importlib import metadata
 import os
 from pathlib import Path
 import sys
+from xml.etree import ElementTree
 
 from kane_dynamics.errors import InputError
 
@@ -33,3 +35,11 @@ def resource_path(folder: str, name: str) -> Path:
             return place / name
     known = sorted({path.name for place in places if place.is_dir() for path in place.iterdir()})
     raise InputError(f"no file '{name}' in {folder}; there are: {', '.join(known) or 'none'}")
+
+
+def package_version() -> str:
+    """Return this package's version: of the checkout where it runs in one, else as installed."""
+    described = Path(__file__).resolve().parent.parent / 'package.xml'
+    if described.exists():
+        return ElementTree.parse(described).findtext('version', '')
+    return metadata.version('kane_dynamics')

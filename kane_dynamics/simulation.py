@@ -3,54 +3,34 @@ Forward simulation in native code.
 
 One Runge-Kutta step is traced with the robot's forward dynamics as a subroutine and compiled.
 Its result is the next step's argument, so that calling the kernel along a buffer of states is the
-loop over time, without the GIL.
+loop over time, without the GIL. Many simulations go through it several at once.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 import math
 import time
 from typing import Any
 
-from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError
+from kane_dynamics.limit_watch import LimitWatch
 from kane_dynamics.model import Array
-from kane_dynamics.native.kernels import Argument, checked, Kernel
-from kane_dynamics.native.support import repeat
+from kane_dynamics.native.kernels import Argument, checked
 from kane_dynamics.robot import Robot
-from kane_dynamics.stepping import step_kernel
-from kane_dynamics.trajectory import LimitEvent, LimitWatch, Trajectory
+from kane_dynamics.torque_source import torque_source, TorqueSource
+from kane_dynamics.trajectory import LimitEvent, Trajectory
 import numpy as np
 
 MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
 CHUNK_SECONDS = 0.01  # of native code between two looks at progress: half of the promised bound
-FIRST_CHUNK = 256
+CHUNK_BYTES = 2**27  # of states between two looks, unless a single step of all takes more
+FIRST_CHUNK = 256  # steps
+LEAST_CHUNK = 8  # steps of many simulations, lest the looks take longer than the steps
 
 Torque = Callable[[float, Array, Array], Any]
 Progress = Callable[[float], bool | None]
-
-
-@dataclass(frozen=True)
-class _Source:
-    """A native step and where its inputs come from."""
-
-    kernel: Kernel
-    step: float
-    constants: Array  # gains and step, then the robot's parameters
-    torque: Any  # ComputedTorque, or rows of torques; a single row serves all steps
-
-    def inputs(self, done: int, count: int) -> tuple[Array, int]:
-        """Return the inputs of `count` steps from `done` on, and their stride in bytes."""
-        if isinstance(self.torque, ComputedTorque):
-            halves: Array = np.arange(2 * done, 2 * (done + count) + 1) * np.float64(
-                0.5 * self.step)
-            rows = np.concatenate(self.torque.motion.sample(halves), axis=1)
-            return rows, 2 * rows.strides[0]
-        if len(self.torque) == 1:
-            return self.torque, 0
-        return self.torque[done:], self.torque.strides[0]
 
 
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
@@ -63,26 +43,32 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     ----------
     robot : Robot
         Whose equations to integrate.
-    q0, u0 : (n,) array_like
-        State at time 0; rad or m, and s.
+    q0, u0 : (n,) or (N, n) array_like
+        State at time 0, or N of them, each the start of a simulation; rad or m, and s.
     duration : float
         s; a whole number of steps.
     step : float
         s.
     torque : None, array, callable or ComputedTorque
         Nothing: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
-        during step k. ``torque(t, q, u)``: asked once a step and held. `ComputedTorque`:
-        evaluated continuously, with friction at the desired speed.
+        during step k. (N, K, n): a table for each of N initial states (the others serve all).
+        ``torque(t, q, u)``: asked once a step and held; for a single initial state only, because
+        Python would be called N times a step. `ComputedTorque`: evaluated continuously, with
+        friction at the desired speed.
     sample : float, optional
         Time between the rows of the result, a whole number of steps. Default: about a thousand
-        rows. First and last state are always in.
+        rows, or fewer where N initial states would then give more than a million. First and last
+        state are always in.
     progress : callable, optional
         Called with the simulated time now and then (native code never runs for more than about
-        20 ms in between); returning False ends the simulation there.
+        20 ms in between, or eight steps of all N states); returning False ends the simulation
+        there.
 
     Returns
     -------
     Trajectory
+        Its arrays lead with N where N initial states are given. A simulation among N has the
+        numbers that it has alone, to rounding; they do not depend on the other N - 1.
 
     Raises
     ------
@@ -91,73 +77,69 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         numbers, with the time and the joint.
 
     """
-    state = np.concatenate([_vector(robot, 'q0', q0), _vector(robot, 'u0', u0)])
+    starts = _starts(robot, q0, u0)
+    single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
+    starts = starts.reshape(N, 2 * robot.n)
     step = _positive('step', step)
     count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
-    every = (max(1, -(-count // DEFAULT_SAMPLES)) if sample is None
-             else _whole('sample', _positive('sample', sample), step, MOST_STEPS))
-    if count // every + 2 > MOST_SAMPLES:
-        raise InputError(f'{count} steps sampled every {every} would give {count // every + 1} '
-                         f'rows; at most {MOST_SAMPLES}: choose a longer sample time')
+    every = _sampling(count, step, sample, N, single)
     if callable(torque):
-        kept, states, taus, events = _run_callable(robot, state, count, step, every, torque,
-                                                   progress)
+        if not single:
+            raise InputError('torque is a function, which is asked state by state; for '
+                             f'{N} initial states give None, an array or a ComputedTorque')
+        kept, states, tau, events = _run_callable(robot, starts[0], count, step, every, torque,
+                                                  progress)
     else:
-        source = _source(robot, step, count, torque)
-        kept, states, events = _run_native(robot, source, state, count, every, progress)
-        taus = _torques(robot, source, kept, states)
-    n = robot.n
-    q, u = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
-    energy = np.stack([robot.kinetic_energy(q, u), robot.potential_energy(q)], axis=1)
-    return Trajectory(kept * step, q, u, robot.forward_dynamics(q, u, taus), taus, energy,
-                      robot.joint_names, tuple(events))
+        source = torque_source(robot, step, count, torque, None if single else N)
+        kept, states, events = _run_native(source, starts, single, count, every, progress)
+    q, u = (np.ascontiguousarray(part) for part in np.split(states, 2, axis=2))
+    if not callable(torque):
+        tau = source.torques(kept, q, u)
+    flat = [x.reshape(-1, robot.n) for x in (q, u, tau)]
+    udot = robot.forward_dynamics(*flat).reshape(q.shape)
+    energy = np.stack([robot.kinetic_energy(*flat[:2]), robot.potential_energy(flat[0])],
+                      axis=1).reshape(*q.shape[:2], 2)
+    q, u, udot, tau, energy = (x[0] if single else x for x in (q, u, udot, tau, energy))
+    return Trajectory(kept * step, q, u, udot, tau, energy, robot.joint_names, tuple(events))
 
 
-def _source(robot: Robot, step: float, count: int, torque: Any) -> _Source:
-    """Compile the step for a torque source and lay out its inputs."""
-    block = robot.parameters.block
-    if isinstance(torque, ComputedTorque):
-        if torque.motion.joint_names != robot.joint_names:
-            raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
-                             f'expected {list(robot.joint_names)}')
-        return _Source(step_kernel(robot, feedback=True), step,
-                       np.concatenate([torque.kp, torque.kd, [step], block]), torque)
-    table = _table(robot, torque, count)
-    return _Source(step_kernel(robot, feedback=False), step, np.concatenate([[step], block]),
-                   table)
-
-
-def _run_native(robot: Robot, source: _Source, state: Array, count: int, every: int,
+def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, every: int,
                 progress: Progress | None) -> tuple[Array, Array, list[LimitEvent]]:
     """Step in native chunks; return the kept step numbers, their states, and the events."""
-    kept, states, done, chunk = [0], [state], 0, FIRST_CHUNK
-    watch = LimitWatch(robot.joint_names, robot.limits, state)
+    robot, (N, size) = source.robot, starts.shape
+    kept = np.append(np.arange(0, count, every), count)
+    states = np.empty((N, len(kept), size))
+    states[:, 0] = starts
+    most = max(1, CHUNK_BYTES // starts.nbytes) if N else count
+    done, least = 0, 1 if single else LEAST_CHUNK
+    chunk = FIRST_CHUNK if single else LEAST_CHUNK
+    watch = LimitWatch(robot.joint_names, robot.limits, starts, single)
     while done < count:
-        chunk = min(chunk, count - done)
-        buffer = np.empty((chunk + 1, len(state)))
-        buffer[0] = state
+        chunk = min(chunk, most, count - done)
+        buffer = np.empty((N, chunk + 1, size))
+        buffer[:, 0] = starts
         started = time.perf_counter()
-        rows, stride = source.inputs(done, chunk)
-        repeat(source.kernel.address,
-               [buffer.ctypes.data, rows.ctypes.data, source.constants.ctypes.data,
-                buffer[1:].ctypes.data],
-               [buffer.strides[0], stride, 0, buffer.strides[0]], chunk)
+        extremes = source.advance(buffer, done, single)
         took = time.perf_counter() - started
-        _finite(robot, buffer, done, source.step)
-        numbers = done + np.arange(1, chunk + 1)
-        watch.look(buffer[1:], numbers * np.float64(source.step))
-        chosen = (numbers % every == 0) | (numbers == count)
-        kept.extend(numbers[chosen].tolist())
-        states.extend(buffer[1:][chosen])
-        state = buffer[-1].copy()
+        _finite(robot, buffer, done, source.step, single)
+        watch.look(buffer[:, 1:], (done + np.arange(1, chunk + 1)) * np.float64(source.step),
+                   extremes)
+        here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
+        states[:, here] = buffer[:, kept[here] - done]
+        starts = buffer[:, -1].copy()
         done += chunk
         if progress is not None and progress(done * source.step) is False:
             break
-        chunk = max(1, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
-    if kept[-1] != done:
-        kept.append(done)
-        states.append(state)
-    return np.array(kept), np.array(states), watch.events
+        chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
+    return (*_ended(kept, states, done, starts), watch.events)
+
+
+def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
+    """Leave out the rows that a simulation ended early did not reach; its end is in."""
+    rows = int(np.searchsorted(kept, done, side='right'))
+    if kept[rows - 1] < done:
+        kept[rows], states[:, rows], rows = done, last, rows + 1
+    return kept[:rows], states[:, :rows]
 
 
 def _run_callable(robot: Robot, state: Array, count: int, step: float, every: int,
@@ -165,11 +147,15 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
                   ) -> tuple[Array, Array, Array, list[LimitEvent]]:
     """Ask for the torque before every step; Python in the loop."""
     n = robot.n
-    source = _source(robot, step, 1, None)
+    source = torque_source(robot, step, 1, None, None)
     kept, states, taus = [], [], []
-    watch = LimitWatch(robot.joint_names, robot.limits, state)
+    watch = LimitWatch(robot.joint_names, robot.limits, state[None], single=True)
+    buffer = np.empty((1, FIRST_CHUNK + 1, 2 * n))
+    buffer[0, 0] = state
     reported = time.perf_counter()
     for k in range(count + 1):
+        j = k % FIRST_CHUNK
+        state = buffer[0, j].copy()
         tau = _vector(robot, f'torque at {k * step:.6g} s',
                       torque(k * step, state[:n].copy(), state[n:].copy()))
         if k % every == 0 or k == count:
@@ -178,30 +164,43 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
             taus.append(tau)
         if k == count:
             break
-        after = np.empty_like(state)
-        repeat(source.kernel.address, [state.ctypes.data, tau.ctypes.data,
-                                       source.constants.ctypes.data, after.ctypes.data],
-               [0] * 4, 1)
-        _finite(robot, np.stack([state, after]), k, step)
-        watch.look(after[None], np.array([(k + 1) * step]))
-        state = after
+        here = buffer[:, j:j + 2]
+        replace(source, torque=tau[None, None]).advance(here, k, single=True)
+        _finite(robot, here, k, step, single=True)
         if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
             reported = time.perf_counter()
             if progress((k + 1) * step) is False:
-                break
-    return np.array(kept), np.array(states), np.array(taus), watch.events
+                count = k + 1
+        if j + 1 == FIRST_CHUNK or k + 1 == count:
+            watch.look(buffer[:, 1:j + 2], np.arange(k - j + 1, k + 2) * np.float64(step))
+            buffer[:, 0] = buffer[:, j + 1]
+    return np.array(kept), np.array([states]), np.array([taus]), watch.events
 
 
-def _torques(robot: Robot, source: _Source, kept: Array, states: Array) -> Array:
-    """Return the torques that acted at the kept steps, (K, n)."""
-    torque, n = source.torque, robot.n
-    if not isinstance(torque, ComputedTorque):
-        return np.ascontiguousarray(torque[np.minimum(kept, len(torque) - 1)])
-    q, u = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
-    q_d, u_d, udot_d = torque.motion.sample(kept * np.float64(source.step))
-    wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
-    return (robot.inverse_dynamics(q, u, wanted) - robot.friction_force(u)
-            + robot.friction_force(u_d))
+def _starts(robot: Robot, q0: Any, u0: Any) -> Array:
+    """Return the initial state (2 n,), or all of them, (N, 2 n)."""
+    q, u = (checked(Argument(name, (robot.n,), robot.coordinate_names), value)
+            for name, value in (('q0', q0), ('u0', u0)))
+    if q.shape != u.shape:
+        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected the same, '
+                         f'({robot.n},) or (N, {robot.n})')
+    return np.concatenate([q, u], axis=-1)
+
+
+def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int:
+    """Return the number of steps between two rows of the result; InputError past their cap."""
+    if sample is None:
+        rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
+        every = max(1, -(-count // rows))
+    else:
+        every = _whole('sample', _positive('sample', sample), step, MOST_STEPS)
+    rows = count // every + 1
+    if N * (rows + 1) > MOST_SAMPLES:
+        which = '' if single else f' for each of {N} initial states'
+        remedy = 'a longer sample time' if single else 'a longer sample time or fewer states'
+        raise InputError(f'{count} steps sampled every {every} would give {rows} rows{which}; '
+                         f'at most {MOST_SAMPLES}{"" if single else " together"}: choose {remedy}')
+    return every
 
 
 def _vector(robot: Robot, name: str, value: Any) -> Array:
@@ -209,18 +208,6 @@ def _vector(robot: Robot, name: str, value: Any) -> Array:
     if array.ndim != 1:
         raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
     return array
-
-
-def _table(robot: Robot, torque: Any, count: int) -> Array:
-    """Return a torque given as None, (n,) or (K, n) as rows, (1, n) serving all steps."""
-    if torque is None:
-        return np.zeros((1, robot.n))
-    table = checked(Argument('torque', (robot.n,), robot.coordinate_names), torque)
-    if table.ndim == 1:
-        return table[None].copy()
-    if len(table) < count:
-        raise InputError(f'torque has {len(table)} rows; expected at least {count}, one a step')
-    return table
 
 
 def _positive(name: str, value: Any) -> float:
@@ -244,12 +231,14 @@ def _whole(name: str, value: float, step: float, most: int) -> int:
     return count
 
 
-def _finite(robot: Robot, buffer: Array, done: int, step: float) -> None:
-    """Raise where the motion has left the finite numbers."""
-    if np.isfinite(buffer[-1]).all():
+def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
+    """Raise where a motion has left the finite numbers; it never comes back."""
+    if np.isfinite(buffer[:, -1]).all():
         return
-    k = int(np.argmax(~np.isfinite(buffer).all(axis=1)))
-    j = int(np.argmax(~np.isfinite(buffer[k]))) % robot.n
-    raise InputError(f'the simulation leaves the finite numbers at {(done + k) * step:.6g} s, '
-                     f"joint '{robot.joint_names[j]}' first: is the mass matrix singular there, "
-                     f'or the step of {step} s too long?')
+    at = ~np.isfinite(buffer)
+    k = int(np.argmax(at.any(axis=(0, 2))))
+    i, j = (int(index) for index in np.argwhere(at[:, k])[0])
+    which = 'the simulation' if single else f'simulation {i}'
+    raise InputError(f'{which} leaves the finite numbers at {(done + k) * step:.6g} s, '
+                     f"joint '{robot.joint_names[j % robot.n]}' first: is the mass matrix "
+                     f'singular there, or the step of {step} s too long?')

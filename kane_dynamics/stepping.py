@@ -6,15 +6,26 @@ from kane_dynamics.mechanics.integration import runge_kutta_4
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
+from kane_dynamics.quantities import IN_LOOPS
 from kane_dynamics.robot import Robot
 import numpy as np
 
+# What `simulate` asks for all rows of its result at once.
+AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
+              'potential_energy')
+
 
 def compile_simulation(robot: Robot) -> None:
-    """Compile every kernel that `simulate` may need, so that no request waits for a compiler."""
-    robot.compile()
+    """
+    Compile every kernel that `simulate` may need, so that no request waits for a compiler.
+
+    Those that step many simulations at once are not among them.
+    """
+    robot.compile(*IN_LOOPS)
     for feedback in (False, True):
         step_kernel(robot, feedback)
+    for name in AFTERWARDS:
+        robot.kernels.quantity(name).compile_lanes()
 
 
 def step_kernel(robot: Robot, feedback: bool) -> Kernel:

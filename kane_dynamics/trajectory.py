@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import os
 from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
-from kane_dynamics.parameters import JointLimits
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -24,28 +23,30 @@ class LimitEvent:
     limit: str  # 'lower', 'upper' or 'velocity'
     value: float
     bound: float
+    state: int | None = None  # which of many simulations
 
     def __str__(self) -> str:
         """Say it in words."""
         what = 'speed' if self.limit == 'velocity' else 'position'
-        return (f"at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: {what} "
-                f'{self.value:.4g}, limit {self.bound:.4g}')
+        which = '' if self.state is None else f'simulation {self.state}: '
+        return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: "
+                f'{what} {self.value:.4g}, limit {self.bound:.4g}')
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
-    A simulated motion, sampled.
+    A simulated motion, sampled; or N motions of one robot, sampled at the same times.
 
     Attributes
     ----------
     t : (K,) array
         s.
-    q, u, udot : (K, n) arrays
+    q, u, udot : (K, n) or (N, K, n) arrays
         rad or m, and s.
-    tau : (K, n) array
+    tau : (K, n) or (N, K, n) array
         Torques of the actuators, N m or N.
-    energy : (K, 2) array
+    energy : (K, 2) or (N, K, 2) array
         Kinetic and potential energy, J.
     joint_names : tuple of str
     limit_events : tuple of LimitEvent
@@ -63,11 +64,21 @@ class Trajectory:
     joint_names: tuple[str, ...]
     limit_events: tuple[LimitEvent, ...] = ()
 
+    def state(self, k: int) -> 'Trajectory':
+        """Return the motion from the k-th initial state, of N; InputError if there is none."""
+        if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
+            count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
+            raise InputError(f'state is {k}; the trajectory holds {count}')
+        events = (replace(e, state=None) for e in self.limit_events if e.state == k % len(self.q))
+        return Trajectory(self.t, self.q[k], self.u[k], self.udot[k], self.tau[k],
+                          self.energy[k], self.joint_names, tuple(events))
+
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
-        events = [(e.t, e.joint, e.limit, e.value, e.bound) for e in self.limit_events]
+        events = [(e.t, e.joint, e.limit, e.value, e.bound, '' if e.state is None else e.state)
+                  for e in self.limit_events]
         np.savez_compressed(path, joint_names=np.array(self.joint_names),
-                            limit_events=np.array(events, dtype=str).reshape(-1, 5),
+                            limit_events=np.array(events, dtype=str).reshape(-1, 6),
                             **{name: getattr(self, name) for name in ARRAYS})
 
     @classmethod
@@ -75,15 +86,21 @@ class Trajectory:
         """Read what `save_npz` wrote; InputError if it is something else."""
         try:
             with np.load(path, allow_pickle=False) as file:
-                events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b))
-                               for t, joint, limit, v, b in file['limit_events'])
+                events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
+                                          int(state) if state else None)
+                               for t, joint, limit, v, b, state in file['limit_events'])
                 return cls(**{name: file[name] for name in ARRAYS}, limit_events=events,
                            joint_names=tuple(map(str, file['joint_names'])))
         except (KeyError, ValueError) as error:
             raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
 
     def save_csv(self, path: Path) -> None:
-        """Write one row a sample; the header names quantity and joint, as ``q.elbow``."""
+        """
+        Write one row a sample; the header names quantity and joint, as ``q.elbow``.
+
+        Only a single motion has such rows: of many, save ``trajectory.state(k)``.
+        """
+        self._require_single('save_csv')
         with open(path, 'w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
             writer.writerow(['t', *_columns(self.joint_names), 'kinetic_energy',
@@ -92,37 +109,15 @@ class Trajectory:
             writer.writerows([repr(x) for x in row] for row in table.tolist())
 
     def plot(self, path: Path | None = None) -> Any:
-        """Draw positions, speeds, torques and energy; needs matplotlib. See `plot`."""
+        """Draw a single motion's positions, speeds, torques and energy; needs matplotlib."""
+        self._require_single('plot')
         from kane_dynamics.plot import plot_trajectory
         return plot_trajectory(self, path)
 
-
-class LimitWatch:
-    """Finds the steps at which a joint passes a limit that it kept before."""
-
-    def __init__(self, joint_names: Sequence[str], limits: JointLimits, state: Array) -> None:
-        """Begin at a state (2 n,): what is beyond a limit there is an event at time 0."""
-        self.events: list[LimitEvent] = []
-        self._names, n = joint_names, len(joint_names)
-        self._bounds = {
-            'lower': (slice(0, n), limits.lower, -1.0),
-            'upper': (slice(0, n), limits.upper, 1.0),
-            'velocity': (slice(n, 2 * n), limits.velocity, 0.0)}
-        self._beyond = {name: np.zeros(n, dtype=bool) for name in self._bounds}
-        self.look(state[None], np.zeros(1))
-
-    def look(self, states: Array, t: Array) -> None:
-        """Add the crossings among further states (K, 2 n) at times t (K,)."""
-        found = []
-        for name, (part, bound, sign) in self._bounds.items():
-            x = states[:, part]
-            beyond = (np.abs(x) if sign == 0.0 else sign * x) > (bound if sign == 0.0
-                                                                 else sign * bound)
-            before = np.concatenate([self._beyond[name][None], beyond[:-1]])
-            found += [LimitEvent(float(t[k]), self._names[j], name, float(x[k, j]),
-                                 float(bound[j])) for k, j in np.argwhere(beyond & ~before)]
-            self._beyond[name] = beyond[-1]
-        self.events += sorted(found, key=lambda event: event.t)
+    def _require_single(self, what: str) -> None:
+        if self.q.ndim == 3:
+            raise InputError(f'{what} takes a single motion; this trajectory holds '
+                             f'{len(self.q)}: choose one with state(k)')
 
 
 def _columns(joint_names: Sequence[str]) -> list[str]:

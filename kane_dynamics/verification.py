@@ -1,12 +1,16 @@
 """Compiled kernels held against Kane's equations as they are defined."""
 
+from dataclasses import replace
 from typing import Any
 
 from kane_dynamics.errors import CompileError
 from kane_dynamics.mechanics import kane
+from kane_dynamics.mechanics.hyperdual import seeded
 from kane_dynamics.mechanics.payload import with_payload
+from kane_dynamics.model import Array, Model
 import numpy as np
 
+Pair = tuple[Array, Array]  # what a kernel answers, what the definition says
 TOLERANCE = 1e-9  # relative error of a kernel at which it is taken to be wrong, not rounded
 
 
@@ -14,8 +18,9 @@ def verified(robot: Any, states: int) -> float:
     """
     Return the largest relative error of a Robot's kernels at random states.
 
-    Forward dynamics is judged by the torque that its answer asks for, and left out where the
-    mass matrix is singular.
+    Dynamics always; Coriolis matrix, derivatives, regressor and torques by body where they have
+    been used before. Forward dynamics is judged by the torque that its answer asks for, and left
+    out where the mass matrix is singular.
 
     Raises
     ------
@@ -30,22 +35,84 @@ def verified(robot: Any, states: int) -> float:
     worst = 0.0
     for _ in range(states):
         q, u, udot = rng.uniform(-2.0, 2.0, (3, robot.n))
-        M = kane.mass_matrix(model, q)
-        bias = kane.bias_force(model, q, u, gravity=gravity, friction=robot.friction)
-        tau = M @ udot + bias
-        pairs = {
-            'mass_matrix': (robot.mass_matrix(q), M),
-            'bias_force': (robot.bias_force(q, u), bias),
-            'gravity_force': (robot.gravity_force(q),
-                              kane.gravity_force(model, q, gravity=gravity)),
-            'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
-        if robot.n and np.linalg.cond(M) < 1e12:
-            pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau) + bias, tau)
-        for name, (value, reference) in pairs.items():
-            size = max(float(np.abs(reference).max(initial=0.0)), 1e-300)
-            error = float(np.abs(value - reference).max(initial=0.0)) / size
+        pairs = _dynamics(robot, model, gravity, q, u, udot)
+        for name, reference in OCCASIONAL.items():
+            if robot.kernels.in_use(name):
+                pairs[name] = reference(robot, model, gravity, q, u, udot)
+        for name, (value, expected) in pairs.items():
+            size = max(float(np.abs(expected).max(initial=0.0)), 1e-300)
+            error = float(np.abs(value - expected).max(initial=0.0)) / size
             if not error < TOLERANCE:
                 raise CompileError(f'{name} is off by {error:.3g} of its size from the '
                                    f'definition; at most {TOLERANCE:g} is rounding')
             worst = max(worst, error)
     return worst
+
+
+def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+              udot: Array) -> dict[str, Pair]:
+    """Return the compiled value and the definition's of each quantity of a control loop."""
+    M = kane.mass_matrix(model, q)
+    bias = kane.bias_force(model, q, u, gravity=gravity, friction=robot.friction)
+    tau = M @ udot + bias
+    pairs = {
+        'mass_matrix': (robot.mass_matrix(q), M),
+        'bias_force': (robot.bias_force(q, u), bias),
+        'gravity_force': (robot.gravity_force(q), kane.gravity_force(model, q, gravity=gravity)),
+        'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
+    if robot.n and np.linalg.cond(M) < 1e12:
+        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau) + bias, tau)
+    return pairs
+
+
+def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Array:
+    """Return what the bodies' inertia and weight ask for, (n,): no rotors, springs, friction."""
+    inertia: Array = kane.generalized_inertia_force(without_rotors(model), q, u, udot)
+    weight: Array = kane.gravity_force(model, q, gravity=gravity)
+    return weight - inertia
+
+
+def without_rotors(model: Model) -> Model:
+    """Return the model with its joints' armature taken off."""
+    return replace(model, bodies=tuple(
+        replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies))
+
+
+def _coriolis(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+              udot: Array) -> Pair:
+    rest = np.zeros(robot.n)
+    return (robot.coriolis_matrix(q, u) @ u,
+            _rigid(model, gravity, q, u, rest) - _rigid(model, gravity, q, rest, rest))
+
+
+def _derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+                 udot: Array) -> Pair:
+    n, none = robot.n, np.zeros(robot.n)
+    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n), seeded(u, none, n, 2 * n),
+                                   udot, gravity=gravity, friction=robot.friction)
+    slopes = [getattr(x, 'gradient', np.zeros(2 * n)) for x in torque]
+    return np.hstack(robot.inverse_dynamics_derivatives(q, u, udot)[:2]), np.array(slopes)
+
+
+def _forward_derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+                         tau: Array) -> Pair:
+    M = kane.mass_matrix(model, q)
+    udot = robot.forward_dynamics(q, u, tau)
+    slopes = np.hstack(robot.forward_dynamics_derivatives(q, u, tau)[:2])
+    return -M @ slopes, _derivatives(robot, model, gravity, q, u, udot)[1]
+
+
+def _regressor(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+               udot: Array) -> Pair:
+    return (robot.regressor(q, u, udot) @ robot.inertial_parameters,
+            _rigid(robot.model, gravity, q, u, udot))
+
+
+def _body_torques(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+                  udot: Array) -> Pair:
+    return robot.body_torques(q, u, udot).sum(axis=0), _rigid(model, gravity, q, u, udot)
+
+
+OCCASIONAL = {'coriolis_matrix': _coriolis, 'inverse_dynamics_derivatives': _derivatives,
+              'forward_dynamics_derivatives': _forward_derivatives, 'regressor': _regressor,
+              'body_torques': _body_torques}

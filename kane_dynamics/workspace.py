@@ -4,9 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.kernel_set import FRAME_QUANTITIES, KernelSet, QUANTITIES
+from kane_dynamics.kernel_set import KernelSet
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Kernel
+from kane_dynamics.quantities import FRAME_QUANTITIES, QUANTITIES
 import numpy as np
 
 STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
@@ -34,7 +35,8 @@ class Workspace:
     Write into `q`, `u`, `udot`, `tau` (each (n,), SI units, zero at first) and, where the robot
     declares wrench frames, `wrench` (k, 6); then call any quantity of `Robot` without arguments.
     ``inverse_dynamics()`` writes to and returns `tau`, ``forward_dynamics()`` `udot`; every other
-    quantity returns an array of its own, the same one at every call, and energies return a float.
+    quantity returns an array of its own, the same one at every call (derivatives (3, n, n), which
+    unpacks), and energies return a float.
     A call allocates no array and runs no Python. It reads the robot's `parameters` as they are.
 
     The arrays stay where they are: to rebind an attribute is an error, and so is to resize an
@@ -56,7 +58,7 @@ class Workspace:
     wrench: Array
     _kernels: KernelSet
     _states: dict[str, Array]
-    _at_frames: dict[tuple[str, str], Callable[[], Any]]
+    _at: dict[tuple[str, str], Callable[[], Any]]
 
     def __init__(self, kernels: KernelSet) -> None:
         """Make the arrays; nothing is compiled yet."""
@@ -65,7 +67,7 @@ class Workspace:
         states = {name: _fixed((kernels.equations.n,)) for name in sorted(names)}
         if len(kernels.no_wrench):
             states['wrench'] = _fixed(kernels.no_wrench.shape)
-        self.__dict__.update(states, _kernels=kernels, _states=states, _at_frames={})
+        self.__dict__.update(states, _kernels=kernels, _states=states, _at={})
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse: the compiled calls read the memory that is there."""
@@ -96,10 +98,16 @@ class Workspace:
         if name not in FRAME_QUANTITIES:
             raise InputError(f"no quantity of a frame is called '{name}'; valid: "
                              f'{", ".join(FRAME_QUANTITIES)}')
-        if (name, frame) not in self._at_frames:
-            self._at_frames[name, frame] = self._bound(
-                self._kernels.at_frame(name, frame), f'Compute {name} of {frame}.')
-        return self._at_frames[name, frame]
+        return self._bound_at(self._kernels.at_frame(name, frame), frame)
+
+    def reaction(self, joint: str) -> Callable[[], Any]:
+        """Return `Robot.joint_reaction` at a joint as a function without arguments."""
+        return self._bound_at(self._kernels.reaction(joint), joint)
+
+    def _bound_at(self, kernel: Kernel, at: str) -> Callable[[], Any]:
+        if (kernel.name, at) not in self._at:
+            self._at[kernel.name, at] = self._bound(kernel, f'Compute {kernel.name} of {at}.')
+        return self._at[kernel.name, at]
 
     def _bound(self, kernel: Kernel, doc: str) -> Callable[[], Any]:
         target = STATE_RESULTS.get(kernel.name)

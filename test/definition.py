@@ -1,6 +1,7 @@
 """Kane's definition behind `Robot`'s method names, so that one test can hold both."""
 
 from kane_dynamics.mechanics import energy, kane, kinematics
+from kane_dynamics.mechanics.hyperdual import seeded
 import numpy as np
 
 
@@ -66,6 +67,11 @@ class Definition:
     def partial_velocities(self, frame, q):
         """Return (6, n)."""
         return kane.partial_velocities(self.model, q, frame)
+
+    def partial_velocity_rates(self, frame, q, u):
+        """Return (6, n), by exact differentiation."""
+        moving = kane.partial_velocities(self.model, seeded(q, u, 0, self.n), frame)
+        return np.vectorize(lambda x: getattr(x, 'rate', 0.0), otypes=[float])(moving)
 
 
 def relative_error(value, expected):

@@ -100,6 +100,19 @@ def inspect(options: Namespace) -> int:
     return 0 if facts.get('against', {'agrees': True})['agrees'] else 1
 
 
+def export(options: Namespace) -> None:
+    """Write C, and say what is in it."""
+    _, robot = _load(options, wrench_frames=options.wrench_frames,
+                     payload_frame=options.payload_frame)
+    files = robot.export_c(options.out, _split(options.kernel))
+    if options.json:
+        _print_json({'files': [str(file) for file in files],
+                     'digest': robot.model.digest()})
+        return
+    for file in files:
+        print(f'wrote {file}')
+
+
 def demo(options: Namespace) -> int:
     """Run the demo with the arguments that follow."""
     return int(_extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
@@ -129,12 +142,13 @@ def _selection(options: Namespace) -> dict[str, Any]:
             'gravity': tuple(options.gravity), 'strict': not options.no_strict}
 
 
-def _load(options: Namespace, caught: list[str] | None = None) -> tuple[Model, Robot]:
+def _load(options: Namespace, caught: list[str] | None = None, **choices: Any
+          ) -> tuple[Model, Robot]:
     """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter('always', ModelWarning)
         model = load_urdf(_source(options), supplement=options.supplement, **_selection(options))
-        robot = Robot(model, friction=not options.no_friction)
+        robot = Robot(model, friction=not options.no_friction, **choices)
     for record in records:
         if caught is None:
             print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)

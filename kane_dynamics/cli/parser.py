@@ -7,6 +7,7 @@ from typing import Any
 
 from kane_dynamics.cli import commands
 from kane_dynamics.errors import KaneError
+from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.model import GRAVITY
 
 EXAMPLES = {
@@ -34,6 +35,13 @@ examples:
   kane-dynamics inspect arm.urdf --against pinocchio
 
 Exits with 1 if the numbers differ from the peer's.""",
+    'export': """
+examples:
+  kane-dynamics export arm.urdf -o arm.c
+  kane-dynamics export arm.urdf -o src/arm.c --kernel inverse_dynamics --payload-frame tool0
+
+Writes arm.c and arm.h: C99 that needs libm alone. arm_self_test() in it returns 0 if the compiled
+functions give the numbers of this library.""",
     'demo': '',
 }
 
@@ -105,6 +113,15 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
+    sub = command('export', commands.export, 'C99 source and header of the compiled dynamics')
+    _add_model(sub)
+    sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
+                     help='the source; the header goes beside it')
+    sub.add_argument('--kernel', nargs='+', default=DEFAULT_KERNELS, metavar='NAME',
+                     help=f'default: {" ".join(DEFAULT_KERNELS)}')
+    sub.add_argument('--wrench-frames', nargs='+', default=(), metavar='LINK',
+                     help='links on which the environment may push')
+    sub.add_argument('--payload-frame', metavar='LINK', help='link that carries a payload')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

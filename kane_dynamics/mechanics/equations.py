@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics.errors import ModelError
-from kane_dynamics.mechanics import frames, recursive
+from kane_dynamics.mechanics import frames, reactions, recursive, regressor
+from kane_dynamics.mechanics.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
                                              linkage, regrouped)
@@ -47,19 +48,23 @@ class Equations:
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
-        links = linkage(model)
+        links = self._raw_links = linkage(model)
         self._links = denavit_hartenberg(links) if frame_reduction else links
         self.order = list(dict.fromkeys(link.coordinate for link in links))
         self.n_parameters = 3 if self.payload_frame is None else 13
 
     def links(self, parameters: Any) -> tuple[Link, ...]:
         """Return the links with their full inertials, the payload's included."""
+        return self._loaded(self._links, parameters)
+
+    def _loaded(self, links: tuple[Link, ...], parameters: Any) -> tuple[Link, ...]:
+        """Return links with the payload added."""
         frame = self.payload_frame
         if frame is None or frame.body == WORLD:
-            return self._links
+            return links
         m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters[3:13]
         P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz], [hx, hy, hz, m]])
-        return carrying(self._links, frame.body,
+        return carrying(links, frame.body,
                         homogeneous(frame.rotation, frame.translation), P)
 
     def base_links(self, parameters: Any) -> tuple[Link, ...]:
@@ -110,6 +115,43 @@ class Equations:
                              'torque determines its acceleration; give its body an inertia or '
                              'the joint an armature') from None
 
+    def coriolis_matrix(self, q: Any, u: Any, parameters: Any) -> Any:
+        """Return C, (n, n), of Christoffel symbols: C u is half of what C u's slope by u gives."""
+        none = np.zeros(3).astype(object)
+        return 0.5 * inverse_dynamics_derivatives(self.base_links(parameters), q, u, self.zeros,
+                                                  none)[1]
+
+    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return dtau/dq, dtau/du and M = dtau/dudot, (3, n, n), without external wrenches."""
+        rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
+                                             parameters[:3])
+        ones = np.ones(self.n)
+        return rigid + np.stack([np.diag(x) for x in (
+            self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
+            self._friction_slope(u), self.armature(ones))])
+
+    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
+        """Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (3, n, n), no external wrenches."""
+        udot = self.forward_dynamics(q, u, tau, None, parameters)
+        by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
+        W = self.inverse_mass_matrix(q, parameters)
+        return np.stack([-(W @ by_q), -(W @ by_u), W])
+
+    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
+        return regressor.regressor(self._raw_links, q, u, udot, parameters[:3])
+
+    def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return (n_bodies, n): what each body, with what it carries, asks of every joint."""
+        return reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
+
+    def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
+                       parameters: Any) -> Any:
+        """Return the wrench of parent on child number `body` at the joint, (6,), world axes."""
+        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
+        return reactions.joint_reaction(self._loaded(self._raw_links, parameters), body, q, u,
+                                        udot, parameters[:3], pushes)
+
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
         links, none = self.base_links(parameters), np.zeros(3).astype(object)
@@ -148,6 +190,20 @@ class Equations:
                 total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
             return joint.multiplier * total
         return self._by_coordinate(force)
+
+    def _friction_slope(self, u: Any) -> Any:
+        """Return d friction_force / du, (n,)."""
+        if not self.friction:
+            return self.zeros
+
+        def slope(joint: Joint) -> Any:
+            total: Any = joint.damping
+            if joint.friction:
+                rate = joint.multiplier * u[joint.coordinate]
+                y = np.tanh(rate * (1.0 / joint.friction_speed))
+                total = total + (joint.friction / joint.friction_speed) * (1.0 - y * y)
+            return joint.multiplier**2 * total
+        return self._by_coordinate(slope)
 
     def spring_force(self, q: Any) -> Any:
         """Return k (position - rest) of every joint, (n,): what torque holds."""

@@ -67,14 +67,53 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
     return np.stack(columns, axis=1)
 
 
+def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) -> Any:
+    """
+    Return the time derivative of `partial_velocities`, (6, n), along q' = u.
+
+    With omega and v those of the joint's own link and origin, an axis turns by s' = omega x s, and
+    the column s x r of a revolute joint by s' x r + s x r'.
+    """
+    columns: list[Any] = [np.zeros(6)] * len(q)
+    if frame.body == WORLD:
+        return np.stack(columns, axis=1)
+    poses = link_poses(links, q)
+    motion = _motions(links, poses, u, np.zeros(len(q)).astype(object))
+    r_f = poses[frame.body][0] @ frame_in_link(links, frame)[1]
+    p_f = poses[frame.body][1] + r_f
+    v_f = motion[frame.body][2] + cross(motion[frame.body][0], r_f)
+    k = frame.body
+    while k != WORLD:
+        link, (R, p), (omega, _, v, _) = links[k], poses[k], motion[k]
+        s = R @ Z
+        turning = cross(omega, s)
+        if link.kind == 'revolute':
+            column = np.concatenate([cross(turning, p_f - p) + cross(s, v_f - v), turning])
+        else:
+            column = np.concatenate([turning, np.zeros(3)])
+        columns[link.coordinate] = columns[link.coordinate] + link.multiplier * column
+        k = link.parent
+    return np.stack(columns, axis=1)
+
+
 def frame_motion(links: Sequence[Link], frame: Frame, q: Any, u: Any, udot: Any) -> Any:
     """
     Return (2, 6): velocity and classical acceleration of a frame, linear then angular.
 
     World axes, at the frame's origin; gravity is not in it.
     """
-    motion: list[tuple[Any, Any, Any, Any]] = []  # omega, alpha, v, a of the origin; world axes
+    if frame.body == WORLD:
+        return np.zeros((2, 6))
     poses = link_poses(links, q)
+    omega, alpha, v, a = _motions(links, poses, u, udot)[frame.body]
+    v, a = _carried(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
+    return np.stack([np.concatenate([v, omega]), np.concatenate([a, alpha])])
+
+
+def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], u: Any,
+             udot: Any) -> list[tuple[Any, Any, Any, Any]]:
+    """Return omega, alpha, v and a of every link's origin, world axes, gravity not in it."""
+    motion: list[tuple[Any, Any, Any, Any]] = []
     zero = np.zeros(3)
     for link, (R, p) in zip(links, poses):
         omega, alpha, v, a, origin = zero, zero, zero, zero, zero
@@ -87,11 +126,7 @@ def frame_motion(links: Sequence[Link], frame: Frame, q: Any, u: Any, udot: Any)
             motion.append((omega + rate, alpha + acceleration + cross(omega, rate), v, a))
         else:
             motion.append((omega, alpha, v + rate, a + acceleration + 2.0 * cross(omega, rate)))
-    if frame.body == WORLD:
-        return np.zeros((2, 6))
-    omega, alpha, v, a = motion[frame.body]
-    v, a = _carried(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
-    return np.stack([np.concatenate([v, omega]), np.concatenate([a, alpha])])
+    return motion
 
 
 def _carried(omega: Any, alpha: Any, v: Any, a: Any, r: Any) -> tuple[Any, Any]:

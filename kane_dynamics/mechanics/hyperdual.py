@@ -68,6 +68,10 @@ class HyperDual:
         return HyperDual(self.value * other, self.gradient * other, self.rate * other,
                          self.gradient_rate * other)
 
+    def __truediv__(self, other: float) -> Any:
+        """Return the quotient by a number."""
+        return self * (1.0 / other)
+
     __radd__ = __add__
     __rmul__ = __mul__
 
@@ -92,6 +96,11 @@ class HyperDual:
         """Return the cosine: numpy's cos calls this."""
         s, c = math.sin(self.value), math.cos(self.value)
         return self._mapped(c, -s, -c)
+
+    def tanh(self) -> 'HyperDual':
+        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        y = math.tanh(self.value)
+        return self._mapped(y, 1.0 - y * y, -2.0 * y * (1.0 - y * y))
 
     def _mapped(self, value: float, first: float, second: float) -> 'HyperDual':
         """Apply a function whose value and two derivatives are given: the chain rule."""

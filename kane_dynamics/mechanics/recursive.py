@@ -21,6 +21,8 @@ import numpy as np
 
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.array([0.0, 0.0, 0.0])
+# In link axes: omega, alpha, acceleration a of the origin less gravity, U = `rate_tensor`.
+Motion = tuple[Any, Any, Any, Any]
 
 
 class Step:
@@ -30,13 +32,14 @@ class Step:
         """Take the joint's position from the coordinates q (n,)."""
         angle = link.multiplier * q[link.coordinate]
         self.rotation = link.rotation
+        self.axis = link.rotation @ Z
         self.turns = link.kind == 'revolute'
         if self.turns:
             self.s, self.c = sin_cos(angle, link.offset)
             self.offset: Any = link.translation
         else:
             self.s, self.c = 0.0, 1.0
-            self.offset = link.translation + link.rotation @ Z * (angle + link.offset)
+            self.offset = link.translation + self.axis * (angle + link.offset)
 
     def inward(self, v: Any) -> Any:
         """Return a vector of link axes in the parent's axes."""
@@ -52,6 +55,31 @@ class Step:
         """Return a symmetric tensor of link axes in the parent's axes."""
         turned = rotated_about_z(S, self.s, self.c) if self.turns else S
         return symmetric(self.rotation @ turned @ self.rotation.T)
+
+
+def link_motion(link: Link, step: Step, before: Sequence[Motion], u: Any, udot: Any,
+                gravity: Any) -> Motion:
+    """Return the motion of a link, given those of the links `before` it; see `Motion`."""
+    rate, acceleration = (link.multiplier * x[link.coordinate] for x in (u, udot))
+    omega, alpha, a = REST, REST, -gravity
+    if link.parent != WORLD:
+        omega, alpha, a, U = before[link.parent]
+        a = a + U @ step.offset
+    omega, alpha, a = step.outward(omega), step.outward(alpha), step.outward(a)
+    across = np.array([omega[1] * rate, -omega[0] * rate, 0.0])  # omega x (rate z)
+    if link.kind == 'revolute':
+        omega, alpha = omega + rate * Z, alpha + across + acceleration * Z
+    else:
+        a = a + 2.0 * across + acceleration * Z
+    return omega, alpha, a, rate_tensor(omega, alpha)
+
+
+def inertia_wrench(link: Link, motion: Motion) -> tuple[Any, Any]:
+    """Return a link's inertia force, and moment about its origin, negated; link axes."""
+    omega, _, a, U = motion
+    h = link.first_moment
+    return (link.mass * a + U @ h,
+            inertia_moment(link.second_moment, omega, U) + cross(h, a))
 
 
 def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
@@ -74,25 +102,11 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
 
     """
     steps = [Step(link, q) for link in links]
-    motion: list[tuple[Any, Any, Any, Any]] = []  # omega, alpha, a of the origin, U; link axes
-    wrench: list[tuple[Any, Any]] = []  # inertia force and moment about the origin, negated
+    motion: list[Motion] = []
+    wrench: list[tuple[Any, Any]] = []
     for link, step in zip(links, steps):
-        rate, acceleration = (link.multiplier * x[link.coordinate] for x in (u, udot))
-        omega, alpha, a = REST, REST, -gravity
-        if link.parent != WORLD:
-            omega, alpha, a, U = motion[link.parent]
-            a = a + U @ step.offset
-        omega, alpha, a = step.outward(omega), step.outward(alpha), step.outward(a)
-        across = np.array([omega[1] * rate, -omega[0] * rate, 0.0])  # omega x (rate z)
-        if link.kind == 'revolute':
-            omega, alpha = omega + rate * Z, alpha + across + acceleration * Z
-        else:
-            a = a + 2.0 * across + acceleration * Z
-        U = rate_tensor(omega, alpha)
-        motion.append((omega, alpha, a, U))
-        h = link.first_moment
-        wrench.append((link.mass * a + U @ h,
-                       inertia_moment(link.second_moment, omega, U) + cross(h, a)))
+        motion.append(link_motion(link, step, motion, u, udot, gravity))
+        wrench.append(inertia_wrench(link, motion[-1]))
     tau = [0.0] * len(q)
     for i in reversed(range(len(links))):
         link, step, (force, moment) = links[i], steps[i], wrench[i]

@@ -3,7 +3,7 @@
 import math
 import struct
 
-LANES = 4  # elementary functions of a kernel are evaluated four abreast
+ABREAST = 4  # elementary functions of one state that are evaluated at once
 
 # Minimax coefficients of sin(r)/r and cos(r) in r^2 on |r| <= pi/4, those of fdlibm's kernels.
 SIN = (-1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04,
@@ -20,15 +20,23 @@ def literal(value: float) -> str:
     return f'0x{struct.unpack("<Q", struct.pack("<d", float(value)))[0]:016X}'
 
 
+def splat(value: float, width: int) -> str:
+    """Return a constant of so many equal doubles."""
+    return literal(value) if width == 1 else f'splat (double {literal(value)})'
+
+
+def vector_type(width: int) -> str:
+    """Return LLVM's name of so many doubles in one register; of one, plainly a double."""
+    return 'double' if width == 1 else f'<{width} x double>'
+
+
 class Vector:
-    """Writes vector arithmetic on `LANES` doubles, line by line, with fresh names."""
+    """Writes arithmetic on `width` doubles at once, line by line, with fresh names."""
 
-    type = f'<{LANES} x double>'  # noqa: A003
-    integer = f'<{LANES} x i64>'
-
-    def __init__(self, lines: list[str], prefix: str) -> None:
+    def __init__(self, lines: list[str], prefix: str, width: int) -> None:
         """Append to `lines`; `prefix` keeps the names apart."""
-        self.lines, self.prefix, self.count = lines, prefix, 0
+        self.lines, self.prefix, self.width, self.count = lines, prefix, width, 0
+        self.type, self.integer = vector_type(width), f'<{width} x i64>'
 
     def new(self, code: str) -> str:
         """Append one instruction and return the name of its result."""
@@ -39,7 +47,7 @@ class Vector:
 
     def const(self, value: float) -> str:
         """Return the constant in every lane."""
-        return f'splat (double {literal(value)})'
+        return splat(value, self.width)
 
     def op(self, code: str, a: str, b: str) -> str:
         """Return the result of a binary instruction."""
@@ -47,7 +55,7 @@ class Vector:
 
     def fma(self, a: str, b: str, c: str) -> str:
         """Return a b + c, rounded once."""
-        return self.new(f'call {self.type} @llvm.fma.v{LANES}f64({self.type} {a}, '
+        return self.new(f'call {self.type} @llvm.fma.v{self.width}f64({self.type} {a}, '
                         f'{self.type} {b}, {self.type} {c})')
 
     def bits(self, a: str) -> str:
@@ -64,7 +72,14 @@ class Vector:
 
     def select(self, condition: str, a: str, b: str) -> str:
         """Return a where the condition holds, else b."""
-        return self.new(f'select <{LANES} x i1> {condition}, {self.type} {a}, {self.type} {b}')
+        return self.new(f'select <{self.width} x i1> {condition}, {self.type} {a}, '
+                        f'{self.type} {b}')
+
+    def shuffle(self, a: str, b: str, places: list[int]) -> str:
+        """Return the lanes at these places of a and b, those of b counted on from a's."""
+        mask = ', '.join(f'i32 {place}' for place in places)
+        return self.new(f'shufflevector {self.type} {a}, {self.type} {b}, '
+                        f'<{self.width} x i32> <{mask}>')
 
     def polynomial(self, coefficients: tuple[float, ...], x: str) -> str:
         """Evaluate sum c_k x^k by Estrin's scheme: short chains keep the pipeline full."""
@@ -103,7 +118,7 @@ class Vector:
 
     def tanh(self, x: str) -> str:
         """Return tanh x = E / (E + 2), E = expm1(2 |x|), with the sign of x; 3 ulp."""
-        size = self.new(f'call {self.type} @llvm.fabs.v{LANES}f64({self.type} {x})')
+        size = self.new(f'call {self.type} @llvm.fabs.v{self.width}f64({self.type} {x})')
         over = self.new(f'fcmp ogt {self.type} {size}, {self.const(20.0)}')  # NaN stays NaN
         size = self.select(over, self.const(20.0), size)
         z = self.op('fadd', size, size)
@@ -116,5 +131,5 @@ class Vector:
             'shl', self.integer_op('add', self.bits(shifted), 1023), 52))
         E = self.fma(power, small, self.op('fsub', power, self.const(1.0)))
         quotient = self.op('fdiv', E, self.op('fadd', E, self.const(2.0)))
-        return self.new(f'call {self.type} @llvm.copysign.v{LANES}f64({self.type} {quotient}, '
-                        f'{self.type} {x})')
+        return self.new(f'call {self.type} @llvm.copysign.v{self.width}f64('
+                        f'{self.type} {quotient}, {self.type} {x})')

@@ -1,8 +1,13 @@
-"""From a program to LLVM assembly: one function a program, straight-line, no branches."""
+"""
+From a program to LLVM assembly: one function a program, straight-line, no branches.
 
-from collections.abc import Iterator
+The same body serves one state and several at once. With `lanes` states, every scalar of the
+program is a vector of `lanes` doubles, in registers and in the memory of arguments and results.
+"""
 
-from kane_dynamics.native.elementary import LANES, literal, Vector
+from collections.abc import Iterator, Sequence
+
+from kane_dynamics.native.elementary import ABREAST, splat, Vector, vector_type
 from kane_dynamics.native.expression import Expr, operands
 from kane_dynamics.native.program import Program, size_of
 
@@ -27,11 +32,13 @@ def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
 class Function:
     """The assembly of one program."""
 
-    def __init__(self, program: Program, symbol: str) -> None:
+    in_place: tuple[str, ...] = ('input', 'output')  # what lies in memory as a callee reads it
+
+    def __init__(self, program: Program, symbol: str, lanes: int = 1) -> None:
         """Write it; `lines` is the result."""
-        self.program = program
+        self.program, self.lanes, self.type = program, lanes, vector_type(lanes)
         self.names: dict[int, str] = {}
-        self.lines = [f'define void @{symbol}(ptr %args) {{']
+        self.lines = [self._head(symbol)]
         self.callees: list[Program] = []
         schedule = program.schedule()
         self._load_inputs(schedule)
@@ -43,9 +50,12 @@ class Function:
                     self._operation(node)
         self._store_outputs()
 
+    def _head(self, symbol: str) -> str:
+        return f'define void @{symbol}(ptr %args) {{'
+
     def value(self, x: Expr | float) -> str:
         """Return the name or literal of an operand."""
-        return self.names[x.index] if isinstance(x, Expr) else literal(x)
+        return self.names[x.index] if isinstance(x, Expr) else splat(x, self.lanes)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Read every input before anything is written: results may overlay arguments."""
@@ -56,14 +66,14 @@ class Function:
         for node in used:
             name, k = node.args
             at = f'%at.{name}.{k}'
-            self.lines += [f'  {at} = getelementptr double, ptr %in.{name}, i64 {k}',
-                           f'  %{name}.{k} = load double, ptr {at}']
+            self.lines += [f'  {at} = getelementptr {self.type}, ptr %in.{name}, i64 {k}',
+                           f'  %{name}.{k} = load {self.type}, ptr {at}']
             self.names[node.index] = f'%{name}.{k}'
 
     def _store_outputs(self) -> None:
         for k, x in enumerate(self.program.outputs):
-            self.lines += [f'  %to.{k} = getelementptr double, ptr %in.result, i64 {k}',
-                           f'  store double {self.value(x)}, ptr %to.{k}']
+            self.lines += [f'  %to.{k} = getelementptr {self.type}, ptr %in.result, i64 {k}',
+                           f'  store {self.type} {self.value(x)}, ptr %to.{k}']
         self.lines += ['  ret void', '}']
 
     def _operation(self, node: Expr) -> None:
@@ -75,16 +85,17 @@ class Function:
         elif node.op == 'output':
             source, k = node.args
             at = f'%got{node.index}'
-            self.lines += [f'  {at} = getelementptr double, ptr %ret{source.index}, i64 {k}',
-                           f'  {name} = load double, ptr {at}']
+            self.lines += [f'  {at} = getelementptr {self.type}, ptr %ret{source.index}, i64 {k}',
+                           f'  {name} = load {self.type}, ptr {at}']
         elif node.op == 'neg':
-            self.lines.append(f'  {name} = fneg double {self.value(node.args[0])}')
+            self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
         elif node.op == 'sqrt':
-            self.lines.append(f'  {name} = call double @llvm.sqrt.f64(double '
+            kind = 'f64' if self.lanes == 1 else f'v{self.lanes}f64'
+            self.lines.append(f'  {name} = call {self.type} @llvm.sqrt.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
         else:
             a, b = (self.value(arg) for arg in node.args)
-            self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract double {a}, {b}')
+            self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
         self.names[node.index] = name
 
     def _call(self, node: Expr) -> None:
@@ -95,7 +106,7 @@ class Function:
         i = node.index
         slots = len(callee.inputs) + 1
         self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
-                       f'  %ret{i} = alloca [{max(callee.n_outputs, 1)} x double]']
+                       f'  %ret{i} = alloca [{max(callee.n_outputs, 1)} x {self.type}]']
         offset = 0
         for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
             entries = flat[offset:offset + size_of(shape)]
@@ -108,52 +119,74 @@ class Function:
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
         """Return a pointer to the entries; where they lie in a row already, to that."""
         first = entries[0]
-        if isinstance(first, Expr) and first.op in ('input', 'output') and first.args[1] == 0:
+        if isinstance(first, Expr) and first.op in self.in_place and first.args[1] == 0:
             op, source = first.op, first.args[0]
             if all(isinstance(x, Expr) and x.op == op and x.args[0] is source and x.args[1] == j
                    for j, x in enumerate(entries)):
                 return f'%in.{source}' if op == 'input' else f'%ret{source.index}'
-        self.lines.append(f'  %arg{i}.{k} = alloca [{len(entries)} x double]')
+        self.lines.append(f'  %arg{i}.{k} = alloca [{len(entries)} x {self.type}]')
         for j, x in enumerate(entries):
-            self.lines += [f'  %put{i}.{k}.{j} = getelementptr double, ptr %arg{i}.{k}, i64 {j}',
-                           f'  store double {self.value(x)}, ptr %put{i}.{k}.{j}']
+            put = f'%put{i}.{k}.{j}'
+            self.lines += [f'  {put} = getelementptr {self.type}, ptr %arg{i}.{k}, i64 {j}',
+                           f'  store {self.type} {self.value(x)}, ptr {put}']
         return f'%arg{i}.{k}'
 
     def _functions(self, group: list[Expr]) -> None:
-        """Evaluate a level's sines and cosines, and its hyperbolic tangents, in lanes."""
+        """Evaluate a level's sines and cosines, and its hyperbolic tangents."""
         for label, ops in (('sc', ('sin', 'cos')), ('th', ('tanh',))):
             arguments = list({node.args[0].index: node.args[0]
                               for node in group if node.op in ops}.values())
-            for start in range(0, len(arguments), LANES):
-                chunk = arguments[start:start + LANES]
-                vector = Vector(self.lines, f'{label}{chunk[0].index}')
-                packed = 'zeroinitializer'
-                for lane, arg in enumerate(chunk):
-                    packed = vector.new(f'insertelement {vector.type} {packed}, '
-                                        f'double {self.value(arg)}, i32 {lane}')
+            abreast = ABREAST if self.lanes == 1 else 1  # a state of its own in every lane
+            for start in range(0, len(arguments), abreast):
+                chunk = arguments[start:start + abreast]
+                vector = Vector(self.lines, f'{label}{chunk[0].index}',
+                                ABREAST if self.lanes == 1 else self.lanes)
+                packed = self._packed(vector, chunk)
                 results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
                                    else (vector.tanh(packed),)))
                 for node in group:
                     if node.op in ops and node.args[0] in chunk:
-                        lane = chunk.index(node.args[0])
-                        self.names[node.index] = vector.new(
-                            f'extractelement {vector.type} {results[node.op]}, i32 {lane}')
+                        self.names[node.index] = self._unpacked(vector, results[node.op],
+                                                                chunk.index(node.args[0]))
+
+    def _packed(self, vector: Vector, chunk: list[Expr]) -> str:
+        """Return scalars side by side in one register; what fills one already stays."""
+        if self.lanes > 1:
+            return self.value(chunk[0])
+        packed = 'zeroinitializer'
+        for place, arg in enumerate(chunk):
+            packed = vector.new(f'insertelement {vector.type} {packed}, double '
+                                f'{self.value(arg)}, i32 {place}')
+        return packed
+
+    def _unpacked(self, vector: Vector, packed: str, place: int) -> str:
+        """Return the scalar at a place among those packed."""
+        if self.lanes > 1:
+            return packed
+        return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
 
 
 def module_text(program: Program, symbol: str) -> str:
     """Return the assembly of a program, as function `symbol`, and of all that it calls."""
-    main = Function(program, symbol)
-    functions = {symbol: main.lines}
+    return with_callees(Function(program, symbol), [])
+
+
+def with_callees(main: Function, declarations: Sequence[str]) -> str:
+    """Return the assembly of a function, of all that it calls, and of what they need."""
+    functions: dict[str, list[str]] = {}
     pending = list(main.callees)
     while pending:
         current = pending.pop()
         if current.name not in functions:
-            function = Function(current, current.name)
+            function = Function(current, current.name, main.lanes)
             functions[current.name] = function.lines
             pending += function.callees
-    v = Vector.type
-    declarations = [f'declare {v} @llvm.fma.v{LANES}f64({v}, {v}, {v})',
-                    f'declare {v} @llvm.fabs.v{LANES}f64({v})',
-                    f'declare {v} @llvm.copysign.v{LANES}f64({v}, {v})',
-                    'declare double @llvm.sqrt.f64(double)']
-    return '\n'.join(declarations + [line for lines in functions.values() for line in lines])
+    width = ABREAST if main.lanes == 1 else main.lanes
+    v = vector_type(width)
+    return '\n'.join([*declarations,
+                      f'declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})',
+                      f'declare {v} @llvm.fabs.v{width}f64({v})',
+                      f'declare {v} @llvm.copysign.v{width}f64({v}, {v})',
+                      f'declare {v} @llvm.sqrt.v{width}f64({v})',
+                      'declare double @llvm.sqrt.f64(double)',
+                      *main.lines, *(line for lines in functions.values() for line in lines)])

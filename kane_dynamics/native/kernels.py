@@ -2,12 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.native import cache, entry, llvm
 from kane_dynamics.native.emit import module_text
+from kane_dynamics.native.lanes import lane_text, width
+from kane_dynamics.native.march import BAD_INPUT, BAD_RESULT, driver, march, Strided
 from kane_dynamics.native.program import Program, Shape, size_of
 from kane_dynamics.native.support import repeat
 import numpy as np
@@ -40,6 +43,13 @@ class Argument:
 
 
 def checked(argument: Argument, value: Any) -> Array:
+    """Return a value as a C-contiguous array of finite float64, one state or a batch."""
+    array = _converted(argument, value)
+    _require_finite(argument, array)
+    return array
+
+
+def _converted(argument: Argument, value: Any) -> Array:
     """Return a value as a C-contiguous float64 array, one state or a batch, or InputError."""
     name, shape = argument.name, argument.shape
     expected = f'{shape} or (N, {", ".join(map(str, shape))})'
@@ -51,18 +61,22 @@ def checked(argument: Argument, value: Any) -> Array:
         raise InputError(f'{name} has dtype {array.dtype}; expected numbers of shape {expected}')
     if array.shape != shape and array.shape[1:] != shape:
         raise InputError(f'{name} has shape {array.shape}; expected {expected}')
-    array = np.ascontiguousarray(array, dtype=np.float64)
-    if not np.isfinite(array).all():
-        raise InputError(_not_finite(argument, array))
-    return array
+    return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def _not_finite(argument: Argument, array: Array) -> str:
-    """Name the first entry that is not a finite number."""
+def _require_finite(argument: Argument, array: Array) -> None:
+    """Raise InputError that names the first entry that is not a finite number."""
+    if np.isfinite(array).all():
+        return
     place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
     at = ', '.join(map(str, place))
     label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
-    return f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number'
+    raise InputError(f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number')
+
+
+def _same_rows(a: Array, b: Array) -> bool:
+    """Tell whether every state's rows in two arrays lie in the same memory."""
+    return a.ctypes.data == b.ctypes.data and a.strides[:1] == b.strides[:1]
 
 
 class Kernel:
@@ -74,7 +88,8 @@ class Kernel:
     name : str
         As messages shall call it.
     program : callable
-        Traces the program when the cache does not hold its code; called at most once.
+        Traces the program when the cache does not hold its code for single states, or for
+        batches.
     key : str or None
         What the program depends on, for the cache; None compiles always.
     arguments : sequence of Argument
@@ -89,23 +104,48 @@ class Kernel:
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
                  arguments: Sequence[Argument], parameters: Array, shape: Shape) -> None:
         """Compile, or load from the cache."""
-        def compiled() -> bytes:
-            ways_in = entry.ways_in(SYMBOL, given, [d.size for d in self._defaults], shape)
-            return llvm.assemble(f'{module_text(program(), SYMBOL)}\n{ways_in}')
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
         self._defaults = [a.default for a in self.arguments if a.default is not None]
-        given = [size_of(a.shape) for a in self.arguments if a.default is None]
+        self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
-        self.code = llvm.Code(compiled() if key is None
-                              else cache.fetch(cache.key(name, key), compiled))
+        self._program, self._key = program, key
+        self._compiling = Lock()
+        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once: others hold it
+        self.code = self._made('', lambda: '\n'.join([module_text(program(), SYMBOL),
+                                                      self._ways_in()]))
         self.address = self.code.address(SYMBOL)
+
+    def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
+        def compiled() -> bytes:
+            return llvm.assemble(text())
+        return llvm.Code(compiled() if self._key is None else cache.fetch(
+            cache.key(self.name, self._key, kind), compiled))
+
+    def _ways_in(self) -> str:
+        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape)
+
+    def compile_lanes(self) -> None:
+        """Compile what a batch needs now instead of at the first batch."""
+        driver(width())
+        with self._compiling:
+            if self._lanes is None:
+                code = self._made(f'{width()} lanes',
+                                  lambda: lane_text(self._program(), SYMBOL, width()))
+                self._lanes = code, code.address(SYMBOL)
+
+    @property
+    def lane_address(self) -> llvm.Address:
+        """Address of the kernel for `lanes.width()` states, which compiles at the first use."""
+        if self._lanes is None:
+            self.compile_lanes()
+            assert self._lanes
+        return self._lanes[1]
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return the fastest way in that this interpreter allows."""
-        given = [size_of(a.shape) for a in self.arguments if a.default is None]
-        return entry.entry(self.name, doc, self.code, given, [*self._defaults, self.parameters],
-                           self.shape, fallback)
+        return entry.entry(self.name, doc, self.code, self._given,
+                           [*self._defaults, self.parameters], self.shape, fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
         """Return a function without arguments that calls on memory which stays where it is."""
@@ -124,7 +164,7 @@ class Kernel:
             not finite.
 
         """
-        arrays = [self._default(a) if v is None else checked(a, v)
+        arrays = [self._default(a) if v is None else _converted(a, v)
                   for a, v in zip(self.arguments, values, strict=True)]
         count = self._count(values, arrays)
         shape = self.shape if count is None else (count, *self.shape)
@@ -132,18 +172,39 @@ class Kernel:
             raise InputError(f'{self.name}: {count} states would give {size_of(shape)} numbers; '
                              f'at most {MOST_RESULTS} a call')
         result = self._result(out, shape)
-        blocks = [*arrays, self.parameters.copy(), result]
-        strides = [0 if count is None or block.ndim == len(a.shape) else block.strides[0]
-                   for block, a in zip(arrays, self.arguments)]
-        stride = 8 * size_of(self.shape)
-        repeat(self.address, [block.ctypes.data for block in blocks], [*strides, 0, stride],
-               1 if count is None else count)
-        self._check(result, count)
+        if count is None:
+            self._single(arrays, result)
+        else:
+            if any(np.may_share_memory(result, x) and not _same_rows(result, x) for x in arrays):
+                result = np.empty(shape)  # rows would be written that are yet to be read
+            self._batch(arrays, result, count)
         if out is not None:
             if result is not out:
                 out[...] = result
             return out
         return float(result) if shape == () else result
+
+    def _single(self, arrays: Sequence[Array], result: Array) -> None:
+        """Compute one state's result."""
+        for argument, array in zip(self.arguments, arrays):
+            _require_finite(argument, array)
+        blocks = [*arrays, self.parameters, result]
+        repeat(self.address, [block.ctypes.data for block in blocks], [0] * len(blocks), 1)
+        self._check(result, None)
+
+    def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
+        """Compute many states' results in lanes; native code looks for what is not finite."""
+        parameters = self.parameters.copy()  # without the GIL, others may change them
+        rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
+                for array, a in zip(arrays, self.arguments)]
+        flags = march(self.lane_address, [*rows, Strided(parameters.ctypes.data),
+                                          Strided(result.ctypes.data, 8 * size_of(self.shape))],
+                      count)
+        if flags & BAD_INPUT:
+            for argument, array in zip(self.arguments, arrays):
+                _require_finite(argument, array)
+        if flags & (BAD_INPUT | BAD_RESULT):
+            self._check(result, count)
 
     def _check(self, result: Array, count: int | None) -> None:
         """Raise where the result is not finite, whatever the arguments: no torque is made up."""

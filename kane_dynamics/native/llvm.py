@@ -31,6 +31,12 @@ def _target_machine(level: int) -> Any:
 
 
 @cache
+def features() -> dict[str, bool]:
+    """Return what this processor can do, by LLVM's names."""
+    return dict(llvm.get_host_cpu_features())
+
+
+@cache
 def fingerprint() -> str:
     """Name everything about compiler and processor that machine code depends on."""
     return '|'.join([llvm.get_default_triple(), *_processor(),

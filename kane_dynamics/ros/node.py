@@ -8,6 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.control import Controller
 from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.quantities import IN_LOOPS
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros import parameters
 from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
@@ -168,7 +169,7 @@ class DynamicsNode(LifecycleNode):
                              'on topic robot_description')
         model = load(source, self.values, self.get_logger().warning)
         robot, beside = Robot(model), Robot(model)
-        robot.compile()
+        robot.compile(*IN_LOOPS)
         compile_simulation(beside)  # what both use it finds in the cache
         self.verified = robot.verify()
         self.robot, self.statistics = robot, Statistics()

@@ -144,3 +144,45 @@ class Peer:
         return pin.computeFrameJacobian(
             self.pin, self.data, self.position(q), self.pin.getFrameId(frame, pin.BODY),
             pin.LOCAL_WORLD_ALIGNED) @ self.G
+
+    def partial_velocity_rates(self, frame, q, u):
+        """Return the time derivative of a link's Jacobian, (6, n)."""
+        x = self.position(q)
+        pin.computeJointJacobiansTimeVariation(self.pin, self.data, x, self.G @ u)
+        pin.updateFramePlacements(self.pin, self.data)
+        at = self.pin.getFrameId(frame, pin.BODY)
+        return pin.getFrameJacobianTimeVariation(self.pin, self.data, at,
+                                                 pin.LOCAL_WORLD_ALIGNED) @ self.G
+
+    def coriolis_matrix(self, q, u):
+        """Return the Coriolis matrix of Christoffel's symbols."""
+        return self.G.T @ pin.computeCoriolisMatrix(self.pin, self.data, self.position(q),
+                                                    self.G @ u) @ self.G
+
+    def inverse_dynamics_derivatives(self, q, u, udot):
+        """Return dtau/dq, dtau/du, M."""
+        parts = pin.computeRNEADerivatives(self.pin, self.data, self.position(q), self.G @ u,
+                                           self.G @ udot)
+        return [*(self.G.T @ part @ self.G for part in parts[:2]), self.mass_matrix(q)]
+
+    def forward_dynamics_derivatives(self, q, u, tau):
+        """Return dudot/dq, dudot/du, M^-1 of a robot without mimics."""
+        parts = pin.computeABADerivatives(self.pin, self.data, self.position(q), self.G @ u,
+                                          self.G @ tau)
+        W = np.triu(parts[2])
+        return [self.G.T @ part @ self.G for part in (*parts[:2], W + np.triu(W, 1).T)]
+
+    def regressor(self, q, u, udot):
+        """Return the torque regressor, its columns in the order of our bodies."""
+        Y = pin.computeJointTorqueRegressor(self.pin, self.data, self.position(q), self.G @ u,
+                                            self.G @ udot)
+        numbers = [self.pin.getJointId(body.joint.name) for body in self.model.bodies]
+        return self.G.T @ np.hstack([Y[:, 10 * k - 10:10 * k] for k in numbers])
+
+    def joint_reaction(self, joint, q, u, udot):
+        """Return the wrench of parent on child at a joint, (6,), world axes."""
+        self.inverse_dynamics(q, u, udot)
+        k = self.pin.getJointId(joint)
+        pin.forwardKinematics(self.pin, self.data, self.position(q))
+        R = self.data.oMi[k].rotation
+        return np.concatenate([R @ self.data.f[k].linear, R @ self.data.f[k].angular])

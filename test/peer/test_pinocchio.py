@@ -90,3 +90,69 @@ def test_frames_move_as_pinocchios(peer, robot, quantity, arguments):
             value = getattr(robot, quantity)(frame, *state)
             expected = getattr(peer, quantity)(frame, *state)
             assert relative_error(value, expected) < 1e-12, (frame, k)
+
+
+def test_partial_velocities_change_as_pinocchios_jacobian(peer, robot):
+    for frame in peer.frames:
+        for k in range(N_STATES) if isinstance(robot, Robot) else (0,):
+            state = frame, peer.q[k], peer.u[k]
+            size = np.abs(peer.partial_velocities(*state[:2])).max() * np.abs(peer.u[k]).max()
+            error = robot.partial_velocity_rates(*state) - peer.partial_velocity_rates(*state)
+            assert np.abs(error).max() <= 1e-12 * size, (frame, k)
+
+
+SMALL = 8  # coordinates up to which derivatives are compared as compiled, else as traced
+
+
+def size_of(expected):
+    """Return what errors are relative to; propellers on a fixed base couple with nothing."""
+    return np.abs(expected).max() + 1e-6
+
+
+def derived(robot, name, state):
+    """Return a quantity with many entries: compiled for small robots, the same code on numbers."""
+    if robot.n <= SMALL:
+        return getattr(robot, name)(*state)
+    value = getattr(robot.equations, name)(*state, robot.parameters.block)
+    return value.astype(float)
+
+
+@pytest.fixture(scope='module')
+def compiled(peer):
+    """Our robot on the same URDF, as compiled."""
+    return Robot(peer.model, friction=False)
+
+
+@pytest.mark.parametrize(('quantity', 'arguments'), [
+    ('coriolis_matrix', ('q', 'u')), ('regressor', ('q', 'u', 'udot')),
+    ('inverse_dynamics_derivatives', ('q', 'u', 'udot'))])
+def test_derivatives_and_regressors_are_pinocchios(peer, compiled, quantity, arguments):
+    for k in range(N_STATES) if compiled.n <= SMALL else (0,):
+        state = [getattr(peer, name)[k] for name in arguments]
+        value, expected = derived(compiled, quantity, state), getattr(peer, quantity)(*state)
+        for one, other in zip(value, expected):  # matrix by matrix, or row by row
+            assert np.abs(one - other).max() <= 1e-11 * size_of(expected), k
+
+
+def test_forward_dynamics_derivatives_are_pinocchios(peer, compiled):
+    if compiled.n > SMALL or peer.pin.nv > compiled.n:
+        pytest.skip('compared for small robots without mimics')
+    for k in range(N_STATES):
+        state = peer.q[k], peer.u[k], peer.tau[k]
+        condition = np.linalg.cond(peer.mass_matrix(peer.q[k]))
+        if condition > 1e8:
+            pytest.skip('the mass matrix is close to singular')
+        expected = peer.forward_dynamics_derivatives(*state)
+        tolerance = 1e-11 + 100.0 * EPS * condition
+        for one, other in zip(compiled.forward_dynamics_derivatives(*state), expected):
+            # Both are products with M^-1, of the size of its entries at least.
+            size = max(size_of(other), 1e-6 * size_of(expected[2]))
+            assert np.abs(one - other).max() <= tolerance * size, k
+
+
+def test_joint_reactions_are_pinocchios(peer, compiled):
+    for joint in {peer.model.bodies[0].joint.name, peer.model.bodies[-1].joint.name}:
+        for k in range(N_STATES):
+            state = peer.q[k], peer.u[k], peer.udot[k]
+            value = compiled.joint_reaction(joint, *state)
+            assert relative_error(value, peer.joint_reaction(joint, *state)) < 1e-11, (joint, k)

@@ -48,24 +48,12 @@ def test_kinetic_energy_is_half_u_m_u(drawn):
         0.5 * u @ M @ u, rel=1e-11, abs=1e-12 * np.abs(M).max() * (u @ u))
 
 
-def coriolis_matrix(robot, q, u):
-    """
-    Return C(q, u), (n, n), with Christoffel's symbols, from the compiled Coriolis force.
-
-    The force h(u) = C(u) u is quadratic in u, so (h(u + x) - h(u - x)) / 4 is the symmetric
-    bilinear form C(u) x.
-    """
-    def force(speeds):
-        return robot.torque_terms(q, speeds, np.zeros(robot.n))[1]
-    return np.stack([(force(u + e) - force(u - e)) / 4.0 for e in np.eye(robot.n)], axis=1)
-
-
 @given(robots_and_states(2))
 def test_rate_of_mass_matrix_less_twice_coriolis_is_skew(drawn):
     robot, q, u = drawn
     M = kane.mass_matrix(robot.model, seeded(q, u, 0, robot.n))
     rate = np.vectorize(lambda x: getattr(x, 'rate', 0.0), otypes=[float])(M)
-    N = rate - 2.0 * coriolis_matrix(robot, q, u)
+    N = rate - 2.0 * robot.coriolis_matrix(q, u)
     size = np.abs(robot.mass_matrix(q)).max() * (1.0 + u @ u)
     np.testing.assert_allclose(N, -N.T, atol=1e-12 * size)
 

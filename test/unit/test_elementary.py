@@ -1,7 +1,9 @@
 """Promises of sine, cosine and hyperbolic tangent in native code."""
 
-from kane_dynamics.native import cache, llvm
+from kane_dynamics.native import llvm
 from kane_dynamics.native.emit import module_text
+from kane_dynamics.native.lanes import lane_text
+from kane_dynamics.native.march import march, Strided
 from kane_dynamics.native.program import trace_program
 from kane_dynamics.native.support import repeat
 import mpmath
@@ -11,18 +13,25 @@ import pytest
 N = 1000
 
 
-@pytest.fixture(scope='module')
-def functions():
-    """Evaluate (sin, cos, tanh) of an array."""
-    program = trace_program('f', lambda x: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
-                            [('x', (1,))])
-    code = llvm.Code(cache.fetch(cache.key('test', 'elementary'),
-                                 lambda: llvm.assemble(module_text(program, 'f'))))
+@pytest.fixture(scope='module', params=[1, 2, 4, 8])
+def functions(request):
+    """Evaluate (sin, cos, tanh) of an array, in lanes of every width."""
+    width = request.param
+    program = trace_program('f', lambda x, none: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
+                            [('x', (1,)), ('none', (1,))])
+    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
+                                   else lane_text(program, 'f', width)))
 
     def run(x):
         x = np.ascontiguousarray(x, dtype=np.float64)
-        out = np.empty((len(x), 3))
-        repeat(code.address('f'), [x.ctypes.data, out.ctypes.data], [8, 24], len(x))
+        none, out = np.zeros(1), np.empty((len(x), 3))
+        rows = [Strided(x.ctypes.data, 8), Strided(none.ctypes.data),
+                Strided(out.ctypes.data, 24)]
+        if width == 1:
+            repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
+                   len(x))
+        else:
+            march(code.address('f'), rows, len(x), width=width)
         return out
     return run
 

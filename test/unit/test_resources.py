@@ -3,6 +3,7 @@
 from importlib import metadata
 from pathlib import Path
 import sys
+from xml.etree import ElementTree
 
 from kane_dynamics import resources
 from kane_dynamics.errors import KaneError
@@ -63,3 +64,11 @@ def test_environment_of_make_install_has_every_file():
     assert (share / 'ament_index/resource_index/packages/kane_dynamics').exists()
     for path in [ROOT / 'package.xml', *(p for f in FOLDERS for p in (ROOT / f).glob('*.*'))]:
         assert (share / 'kane_dynamics' / path.relative_to(ROOT)).exists(), path
+
+
+def test_the_version_is_that_of_the_checkout_or_of_the_installation(installed, monkeypatch):
+    monkeypatch.setattr(metadata, 'version', {'kane_dynamics': '7.8.9'}.__getitem__)
+    assert resources.package_version() == '7.8.9'
+    monkeypatch.setattr(resources, '__file__', str(ROOT / 'kane_dynamics/resources.py'))
+    described = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    assert resources.package_version() == described

@@ -123,6 +123,16 @@ def test_progress_is_told_and_can_end_it(robot):
     run = simulate(robot, Q0, 0 * U0, 10.0, torque=lambda t, q, u: 0 * q,
                    progress=lambda t: False)
     assert 0.0 < run.t[-1] < 5.0
+    run = simulate(robot, Q0, 0 * U0, 10.0, torque=lambda t, q, u: 0 * q, sample=10.0,
+                   progress=lambda t: False)
+    assert 0.0 < run.t[-1] < 5.0 and len(run.t) == 2  # the end is in, sampled or not
+
+
+def test_a_function_of_torque_passes_the_same_limits_as_zero_torque():
+    robot = pendulum(limits=Limits(-0.5, 0.5, 2.0, 10.0))
+    asked, zero = (simulate(robot, [0.4], [1.0], 3.0, torque=torque)
+                   for torque in (lambda t, q, u: [0.0], None))
+    assert asked.limit_events == zero.limit_events and len(zero.limit_events) > 2
 
 
 def test_files_keep_every_number(robot, tmp_path):

@@ -1,0 +1,263 @@
+"""The quantities that a robot answers for, each by a kernel of its own."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.explanation import Explanation, SOURCES
+from kane_dynamics.kernel_set import KernelSet
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.regressor import inertial_parameters
+from kane_dynamics.model import Array
+from kane_dynamics.native.kernels import Kernel
+import numpy as np
+
+Matrices = tuple[Array, Array, Array]
+Method = TypeVar('Method', bound=Callable[..., Any])
+
+
+class _Compiled:
+    """A method that, once used on a robot, gives way to its kernel's own entry there."""
+
+    def __init__(self, checked: Callable[..., Any]) -> None:
+        self.checked = checked
+        self.__doc__ = checked.__doc__
+
+    def __get__(self, robot: 'Dynamics | None', owner: type | None = None) -> Any:
+        if robot is None:
+            return self.checked
+        name, fallback = self.checked.__name__, self.checked.__get__(robot)
+        entry = robot.kernels.quantity(name).entry(self.checked.__doc__ or '', fallback)
+        robot.__dict__[name] = entry
+        return entry
+
+
+def compiled(method: Method) -> Method:
+    """Serve a method by the kernel of its name; its body is the road for unusual arguments."""
+    return _Compiled(method)  # type: ignore[return-value]
+
+
+class Dynamics:
+    """
+    The calls of a `Robot` that compute.
+
+    Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in kind.
+    """
+
+    equations: Equations
+    kernels: KernelSet
+    _entries: dict[tuple[str, str], Callable[..., Any]]
+
+    @compiled
+    def inverse_dynamics(self, q: Any, u: Any, udot: Any, *, wrench: Any = None,
+                         out: Array | None = None) -> Array:
+        """
+        Return tau = M udot + bias - external, (n,), N m or N.
+
+        Parameters
+        ----------
+        q, u, udot : (n,) or (N, n) arrays
+            Coordinates, speeds and their rates; rad or m, s.
+        wrench : (k, 6) or (N, k, 6) array, optional
+            What the environment exerts at each of `wrench_frames`: force then moment, at the
+            frame's origin, world axes, N and N m.
+        out : array, optional
+            Written to and returned.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+
+        """
+        return self._dynamics('inverse_dynamics', (q, u, udot), wrench, out)
+
+    @compiled
+    def forward_dynamics(self, q: Any, u: Any, tau: Any, *, wrench: Any = None,
+                         out: Array | None = None) -> Array:
+        """Return udot = M^-1 (tau + external - bias), (n,); arguments as inverse_dynamics."""
+        return self._dynamics('forward_dynamics', (q, u, tau), wrench, out)
+
+    @compiled
+    def mass_matrix(self, q: Any, *, out: Array | None = None) -> Array:
+        """Return M(q), (n, n), armature included, kg m^2, kg m or kg."""
+        return self._call('mass_matrix', (q,), out)
+
+    @compiled
+    def inverse_mass_matrix(self, q: Any, *, out: Array | None = None) -> Array:
+        """Return the inverse of M(q), (n, n)."""
+        return self._call('inverse_mass_matrix', (q,), out)
+
+    @compiled
+    def bias_force(self, q: Any, u: Any, *, out: Array | None = None) -> Array:
+        """Return all that torque must hold at udot = 0: M's companion in the equations, (n,)."""
+        return self._call('bias_force', (q, u), out)
+
+    @compiled
+    def coriolis_matrix(self, q: Any, u: Any, *, out: Array | None = None) -> Array:
+        """
+        Return C(q, u), (n, n): C u is the Coriolis and centrifugal force, dM/dt = C + C^T.
+
+        Of all such matrices it is that of the Christoffel symbols, half the slope of C u by u.
+        """
+        return self._call('coriolis_matrix', (q, u), out)
+
+    @compiled
+    def gravity_force(self, q: Any, *, out: Array | None = None) -> Array:
+        """Return the torque that holds gravity alone, (n,), N m or N."""
+        return self._call('gravity_force', (q,), out)
+
+    @compiled
+    def friction_force(self, u: Any, *, out: Array | None = None) -> Array:
+        """Return d u + mu tanh(u / u_s), (n,): the torque that damping and friction ask for."""
+        return self._call('friction_force', (u,), out)
+
+    @compiled
+    def external_force(self, q: Any, *, wrench: Any = None, out: Array | None = None) -> Array:
+        """Return the generalized force of wrenches at the declared frames, (n,), N m or N."""
+        return self._dynamics('external_force', (q,), wrench, out)
+
+    @compiled
+    def torque_terms(self, q: Any, u: Any, udot: Any, *, out: Array | None = None) -> Array:
+        """Return inverse dynamics by source, (5, n): the rows of `TORQUE_TERMS`."""
+        return self._call('torque_terms', (q, u, udot), out)
+
+    @compiled
+    def body_torques(self, q: Any, u: Any, udot: Any, *, out: Array | None = None) -> Array:
+        """Return (n_bodies, n): what each body's inertia and weight ask of every joint."""
+        return self._call('body_torques', (q, u, udot), out)
+
+    def explain(self, q: Any, u: Any, udot: Any, *, wrench: Any = None) -> Explanation:
+        """Return inverse dynamics by source and by body; arguments as `inverse_dynamics`."""
+        external: Any = self.external_force(q, wrench=wrench)
+        terms = self.torque_terms(q, u, udot)
+        model = self.equations.model
+        return Explanation(
+            np.concatenate([terms, 0.0 - external[..., None, :]], axis=-2),
+            self.body_torques(q, u, udot), SOURCES, tuple(body.name for body in model.bodies),
+            model.joint_names)
+
+    @compiled
+    def regressor(self, q: Any, u: Any, udot: Any, *, out: Array | None = None) -> Array:
+        """
+        Return Y, (n, 10 n_bodies): Y times `inertial_parameters` is the rigid bodies' torque.
+
+        That is inverse dynamics without armature, friction, springs, payload and wrenches. The
+        parameters' order is in `mechanics.regressor`.
+        """
+        return self._call('regressor', (q, u, udot), out)
+
+    @property
+    def inertial_parameters(self) -> Array:
+        """Return the model's inertial parameters, (10 n_bodies,), as the regressor takes them."""
+        return inertial_parameters(self.equations.model)
+
+    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any) -> Matrices:
+        """
+        Return dtau/dq, dtau/du and M = dtau/dudot, (n, n) each, analytically.
+
+        Friction (smoothed) and springs included; external wrenches are not.
+        """
+        return self._matrices('inverse_dynamics_derivatives', (q, u, udot))
+
+    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any) -> Matrices:
+        """Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches."""
+        return self._matrices('forward_dynamics_derivatives', (q, u, tau))
+
+    @compiled
+    def kinetic_energy(self, q: Any, u: Any, *, out: Array | None = None) -> Any:
+        """Return 1/2 u^T M u, J; a float, or (N,) for a batch."""
+        return self._call('kinetic_energy', (q, u), out)
+
+    @compiled
+    def potential_energy(self, q: Any, *, out: Array | None = None) -> Any:
+        """Return the energy of gravity (zero at the world's origin) and springs, J."""
+        return self._call('potential_energy', (q,), out)
+
+    def frame_pose(self, frame: str, q: Any, *, out: Array | None = None) -> Array:
+        """Return the (4, 4) pose of a frame in the world, m."""
+        return self._at_frame('frame_pose', frame, (q,), out)
+
+    def frame_velocity(self, frame: str, q: Any, u: Any, *, out: Array | None = None) -> Array:
+        """Return (6,): linear then angular velocity at a frame's origin, world axes."""
+        return self._at_frame('frame_velocity', frame, (q, u), out)
+
+    def frame_acceleration(self, frame: str, q: Any, u: Any, udot: Any, *,
+                           out: Array | None = None) -> Array:
+        """Return (6,): classical linear then angular acceleration, without gravity."""
+        return self._at_frame('frame_acceleration', frame, (q, u, udot), out)
+
+    def partial_velocities(self, frame: str, q: Any, *, out: Array | None = None) -> Array:
+        """Return (6, n): column r is the frame's linear then angular velocity per unit u_r."""
+        return self._at_frame('partial_velocities', frame, (q,), out)
+
+    def partial_velocity_rates(self, frame: str, q: Any, u: Any, *,
+                               out: Array | None = None) -> Array:
+        """Return (6, n): the time derivative of `partial_velocities` along the motion."""
+        return self._at_frame('partial_velocity_rates', frame, (q, u), out)
+
+    def joint_reaction(self, joint: str, q: Any, u: Any, udot: Any, *,
+                       wrench: Any = None) -> Array:
+        """
+        Return what the parent exerts on the child at a joint: force, then moment, (6,), N, N m.
+
+        At the joint's origin, in world axes; what the actuator and friction transmit about the
+        axis is part of it, as are all loads.
+
+        Parameters
+        ----------
+        joint : str
+            One of the joints that move; fixed and locked ones are merged into bodies.
+        q, u, udot : (n,) or (N, n) arrays
+            Coordinates, speeds and their rates; rad or m, s.
+        wrench : (k, 6) or (N, k, 6) array, optional
+            As in `inverse_dynamics`.
+
+        Raises
+        ------
+        InputError
+            No such joint; the message lists the valid ones.
+
+        """
+        entry = self._entry('joint_reaction', joint, self.kernels.reaction)
+        if wrench is None:
+            result: Array = entry(q, u, udot)
+            return result
+        return self._loaded(self.kernels.reaction(joint), (q, u, udot), wrench, None)
+
+    def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None) -> Array:
+        result: Array = self.kernels.quantity(name)(*arguments, out=out)
+        return result
+
+    def _dynamics(self, name: str, arguments: tuple[Any, ...], wrench: Any,
+                  out: Array | None) -> Array:
+        return self._loaded(self.kernels.quantity(name), arguments, wrench, out)
+
+    def _loaded(self, kernel: Kernel, arguments: tuple[Any, ...], wrench: Any,
+                out: Array | None) -> Array:
+        """Call a kernel that takes wrenches, where frames for them are declared."""
+        if self.equations.wrench_frames:
+            arguments = (*arguments, wrench)
+        elif wrench is not None:
+            raise InputError('wrench is given but no frame may carry one: construct the Robot '
+                             'with wrench_frames=')
+        result: Array = kernel(*arguments, out=out)
+        return result
+
+    def _matrices(self, name: str, arguments: tuple[Any, ...]) -> Matrices:
+        result = self._entry(name, '', lambda _: self.kernels.quantity(name))(*arguments)
+        return result[..., 0, :, :], result[..., 1, :, :], result[..., 2, :, :]
+
+    def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
+                  out: Array | None) -> Array:
+        entry = self._entry(name, frame, lambda at: self.kernels.at_frame(name, at))
+        result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
+        return result
+
+    def _entry(self, name: str, at: str, kernel: Callable[[str], Kernel]) -> Callable[..., Any]:
+        """Return the way into a kernel of one frame or joint; it is compiled at its first use."""
+        entry = self._entries.get((name, at))
+        if entry is None:
+            made = kernel(at)
+            entry = self._entries[name, at] = made.entry('', made)
+        return entry

@@ -1,0 +1,99 @@
+"""
+What joints transmit, and what each body asks of every joint.
+
+The reaction at a joint is the force and moment that its parent exerts on the child: all that the
+links beyond it take, less what the environment pushes with. These are the equations of auxiliary
+speeds (Kane & Levinson, section 4.9): give the joint six fictitious speeds along and about the
+world's axes, and the partial velocities of all links beyond it are those of one rigid body.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.frames import frame_in_link, link_poses
+from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.recursive import inertia_wrench, link_motion, Motion, Step
+from kane_dynamics.mechanics.vector import cross
+from kane_dynamics.model import Frame, WORLD
+import numpy as np
+
+
+def joint_reaction(links: Sequence[Link], body: int, q: Any, u: Any, udot: Any, gravity: Any,
+                   pushes: Sequence[tuple[Frame, Any]]) -> Any:
+    """
+    Return (6,): force, then moment about the joint's origin, from parent on child, world axes.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        Whose origins are those of the model's joints (`linkage.linkage`), with full inertials.
+    body : int
+        Number of the child.
+    q, u, udot : (n,) arrays of scalars
+        Coordinates, speeds and their rates; rad or m, s.
+    gravity : (3,) array of scalars
+        m/s^2, world axes.
+    pushes : sequence of (Frame, (6,) array)
+        The environment's wrenches, force then moment at the frame's origin, world axes.
+
+    """
+    beyond = _outboard(links, body)
+    steps = [Step(link, q) for link in links]
+    wrenches = _inertia_wrenches(links, steps, u, udot, gravity)
+    for k in reversed(beyond[1:]):
+        wrenches[links[k].parent] = _handed_down(steps[k], wrenches[k], wrenches[links[k].parent])
+    poses = link_poses(links, q)
+    R, origin = poses[body]
+    force, moment = (R @ x for x in wrenches[body])
+    for frame, wrench in pushes:
+        if frame.body in beyond:
+            R_k, p_k = poses[frame.body]
+            r = p_k + R_k @ frame_in_link(links, frame)[1] - origin
+            force = force - wrench[:3]
+            moment = moment - (wrench[3:] + cross(r, wrench[:3]))
+    return np.concatenate([force, moment])
+
+
+def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
+    """Return (n_bodies, n): the joint torques that each body's inertia and weight ask for."""
+    steps = [Step(link, q) for link in links]
+    wrenches = _inertia_wrenches(links, steps, u, udot, gravity)
+    result: list[list[Any]] = [[0.0] * len(q) for _ in links]
+    for k, (force, moment) in enumerate(wrenches):
+        j = k
+        while True:
+            link = links[j]
+            along = moment[2] if link.kind == 'revolute' else force[2]
+            result[k][link.coordinate] = (result[k][link.coordinate]
+                                          + link.multiplier * along)
+            if link.parent == WORLD:
+                break
+            force, moment = steps[j].inward(force), steps[j].inward(moment)
+            moment = moment + cross(steps[j].offset, force)
+            j = link.parent
+    return np.array(result).reshape(len(links), len(q))
+
+
+def _inertia_wrenches(links: Sequence[Link], steps: Sequence[Step], u: Any, udot: Any,
+                      gravity: Any) -> list[tuple[Any, Any]]:
+    """Return what every link alone takes, force and moment about its origin, link axes."""
+    motion: list[Motion] = []
+    for link, step in zip(links, steps):
+        motion.append(link_motion(link, step, motion, u, udot, gravity))
+    return [inertia_wrench(link, m) for link, m in zip(links, motion)]
+
+
+def _handed_down(step: Step, wrench: tuple[Any, Any],
+                 above: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Return the parent's wrench with a link's added."""
+    force, moment = step.inward(wrench[0]), step.inward(wrench[1])
+    return above[0] + force, above[1] + (moment + cross(step.offset, force))
+
+
+def _outboard(links: Sequence[Link], body: int) -> list[int]:
+    """Return the numbers of a link and of all that it carries, parents first."""
+    found = [body]
+    for k in range(body + 1, len(links)):
+        if links[k].parent in found:
+            found.append(k)
+    return found

@@ -1,0 +1,211 @@
+"""Promises of exported C: the library's numbers from a plain C compiler, and a test of itself."""
+
+import ctypes
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+
+from kane_dynamics import Inertial, InputError, load_urdf, Model, Robot
+from kane_dynamics.export import DEFAULT_KERNELS
+from kane_dynamics.quantities import QUANTITIES
+from kane_dynamics.resources import package_version, resource_path
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.skipif(shutil.which('gcc') is None, reason='no C compiler')
+STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Werror', '-O2', '-fPIC', '-shared']
+SOLVED = ('forward_dynamics', 'inverse_mass_matrix')
+
+
+def arm(name):
+    """Return a shipped arm."""
+    return Robot(load_urdf(resource_path('urdf', f'{name}.urdf')))
+
+
+def mechanism():
+    """Return a tree with sliding joints, mimics, friction, springs, wrenches and a payload."""
+    robot = Robot(random_model(3, 6, mimics=2), wrench_frames=['frame3', 'frame6'],
+                  payload_frame='frame5')
+    robot.parameters.payload = Inertial(2.0, [0.1, 0.0, -0.2], np.diag([0.1, 0.2, 0.15]))
+    return robot
+
+
+def built(source, tmp_path, compiler=('gcc', '-std=c99')):
+    """Compile a source with every warning an error, and load it."""
+    library = tmp_path / f'{compiler[0]}_{len(list(tmp_path.glob("*.so")))}.so'
+    done = subprocess.run([*compiler, *STRICT, str(source), '-o', str(library), '-lm'],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(library))
+
+
+def called(function, arguments, shape):
+    """Call an exported function on arrays; None is NULL."""
+    result = np.full(shape, np.nan)
+    pointers = [None if x is None else x.ctypes.data_as(ctypes.c_void_p)
+                for x in (*arguments, result)]
+    function.restype = None
+    function(*pointers)
+    return result
+
+
+def check(robot, library, prefix, kernels):
+    """Hold every kernel against the library at random states."""
+    rng = np.random.default_rng(1)
+    for name in kernels:
+        kernel, function = robot.kernels.quantity(name), getattr(library, f'{prefix}_{name}')
+        for _ in range(20):
+            given = [rng.uniform(-2.0, 2.0, a.shape) for a in kernel.arguments]
+            expected = np.asarray(kernel(*given))
+            tolerance = 1e-12
+            if name in SOLVED:
+                condition = np.linalg.cond(robot.mass_matrix(given[0]))
+                tolerance = max(tolerance, 10.0 * np.finfo(float).eps * condition)
+            got = called(function, [*given, robot.parameters.block], kernel.shape)
+            assert np.abs(got - expected).max() <= tolerance * np.abs(expected).max(), name
+
+
+@pytest.mark.parametrize('name', ['ur10e', 'fr3'])
+def test_exported_arms_give_the_librarys_numbers(name, tmp_path):
+    robot = arm(name)
+    source, header = robot.export_c(tmp_path / f'{name}.c')
+    assert (source, header) == (tmp_path / f'{name}.c', tmp_path / f'{name}.h')
+    library = built(source, tmp_path)
+    check(robot, library, name, DEFAULT_KERNELS)
+    assert getattr(library, f'{name}_self_test')() == 0
+
+
+def test_every_kernel_of_a_mechanism_with_everything_gives_the_librarys_numbers(tmp_path):
+    robot = mechanism()
+    source, _ = robot.export_c(tmp_path / 'tree.c', tuple(QUANTITIES))
+    library = built(source, tmp_path)
+    check(robot, library, 'tree', QUANTITIES)
+    assert library.tree_self_test() == 0
+
+
+def test_subroutines_are_static_functions_that_give_the_librarys_numbers(tmp_path):
+    robot = Robot(random_model(5, 26, branching=0.6, passive=False))  # M^-1 by calls
+    source, _ = robot.export_c(tmp_path / 'tree.c', ['inverse_mass_matrix'])
+    assert 'static void tree_inverse_mass_matrix_solution(' in source.read_text()
+    library = built(source, tmp_path)
+    check(robot, library, 'tree', ['inverse_mass_matrix'])
+    symbols = subprocess.run(['nm', '-D', '--defined-only', library._name], text=True,
+                             capture_output=True, check=True).stdout
+    assert sorted(re.findall(r' T (\w+)', symbols)) == ['tree_inverse_mass_matrix',
+                                                        'tree_self_test']
+
+
+def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):
+    robot = mechanism()
+    robot.parameters.gravity = [1.0, 2.0, -3.0]
+    library = built(robot.export_c(tmp_path / 'tree.c')[0], tmp_path)
+    q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
+    expected = robot.inverse_dynamics(q, u, udot)
+    got = called(library.tree_inverse_dynamics, [q, u, udot, None, None], robot.n)
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_result_may_overlay_an_argument(tmp_path):
+    robot = arm('two_link')
+    library = built(robot.export_c(tmp_path / 'arm.c')[0], tmp_path)
+    q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
+    expected = robot.inverse_dynamics(q, u, udot)
+    pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (q, u, udot)]
+    library.arm_inverse_dynamics(*pointers, None, pointers[1])
+    np.testing.assert_allclose(u, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize('kernel', DEFAULT_KERNELS)
+def test_the_self_test_fails_with_the_functions_number_when_a_reference_is_altered(
+        kernel, tmp_path):
+    source, _ = arm('ur10e').export_c(tmp_path / 'arm.c')
+    text = source.read_text()
+    at = text.index('=', text.index(f'{kernel}_2_expected['))
+    number = re.search(r'-?\d[\d.e-]*', text[at:])
+    value = float(number[0])
+    start = at + number.start()
+    source.write_text(text[:start] + repr(value + 1e-6 * (1.0 + abs(value)))
+                      + text[at + number.end():])
+    library = built(source, tmp_path)
+    assert library.arm_self_test() == 1 + DEFAULT_KERNELS.index(kernel)
+
+
+def test_the_self_test_fails_on_nan(tmp_path):
+    source, _ = arm('two_link').export_c(tmp_path / 'arm.c')
+    source.write_text(source.read_text().replace('cos(', '(0.0 / 0.0) * cos('))
+    assert built(source, tmp_path).arm_self_test() != 0
+
+
+def test_the_header_says_what_it_is_and_serves_cpp(tmp_path):
+    robot = arm('fr3')
+    source, header = robot.export_c(tmp_path / 'fr3.c')
+    text = header.read_text()
+    count = robot.operation_count()['inverse_dynamics']
+    assert f'"{robot.model.digest()}"' in text and '#define FR3_MODEL_NAME "fr3"' in text
+    assert f'"kane_dynamics {package_version()}"' in text
+    assert (f'fr3_inverse_dynamics: {count.multiplications} multiplications, '
+            f'{count.additions} additions') in text
+    assert 'FR3_JOINT_FR3_JOINT1 = 0,' in text and f'#define FR3_N {robot.n} ' in text
+    if shutil.which('g++'):
+        user = tmp_path / 'user.cpp'
+        user.write_text(f'#include "{header.name}"\n#include "{source.name}"\n'
+                        'extern "C" int size() { return FR3_MASS_MATRIX_SIZE; }\n')
+        library = built(user, tmp_path, ('g++', '-std=c++11'))
+        assert library.size() == robot.n ** 2 and library.fr3_self_test() == 0
+
+
+def test_names_that_c_cannot_hold_do_no_harm(tmp_path):
+    joints = ['a*/ int x = "1;??/', 'a-/ int x = "1;??/', 'größe\n#error']
+    model = random_model(0, 3)
+    bodies = [type(b)(b.name, b.parent, type(j)(joints[k], j.kind, j.axis, coordinate=k),
+                      b.inertial) for k, b in enumerate(model.bodies) if (j := b.joint)]
+    robot = Robot(Model('/* "\\\n*/', tuple(bodies), tuple(joints)))
+    source, _ = robot.export_c(tmp_path / '7-axis arm.c', ['gravity_force'])
+    assert built(source, tmp_path).x7_axis_arm_self_test() == 0
+
+
+@pytest.mark.parametrize('kernels, words', [
+    (['inverse_dynamic'], "no kernel 'inverse_dynamic'; valid: inverse_dynamics, "),
+    ([], 'kernels is empty; valid: inverse_dynamics, '),
+    ('mass_matrix', "the string 'mass_matrix'")])
+def test_an_unknown_kernel_is_named_with_the_valid_ones(kernels, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        arm('two_link').export_c(tmp_path / 'arm.c', kernels)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bad_path_is_named_and_only_files_of_ours_are_replaced(tmp_path):
+    robot = arm('two_link')
+    with pytest.raises(InputError, match=r"'arm.cpp'; expected .* \.c"):
+        robot.export_c('arm.cpp')
+    with pytest.raises(InputError, match=f"there is no directory '{tmp_path}/none'"):
+        robot.export_c(tmp_path / 'none' / 'arm.c')
+    source, header = robot.export_c(tmp_path / 'arm.c')
+    first = header.read_text()
+    robot.export_c(source, ['mass_matrix'])
+    assert header.read_text() != first
+    header.write_text('#define MINE\n')
+    with pytest.raises(InputError, match=r'arm\.h.*export_c did not write'):
+        robot.export_c(source)
+    assert header.read_text() == '#define MINE\n'
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['arm.c', 'arm.h']
+
+
+def test_a_process_exports_from_the_command_line(tmp_path):
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, '-m', 'kane_dynamics.cli', 'export',
+             str(resource_path('urdf', 'ur10e.urdf')), *arguments], capture_output=True,
+            text=True, check=False, timeout=100)
+    path = tmp_path / 'arm.c'
+    done = run('-o', str(path), '--kernel', 'inverse_dynamics', 'gravity_force',
+               '--wrench-frames', 'tool0', '--payload-frame', 'tool0')
+    assert done.returncode == 0 and str(path) in done.stdout, done.stderr
+    text = Path(path.with_suffix('.h')).read_text()
+    assert 'ARM_N_WRENCHES 1' in text and 'ARM_N_PARAMETERS 13' in text
+    assert built(path, tmp_path).arm_self_test() == 0
+    done = run('-o', str(path), '--kernel', 'torque')
+    assert done.returncode == 2 and "no kernel 'torque'; valid:" in done.stderr
