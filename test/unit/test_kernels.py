@@ -234,6 +234,15 @@ def test_a_result_that_was_altered_comes_back_as_new(alter):
         del tau
 
 
+def test_a_matrix_that_was_reshaped_comes_back_as_new():
+    robot = Robot(MODEL)
+    for _ in range(6):
+        M = robot.mass_matrix(STATE[0])
+        assert M.shape == (5, 5)
+        M.shape = (1, 25)
+        del M
+
+
 def test_a_discarded_result_is_not_lost_nor_kept(robot):
     many = [robot.inverse_dynamics(*STATE) for _ in range(3)]
     for _ in range(5):
