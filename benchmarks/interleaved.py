@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import random
 import time
+from timeit import Timer
 
 import numpy as np
 
@@ -28,7 +29,10 @@ class Timing:
         return float(middle), float(low), float(high)
 
 
-def interleaved(contenders: Mapping[str, Callable[[], object]], turns: int = TURNS) -> Timing:
+Contender = Callable[[], object] | Timer  # a Timer's statement is timed without a call around it
+
+
+def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS) -> Timing:
     """Let contenders take turns in shuffled order, each for about `TURN_SECONDS` a turn."""
     counts = {name: _calls_a_turn(call) for name, call in contenders.items()}
     seconds: dict[str, list[float]] = {name: [] for name in contenders}
@@ -41,7 +45,9 @@ def interleaved(contenders: Mapping[str, Callable[[], object]], turns: int = TUR
     return Timing({name: np.array(values) for name, values in seconds.items()})
 
 
-def _time(call: Callable[[], object], count: int) -> float:
+def _time(call: Contender, count: int) -> float:
+    if isinstance(call, Timer):
+        return call.timeit(count)
     loop = range(count)
     start = time.perf_counter()
     for _ in loop:
@@ -49,9 +55,9 @@ def _time(call: Callable[[], object], count: int) -> float:
     return time.perf_counter() - start
 
 
-def _calls_a_turn(call: Callable[[], object]) -> int:
+def _calls_a_turn(call: Contender) -> int:
     """Return how many calls fill a turn."""
-    call()  # the first may compile, which says nothing of the others
+    _time(call, 1)  # the first may compile, which says nothing of the others
     count = 1
     while (took := _time(call, count)) < 0.2 * TURN_SECONDS:
         count *= 4

@@ -161,8 +161,17 @@ class Dynamics:
         return self._matrices('inverse_dynamics_derivatives', (q, u, udot))
 
     def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any) -> Matrices:
-        """Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches."""
-        return self._matrices('forward_dynamics_derivatives', (q, u, tau))
+        """
+        Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches.
+
+        One kernel; for a robot of more than 24 coordinates three, and numpy's product of theirs.
+        """
+        if 'forward_dynamics_derivatives' in self.kernels.names:
+            return self._matrices('forward_dynamics_derivatives', (q, u, tau))
+        udot = self.forward_dynamics(q, u, tau)
+        by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot)
+        inverse = self.inverse_mass_matrix(q)
+        return -(inverse @ by_q), -(inverse @ by_u), inverse
 
     @compiled
     def kinetic_energy(self, q: Any, u: Any, *, out: Array | None = None) -> Any:

@@ -18,7 +18,7 @@ from kane_dynamics.native.program import Program, Shape, trace_program
 from kane_dynamics.quantities import FRAME_QUANTITIES, JOINT_REACTION, QUANTITIES, Quantity
 import numpy as np
 
-LARGE = 24  # coordinates from which on an inverse written out would compile too slowly
+LARGE = 24  # coordinates from which on an inverse, or a product with it, is not written out
 OUTLINED = 40  # and from which on derivatives would
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives')
 FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
@@ -46,9 +46,17 @@ class KernelSet:
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the `QUANTITIES` that are one kernel; for a large robot not all of them are."""
+        return tuple(name for name in QUANTITIES
+                     if self.equations.n <= LARGE or name != 'forward_dynamics_derivatives')
+
     def quantity(self, name: str) -> Kernel:
-        """Return the kernel of one of `QUANTITIES`."""
+        """Return the kernel of one of `names`; InputError lists them for another name."""
         def make() -> Kernel:
+            if name not in self.names:
+                raise InputError(f"no kernel '{name}'; valid: {', '.join(self.names)}")
             quantity = QUANTITIES[name]
             return Kernel(name, lambda: self.program(name), self._key, self._arguments(quantity),
                           self._parameters, self._shape(quantity))
@@ -93,7 +101,7 @@ class KernelSet:
                                                      shape))
 
     def program(self, name: str) -> Program:
-        """Trace one of `QUANTITIES`."""
+        """Trace one of `names`."""
         quantity = QUANTITIES[name]
         if name == 'inverse_mass_matrix' and self.equations.n > LARGE:
             return self._large_inverse()

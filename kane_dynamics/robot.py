@@ -14,8 +14,8 @@ from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
 from kane_dynamics.model import Array, Inertial, Model
 from kane_dynamics.native.program import OperationCount
 from kane_dynamics.parameters import JointLimits, Parameters
-from kane_dynamics.quantities import QUANTITIES
 from kane_dynamics.verification import verified
+from kane_dynamics.workspace import Workspace
 import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
@@ -103,6 +103,10 @@ class Robot(Dynamics):
         return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
                              for name in ('lower', 'upper', 'velocity', 'effort')))
 
+    def bind(self) -> Workspace:
+        """Return arrays with zero-argument calls on them, for a loop that must not allocate."""
+        return Workspace(self.kernels)
+
     def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
         """
         Compile kernels now that would compile at their first use.
@@ -120,9 +124,7 @@ class Robot(Dynamics):
             No such kernel; the message lists the valid names.
 
         """
-        for name in names or QUANTITIES:
-            if name not in QUANTITIES:
-                raise InputError(f"no kernel '{name}'; valid: {', '.join(QUANTITIES)}")
+        for name in names or self.kernels.names:
             try:
                 self.kernels.quantity(name)
                 getattr(self, name)
@@ -151,7 +153,7 @@ class Robot(Dynamics):
 
     def operation_count(self) -> dict[str, OperationCount]:
         """Return the arithmetic of one call of every kernel."""
-        return {name: self.kernels.program(name).operation_count() for name in QUANTITIES}
+        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
 
     def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS
                  ) -> tuple[Path, Path]:

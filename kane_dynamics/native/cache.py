@@ -3,10 +3,12 @@ Machine code that was compiled before, kept on disk.
 
 Files live in ``$KANE_DYNAMICS_CACHE`` if that is set (``off`` turns the cache off), else in
 ``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. The directory is private to its owner
-(0700), a file is written whole or not at all, and one that is damaged or not ours is rebuilt.
+(0700), a file is written whole or not at all, and one that is damaged or not ours is rebuilt. When
+the files come to more than `MOST_BYTES`, those that were not used for longest are removed.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 import hashlib
 import os
@@ -17,6 +19,9 @@ import tempfile
 from kane_dynamics.native import llvm
 
 MAGIC = b'kane_dynamics object 1\n'
+MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB
+KEPT_SHARE = 0.75  # of that, after files were removed: not every new kernel shall remove some
+OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def directory() -> Path | None:
@@ -27,11 +32,12 @@ def directory() -> Path | None:
     root = os.environ.get('XDG_CACHE_HOME') or os.path.join(os.path.expanduser('~'), '.cache')
     path = Path(setting) if setting else Path(root) / 'kane_dynamics'
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not path.exists():
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = path.stat()
     except OSError:
         return None
-    if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o022:
+    if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
         return None  # others may write there: code from it must not be run
     return path
 
@@ -61,9 +67,12 @@ def load(name: str) -> bytes | None:
         return None
     try:
         with open(path / name, 'rb') as file:
-            if os.fstat(file.fileno()).st_uid != os.getuid():
+            status = os.fstat(file.fileno())
+            if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
                 return None
             content = file.read()
+            with suppress(OSError):  # on a disk that is read-only nothing will be removed either
+                os.utime(file.fileno())  # used now: the last to go
     except OSError:
         return None
     head, checksum, body = (content[:len(MAGIC)], content[len(MAGIC):len(MAGIC) + 32],
@@ -86,8 +95,25 @@ def store(name: str, body: bytes) -> None:
             os.replace(temporary, path / name)
         except OSError:
             os.unlink(temporary)
+            raise
+        _prune(path)
     except OSError:
         return  # a full or read-only disk costs time at the next start, nothing else
+
+
+def _prune(path: Path) -> None:
+    """Remove the files that were not used for longest where all together are too large."""
+    with os.scandir(path) as entries:
+        files = sorted((status.st_mtime_ns, status.st_size, entry.path) for entry in entries
+                       if stat.S_ISREG((status := entry.stat(follow_symlinks=False)).st_mode))
+    total = sum(size for _, size, _ in files)
+    if total <= MOST_BYTES:
+        return
+    for _, size, file in files:
+        if total <= KEPT_SHARE * MOST_BYTES:
+            return
+        Path(file).unlink(missing_ok=True)  # another process may do the same
+        total -= size
 
 
 def fetch(name: str, make: Callable[[], bytes]) -> bytes:

@@ -7,9 +7,8 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
-from kane_dynamics.native import cache, llvm
+from kane_dynamics.native import cache, entry, llvm
 from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.entry import fast_entry
 from kane_dynamics.native.lanes import lane_text, width
 from kane_dynamics.native.march import BAD_INPUT, BAD_RESULT, driver, march, Strided
 from kane_dynamics.native.program import Program, Shape, size_of
@@ -107,11 +106,14 @@ class Kernel:
         """Compile, or load from the cache."""
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
+        self._defaults = [a.default for a in self.arguments if a.default is not None]
+        self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
         self._program, self._key = program, key
         self._compiling = Lock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once: others hold it
-        self.code = self._made('', lambda: module_text(program(), SYMBOL))
+        self.code = self._made('', lambda: '\n'.join([module_text(program(), SYMBOL),
+                                                      self._ways_in()]))
         self.address = self.code.address(SYMBOL)
 
     def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
@@ -119,6 +121,9 @@ class Kernel:
             return llvm.assemble(text())
         return llvm.Code(compiled() if self._key is None else cache.fetch(
             cache.key(self.name, self._key, kind), compiled))
+
+    def _ways_in(self) -> str:
+        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape)
 
     def compile_lanes(self) -> None:
         """Compile what a batch needs now instead of at the first batch."""
@@ -139,10 +144,14 @@ class Kernel:
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return the fastest way in that this interpreter allows."""
-        given = [size_of(a.shape) for a in self.arguments if a.default is None]
-        defaults = [a.default for a in self.arguments if a.default is not None]
-        return fast_entry(self.name, doc, self.address, given, [*defaults, self.parameters],
-                          self.shape, fallback, self)
+        return entry.entry(self.name, doc, self.code, self._given,
+                           [*self._defaults, self.parameters], self.shape, fallback)
+
+    def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
+        """Return a function without arguments that calls on memory which stays where it is."""
+        def call() -> Any:
+            return self(*arguments, out=result if self.shape else None)
+        return entry.bound(self.name, doc, self.code, [*arguments, self.parameters, result], call)
 
     def __call__(self, *values: Any, out: Any = None) -> Any:
         """

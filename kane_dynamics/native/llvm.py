@@ -16,12 +16,18 @@ def _initialised() -> None:
     llvm.initialize_native_asmprinter()
 
 
+@cache
+def _processor() -> tuple[str, str]:
+    """Return this processor's name and features, as LLVM writes them."""
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
 def _target_machine(level: int) -> Any:
     """Return a code generator for this very processor."""
     _initialised()
-    target = llvm.Target.from_default_triple()
-    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), opt=level, jit=True,
-                                        features=llvm.get_host_cpu_features().flatten())
+    name, features = _processor()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=name, features=features, opt=level, jit=True)
 
 
 @cache
@@ -33,8 +39,7 @@ def features() -> dict[str, bool]:
 @cache
 def fingerprint() -> str:
     """Name everything about compiler and processor that machine code depends on."""
-    return '|'.join([llvm.get_default_triple(), llvm.get_host_cpu_name(),
-                     llvm.get_host_cpu_features().flatten(),
+    return '|'.join([llvm.get_default_triple(), *_processor(),
                      '.'.join(map(str, llvm.llvm_version_info))])
 
 

@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import subprocess
+import sys
 
 from kane_dynamics import kernel_set, Robot
 from kane_dynamics.native import cache
@@ -98,3 +100,53 @@ def test_processes_that_start_together_do_not_disturb_each_other(place):
         for result in pool.map(torque, range(8)):
             assert np.array_equal(result, expected)
     assert not [name for name in os.listdir(place) if name.startswith('tmp')]
+
+
+def test_a_file_that_others_may_write_to_is_not_trusted(place):
+    cache.store('name', b'code')
+    assert cache.load('name') == b'code'
+    (place / 'name').chmod(0o620)
+    assert cache.load('name') is None
+
+
+def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
+    monkeypatch.setattr(cache, 'MOST_BYTES', 10_000)
+    body = bytes(900)
+    for k in range(10):
+        cache.store(f'file{k}', body)
+        os.utime(place / f'file{k}', (k, k))
+    assert len(os.listdir(place)) == 10
+    assert cache.load('file0') == body
+    cache.store('one more', body)
+    left = set(os.listdir(place))
+    assert left == {'file0', 'one more', *(f'file{k}' for k in range(5, 10))}
+    assert sum((place / name).stat().st_size for name in left) <= 7500
+
+
+def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch):
+    expected = torque()
+    monkeypatch.setattr(cache, 'MOST_BYTES', 0)
+    cache.store('another', b'')
+    assert not os.listdir(place)
+    assert np.array_equal(torque(), expected)
+
+
+def test_interpreters_that_start_together_on_nothing_agree_and_leave_whole_files(place):
+    """Four interpreters race for an empty cache, while it is pruned to almost nothing."""
+    program = """
+import sys
+from kane_dynamics import Robot
+from kane_dynamics.native import cache
+from mechanisms import random_model, random_state
+cache.MOST_BYTES = int(sys.argv[1])
+model = random_model(8, 3)
+sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes().hex())
+"""
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    running = [subprocess.Popen([sys.executable, '-c', program, str(most)], env=environment,
+                                stdout=subprocess.PIPE, text=True)
+               for most in (0, 2**20, 2**20, 2**20)]
+    results = {process.communicate(timeout=60)[0] for process in running}
+    assert [process.returncode for process in running] == [0] * 4
+    assert results == {torque().tobytes().hex()}
+    assert all(cache.load(name) is not None for name in os.listdir(place))

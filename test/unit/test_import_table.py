@@ -20,7 +20,7 @@ TABLE = (
     'native',
     'explanation parameters quantities verification',
     'kernel_set',
-    'dynamics',
+    'dynamics workspace',
     'export',
     'robot',
     'control stepping trajectory',

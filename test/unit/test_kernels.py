@@ -207,3 +207,54 @@ def test_the_slow_road_alone_gives_the_same(monkeypatch):
 def test_every_kernel_documents_itself(robot):
     assert 'inverse' in robot.inverse_mass_matrix.__doc__
     assert 'Parameters' in Robot.inverse_dynamics.__doc__
+
+
+def test_a_result_that_somebody_holds_is_never_given_out_again(robot):
+    states = random_state(MODEL, 8, 3 * 20).reshape(20, 3, 5)
+    kept = [robot.inverse_dynamics(*state) for state in states]
+    view = robot.inverse_dynamics(*states[0])[1:]
+    weak = weakref.ref(robot.inverse_dynamics(*states[1]))
+    for state, tau in zip(states, kept):
+        assert np.array_equal(tau, Robot.inverse_dynamics(robot, *state))
+    assert np.array_equal(view, kept[0][1:])
+    assert weak() is None or np.array_equal(weak(), kept[1])
+
+
+@pytest.mark.parametrize('alter', [
+    lambda x: setattr(x, 'shape', (1, 5)), lambda x: setattr(x, 'dtype', np.int64),
+    lambda x: x.setflags(write=False), lambda x: setattr(x, 'shape', (5, 1, 1))])
+def test_a_result_that_was_altered_comes_back_as_new(alter):
+    robot = Robot(MODEL)
+    expected = Robot.inverse_dynamics(robot, *STATE)
+    for _ in range(6):
+        tau = robot.inverse_dynamics(*STATE)
+        assert tau.shape == (5,) and tau.dtype == np.float64 and tau.flags.writeable
+        assert np.array_equal(tau, expected)
+        alter(tau)
+        del tau
+
+
+def test_a_matrix_that_was_reshaped_comes_back_as_new():
+    robot = Robot(MODEL)
+    for _ in range(6):
+        M = robot.mass_matrix(STATE[0])
+        assert M.shape == (5, 5)
+        M.shape = (1, 25)
+        del M
+
+
+def test_a_discarded_result_is_not_lost_nor_kept(robot):
+    many = [robot.inverse_dynamics(*STATE) for _ in range(3)]
+    for _ in range(5):
+        with pytest.raises(InputError, match='not finite'):
+            robot.inverse_dynamics(STATE[0], STATE[1], np.full(5, 1e308))
+    assert all(np.array_equal(tau, many[0]) for tau in many)
+    assert np.array_equal(robot.inverse_dynamics(*STATE), many[0])
+
+
+def test_results_are_freed_with_their_entry():
+    robot = Robot(MODEL)
+    ghosts = [weakref.ref(tau) for tau in [robot.inverse_dynamics(*STATE) for _ in range(4)]]
+    del robot
+    gc.collect()
+    assert [ghost() for ghost in ghosts] == [None] * 4

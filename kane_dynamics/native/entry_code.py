@@ -1,0 +1,243 @@
+"""
+The machine code between Python and one kernel, written for that kernel's very signature.
+
+Two C functions go into the kernel's own module. `entry` takes arrays as positional arguments,
+checks them, finds memory for the result, and calls the kernel; `bound` takes no argument and calls
+the kernel on memory that was settled before. What they do not take goes to the Python fallback.
+
+Memory for a result is kept from call to call: an entry owns its last two results, and one that
+nobody else refers to any more is given out again, as CPython's `zip` does with its tuples. Two,
+because in ``tau = f(...)`` the old result lives until the new one is there.
+"""
+
+from collections.abc import Sequence
+import math
+
+from kane_dynamics.native.program import Shape
+
+# 64-bit words of the table that a function carries as its `self`, in order; pointers follow: for
+# an entry those of the kernel's arguments that no call passes, for a bound call those of all
+# arguments and of the result.
+TABLE = ('FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY', 'NEW_FLOAT', 'RELEASE',
+         'RESULT_SHAPE', 'RING', 'RESULT')
+
+# Where CPython and numpy keep things: byte offsets in an object and in an ndarray.
+COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72
+READABLE = 0x101  # C_CONTIGUOUS, ALIGNED
+FRESH = READABLE | 0x404  # OWNDATA, WRITEABLE
+TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
+                 '  %table = load ptr, ptr %table.at')
+FLOAT64 = 12  # numpy's type number
+
+
+class _Assembly:
+    """Writes instructions with fresh names; a block's label is the caller's."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._count = 0
+
+    def new(self, code: str) -> str:
+        """Append one instruction and return the name of its result."""
+        self._count += 1
+        self.lines.append(f'  %t{self._count} = {code}')
+        return f'%t{self._count}'
+
+    def put(self, *lines: str) -> None:
+        """Append lines as they are."""
+        self.lines += lines
+
+    def load(self, kind: str, base: str, offset: int = 0) -> str:
+        """Return what stands `offset` bytes past a pointer."""
+        at = self.new(f'getelementptr i8, ptr {base}, i64 {offset}')
+        return self.new(f'load {kind}, ptr {at}, align {4 if kind == "i32" else 8}')
+
+    def word(self, name: str) -> str:
+        """Return a word of the table."""
+        return self.load('ptr', '%table', 8 * TABLE.index(name))
+
+    def equal(self, kind: str, a: str, b: str | int) -> str:
+        """Return whether two are the same."""
+        return self.new(f'icmp eq {kind} {a}, {b}')
+
+    def flags(self, array: str, wanted: int) -> str:
+        """Return whether an array has all these flags."""
+        flags = self.load('i32', array, FLAGS)
+        return self.equal('i32', self.new(f'and i32 {flags}, {wanted}'), wanted)
+
+    def branch(self, conditions: Sequence[str], then: str, otherwise: str) -> None:
+        """Go to `then` where all conditions hold."""
+        both = conditions[0]
+        for condition in conditions[1:]:
+            both = self.new(f'and i1 {both}, {condition}')
+        self.put(f'  br i1 {both}, label %{then}, label %{otherwise}')
+
+    def add_to_count(self, thing: str) -> None:
+        """Take a reference: 32 bits, since newer CPythons keep flags in the other half."""
+        count = self.load('i32', thing, COUNT)
+        self.put(f'  store i32 {self.new(f"add i32 {count}, 1")}, ptr {thing}, align 8')
+
+    def finite(self, blocks: Sequence[tuple[str, int]]) -> list[str]:
+        """Return conditions that together say that blocks, (pointer, size), are finite."""
+        totals: dict[int, str] = {}  # by width, of x - x, which is NaN for NaN and infinity
+        for pointer, size in blocks:
+            width = next(w for w in (8, 4, 2, 1) if w <= size)
+            vector = f'<{width} x double>'
+            for place in [*range(0, size - width, width), size - width]:  # the last may overlap
+                x = self.load(vector, pointer, 8 * place)
+                zero = self.new(f'fsub {vector} {x}, {x}')
+                totals[width] = (self.new(f'fadd {vector} {totals[width]}, {zero}')
+                                 if width in totals else zero)
+        return [self._all_ordered(total, width) for width, total in totals.items()]
+
+    def _all_ordered(self, total: str, width: int) -> str:
+        lanes = self.new(f'fcmp uno <{width} x double> {total}, zeroinitializer')
+        return self.equal(f'i{width}', self.new(f'bitcast <{width} x i1> {lanes} to i{width}'), 0)
+
+    def slow(self, keywords: str) -> None:
+        """Write the road to the fallback, and the end of the function."""
+        self.put('slow:')
+        answer = self.new(f'call ptr {self.word("VECTORCALL")}(ptr {self.word("FALLBACK")}, '
+                          f'ptr %args, i64 %nargs, ptr {keywords})')
+        self.put(f'  ret ptr {answer}', '}')
+
+
+def _take(a: _Assembly, place: str, shape: Shape, otherwise: str) -> None:
+    """Go to `run` with the array in a slot of the ring, or on where it is in use or altered."""
+    slot = a.new(f'getelementptr ptr, ptr {a.word("RING")}, i64 {0 if place == "first" else 1}')
+    array = a.load('ptr', slot)
+    a.branch([a.equal('i32', a.load('i32', array, COUNT), 1),
+              a.equal('ptr', a.load('ptr', array, WEAKREFS), 'null'),
+              a.equal('ptr', a.load('ptr', array, DTYPE), a.word('FLOAT64')),
+              a.equal('i32', a.load('i32', array, NDIM), len(shape)), a.flags(array, FRESH)],
+             f'{place}.free', otherwise)
+    a.put(f'{place}.free:')
+    lengths = a.load('ptr', array, SHAPE)
+    a.branch([a.equal('i64', a.load('i64', lengths, 8 * k), length)
+              for k, length in enumerate(shape)], f'{place}.taken', otherwise)
+    a.put(f'{place}.taken:')
+    a.add_to_count(array)
+    a.put(f'  %{place}.array = getelementptr i8, ptr {array}, i64 0', '  br label %run')
+
+
+def _make(a: _Assembly, shape: Shape) -> None:
+    """Make an array, and let it push the older one out of the ring."""
+    a.put('make:')
+    ring, made = a.word('RING'), '%made.array'
+    a.put(f'  {made} = call ptr {a.word("NEW_ARRAY")}(ptr {a.word("NDARRAY")}, i32 {len(shape)}, '
+          f'ptr {a.word("RESULT_SHAPE")}, i32 {FLOAT64}, ptr null, ptr null, i32 0, i32 0, '
+          'ptr null)',
+          f'  %failed = icmp eq ptr {made}, null',
+          '  br i1 %failed, label %failure, label %keep', 'failure:', '  ret ptr null', 'keep:')
+    a.add_to_count(made)
+    second = a.new(f'getelementptr ptr, ptr {ring}, i64 1')
+    oldest, newer = a.load('ptr', ring), a.load('ptr', second)
+    a.put(f'  store ptr {newer}, ptr {ring}', f'  store ptr {made}, ptr {second}',
+          f'  call void {a.word("RELEASE")}(ptr {oldest})', '  br label %run')
+
+
+def _give_float(a: _Assembly, number_at: str) -> None:
+    a.branch(a.finite([(number_at, 1)]), 'good', 'slow')
+    a.put('good:')
+    new_float, number = a.word('NEW_FLOAT'), a.load('double', number_at)
+    a.put('  ret ptr ' + a.new(f'call ptr {new_float}(double {number})'))
+
+
+def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shape) -> str:
+    """
+    Return the assembly of `entry`.
+
+    Parameters
+    ----------
+    symbol : str
+        The kernel's, ``void symbol(double **pointers)``: arguments, defaults, result.
+    lengths : sequence of int
+        Length of each positional argument, all of one dimension; none may be 0.
+    n_defaults : int
+        Arguments whose memory the table names.
+    shape : tuple of int
+        Of the result; none may be 0. () returns a float.
+
+    """
+    a = _Assembly()
+    slots = len(lengths) + n_defaults + 1
+    a.put('define ptr @entry(ptr %self, ptr %args, i64 %nargs, ptr %kwnames) {',
+          f'  %pointers = alloca [{slots} x ptr]', '  %scalar = alloca double',
+          *TABLE_OF_SELF)
+    a.branch([a.equal('ptr', '%kwnames', 'null'), a.equal('i64', '%nargs', len(lengths))],
+             'types', 'slow')
+    a.put('types:')
+    given = [a.load('ptr', '%args', 8 * k) for k in range(len(lengths))]
+    ndarray, float64 = a.word('NDARRAY'), a.word('FLOAT64')
+    a.branch([a.equal('ptr', a.load('ptr', o, TYPE), ndarray) for o in given], 'layout', 'slow')
+    a.put('layout:')
+    a.branch([condition for o in given for condition in (
+        a.equal('i32', a.load('i32', o, NDIM), 1),
+        a.equal('ptr', a.load('ptr', o, DTYPE), float64), a.flags(o, READABLE))],
+        'lengths', 'slow')
+    a.put('lengths:')
+    a.branch([a.equal('i64', a.load('i64', a.load('ptr', o, SHAPE)), length)
+              for o, length in zip(given, lengths)], 'values', 'slow')
+    a.put('values:')
+    data = [a.load('ptr', o, DATA) for o in given]
+    a.branch(a.finite(list(zip(data, lengths))), 'ready', 'slow')
+    a.put('ready:')
+    data += [a.load('ptr', '%table', 8 * (len(TABLE) + k)) for k in range(n_defaults)]
+    for k, pointer in enumerate(data):
+        a.put(f'  store ptr {pointer}, ptr '
+              + a.new(f'getelementptr ptr, ptr %pointers, i64 {k}'))
+    result = a.new(f'getelementptr ptr, ptr %pointers, i64 {slots - 1}')
+    if not shape:
+        a.put(f'  store ptr %scalar, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
+        _give_float(a, '%scalar')
+        a.slow('%kwnames')
+        return '\n'.join(a.lines)
+    _take(a, 'first', shape, 'second')
+    a.put('second:')
+    _take(a, 'second', shape, 'make')
+    _make(a, shape)
+    a.put('run:', '  %out = phi ptr [%first.array, %first.taken], [%second.array, %second.taken], '
+          '[%made.array, %keep]')
+    memory = a.load('ptr', '%out', DATA)
+    a.put(f'  store ptr {memory}, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
+    a.branch(a.finite([(memory, math.prod(shape))]), 'good', 'discard')
+    a.put('good:', '  ret ptr %out', 'discard:')  # the fallback computes it again and explains
+    a.put(f'  call void {a.word("RELEASE")}(ptr %out)', '  br label %slow')
+    a.slow('%kwnames')
+    return '\n'.join(a.lines)
+
+
+def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shape) -> str:
+    """
+    Return the assembly of `bound`.
+
+    Parameters
+    ----------
+    symbol : str
+        The kernel's, ``void symbol(double **pointers)``: arguments, parameters, result.
+    sizes : sequence of int
+        Number of entries of each argument; none may be 0.
+    n_parameters : int
+        Blocks that follow the arguments and are not checked.
+    shape : tuple of int
+        Of the result; () returns a float.
+
+    """
+    a = _Assembly()
+    a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {',
+          *TABLE_OF_SELF,
+          f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
+    data = [a.load('ptr', '%pointers', 8 * k) for k in range(len(sizes))]
+    a.branch([a.equal('i64', '%nargs', 0), *a.finite(list(zip(data, sizes)))], 'run', 'slow')
+    a.put('run:', f'  call void @{symbol}(ptr %pointers)')
+    memory = a.load('ptr', '%pointers', 8 * (len(sizes) + n_parameters))
+    if shape:
+        a.branch(a.finite([(memory, math.prod(shape))]), 'good', 'slow')
+        a.put('good:')
+        result = a.word('RESULT')
+        a.add_to_count(result)
+        a.put(f'  ret ptr {result}')
+    else:
+        _give_float(a, memory)
+    a.slow('null')
+    return '\n'.join(a.lines)

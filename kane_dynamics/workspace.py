@@ -1,0 +1,127 @@
+"""`Workspace`: a robot's quantities on memory of their own, for loops that must not allocate."""
+
+from collections.abc import Callable
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.kernel_set import KernelSet
+from kane_dynamics.model import Array
+from kane_dynamics.native.kernels import Kernel
+from kane_dynamics.quantities import FRAME_QUANTITIES, QUANTITIES
+import numpy as np
+
+STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
+
+
+class _Quantity:
+    """A quantity that, once used on a workspace, gives way to its function there."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.__doc__ = f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
+
+    def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
+        if workspace is None:
+            return self
+        function = workspace._bound(workspace._kernels.quantity(self.name), self.__doc__ or '')
+        workspace.__dict__[self.name] = function
+        return function
+
+
+class Workspace:
+    """
+    Arrays of one robot's state, and its quantities as functions without arguments.
+
+    Write into `q`, `u`, `udot`, `tau` (each (n,), SI units, zero at first) and, where the robot
+    declares wrench frames, `wrench` (k, 6); then call any quantity of `Robot` without arguments.
+    ``inverse_dynamics()`` writes to and returns `tau`, ``forward_dynamics()`` `udot`; every other
+    quantity returns an array of its own, the same one at every call (derivatives (3, n, n), which
+    unpacks), and energies return a float.
+    A call allocates no array and runs no Python; take the function out of a tight loop, since
+    looking it up costs nearly half as much as calling it. It reads the robot's `parameters`
+    as they are.
+
+    The arrays stay where they are: to rebind an attribute is an error, and so is to resize an
+    array. A workspace belongs to one thread. A quantity compiles at its first use. A call raises
+    InputError where what it reads or what comes out is not finite; the array of its result is then
+    not to be used.
+
+    Parameters
+    ----------
+    kernels : KernelSet
+        The robot's; `Robot.bind` passes them.
+
+    """
+
+    q: Array
+    u: Array
+    udot: Array
+    tau: Array
+    wrench: Array
+    _kernels: KernelSet
+    _states: dict[str, Array]
+    _at: dict[tuple[str, str], Callable[[], Any]]
+
+    def __init__(self, kernels: KernelSet) -> None:
+        """Make the arrays; nothing is compiled yet."""
+        names = {name for quantity in (*QUANTITIES.values(), *FRAME_QUANTITIES.values())
+                 for name in quantity.arguments}
+        states = {name: _fixed((kernels.equations.n,)) for name in sorted(names)}
+        if len(kernels.no_wrench):
+            states['wrench'] = _fixed(kernels.no_wrench.shape)
+        self.__dict__.update(states, _kernels=kernels, _states=states, _at={})
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse: the compiled calls read the memory that is there."""
+        raise InputError(f"a workspace's {name} cannot be rebound; write into its arrays: "
+                         f'workspace.{name}[:] = ...')
+
+    def __reduce__(self) -> Any:
+        """Refuse: what is bound is memory of this process."""
+        raise TypeError('a workspace cannot be copied or pickled; bind the robot anew')
+
+    def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
+        """
+        Return a frame quantity as a function without arguments.
+
+        Parameters
+        ----------
+        name : str
+            'frame_pose', 'frame_velocity', 'frame_acceleration' or 'partial_velocities'.
+        frame : str
+            Of the robot's model.
+
+        Raises
+        ------
+        InputError
+            No such quantity or frame; the message lists the valid ones.
+
+        """
+        if name not in FRAME_QUANTITIES:
+            raise InputError(f"no quantity of a frame is called '{name}'; valid: "
+                             f'{", ".join(FRAME_QUANTITIES)}')
+        return self._bound_at(self._kernels.at_frame(name, frame), frame)
+
+    def reaction(self, joint: str) -> Callable[[], Any]:
+        """Return `Robot.joint_reaction` at a joint as a function without arguments."""
+        return self._bound_at(self._kernels.reaction(joint), joint)
+
+    def _bound_at(self, kernel: Kernel, at: str) -> Callable[[], Any]:
+        if (kernel.name, at) not in self._at:
+            self._at[kernel.name, at] = self._bound(kernel, f'Compute {kernel.name} of {at}.')
+        return self._at[kernel.name, at]
+
+    def _bound(self, kernel: Kernel, doc: str) -> Callable[[], Any]:
+        target = STATE_RESULTS.get(kernel.name)
+        result = _fixed(kernel.shape) if target is None else self._states[target]
+        return kernel.bind([self._states[argument.name] for argument in kernel.arguments], result,
+                           doc)
+
+
+for _name in QUANTITIES:  # not by `__getattr__`, which makes every look-up of an attribute slower
+    setattr(Workspace, _name, _Quantity(_name))
+
+
+def _fixed(shape: tuple[int, ...]) -> Array:
+    """Return zeros that cannot be resized: numpy refuses that to an array on another's memory."""
+    return np.zeros(shape)[...]

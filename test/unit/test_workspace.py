@@ -1,0 +1,155 @@
+"""Promises of a bound workspace: the robot's numbers on fixed memory, refused where not finite."""
+
+import copy
+import gc
+import sys
+import tracemalloc
+
+from kane_dynamics import InputError, Robot
+from kane_dynamics.native import entry
+from kane_dynamics.quantities import FRAME_QUANTITIES, QUANTITIES
+from mechanisms import random_inertial, random_model, random_state
+import numpy as np
+import pytest
+
+MODEL = random_model(3, 5)
+STATE = random_state(MODEL, 0)
+
+
+@pytest.fixture(params=['machine code', 'fallback'])
+def robot(request, monkeypatch):
+    """Return a robot with a payload and a wrench, on either road."""
+    if request.param == 'fallback':
+        monkeypatch.setattr(entry, 'supported', lambda: False)
+    return Robot(MODEL, wrench_frames=['frame4'], payload_frame='frame2')
+
+
+def bound(robot):
+    """Return a workspace at a state with a wrench."""
+    workspace = robot.bind()
+    workspace.q[:], workspace.u[:], workspace.udot[:] = STATE
+    workspace.tau[:] = [1.0, -2.0, 3.0, 0.5, -0.5]
+    workspace.wrench[:] = np.arange(6.0)
+    return workspace
+
+
+@pytest.mark.parametrize('name', QUANTITIES)
+def test_every_quantity_is_the_robots_own(robot, name):
+    workspace = bound(robot)
+    given = {key: value.copy() for key, value in vars(workspace).items()
+             if isinstance(value, np.ndarray)}
+    quantity = QUANTITIES[name]
+    wrench = {'wrench': given['wrench']} if quantity.wrench else {}
+    expected = getattr(robot, name)(*[given[a] for a in quantity.arguments], **wrench)
+    result = getattr(workspace, name)()
+    assert np.array_equal(result, expected)
+    assert isinstance(result, float) == isinstance(expected, float)
+
+
+@pytest.mark.parametrize('name', FRAME_QUANTITIES)
+def test_every_quantity_of_a_frame_is_the_robots_own(robot, name):
+    call = bound(robot).at_frame(name, 'frame4')
+    expected = getattr(robot, name)('frame4', *STATE[:len(FRAME_QUANTITIES[name].arguments)])
+    assert np.array_equal(call(), expected)
+    assert call() is call()
+
+
+def test_a_joints_reaction_is_the_robots_own(robot):
+    workspace = bound(robot)
+    call = workspace.reaction('joint2')
+    assert np.array_equal(call(), robot.joint_reaction('joint2', *STATE, wrench=workspace.wrench))
+    assert call is workspace.reaction('joint2')
+
+
+def test_results_that_are_states_are_written_there(robot):
+    workspace = bound(robot)
+    assert workspace.inverse_dynamics() is workspace.tau
+    workspace.udot[:] = 0.0
+    assert workspace.forward_dynamics() is workspace.udot
+    np.testing.assert_allclose(workspace.udot, STATE[2], rtol=1e-9)
+    assert workspace.mass_matrix() is workspace.mass_matrix()
+
+
+def test_parameters_are_read_as_they_are(robot):
+    workspace = bound(robot)
+    workspace.gravity_force()
+    robot.parameters.gravity = (1.0, 2.0, 3.0)
+    robot.parameters.payload = random_inertial(np.random.default_rng(0))
+    assert np.array_equal(workspace.gravity_force(), robot.gravity_force(STATE[0]))
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('name, place', [(name, place) for name in ('q', 'u', 'udot')
+                                         for place in range(5)] + [('wrench', (0, 5))])
+def test_no_number_comes_from_memory_that_is_not_finite(robot, value, name, place):
+    workspace = bound(robot)
+    workspace.inverse_dynamics()
+    getattr(workspace, name)[place] = value
+    with pytest.raises(InputError, match=rf'{name}\[.*is -?(nan|inf)'):
+        workspace.inverse_dynamics()
+
+
+def test_no_infinite_result_is_returned(robot):
+    workspace = bound(robot)
+    workspace.udot[:] = 1e308
+    with pytest.raises(InputError, match='not finite'):
+        workspace.inverse_dynamics()
+
+
+def test_memory_stays_where_it_is(robot):
+    workspace = bound(robot)
+    for name in ('q', 'inverse_dynamics', 'nothing'):
+        with pytest.raises(InputError, match=rf'{name} cannot be rebound.*{name}\[:\]'):
+            setattr(workspace, name, np.zeros(5))
+    for array in (workspace.q, workspace.tau, workspace.mass_matrix()):
+        with pytest.raises(ValueError, match='own'):
+            array.resize(99, refcheck=False)
+
+
+def test_arguments_and_unknown_names_are_refused(robot):
+    workspace = bound(robot)
+    with pytest.raises(TypeError, match='0 positional'):
+        workspace.inverse_dynamics(STATE[0])
+    with pytest.raises(TypeError, match='keyword'):
+        workspace.inverse_dynamics(q=STATE[0])
+    with pytest.raises(AttributeError, match='torque'):
+        _ = workspace.torque
+    with pytest.raises(InputError, match="'pose'; valid: frame_pose"):
+        workspace.at_frame('pose', 'frame1')
+    with pytest.raises(InputError, match=r"'nowhere'; valid: .*frame0"):
+        workspace.at_frame('frame_pose', 'nowhere')
+    with pytest.raises(TypeError, match='bind'):
+        copy.copy(workspace)
+    assert {'q', 'wrench', 'inverse_dynamics', 'at_frame'} <= set(dir(workspace))
+
+
+def test_two_workspaces_share_nothing(robot):
+    first, second = bound(robot), robot.bind()
+    expected = first.inverse_dynamics().copy()
+    second.inverse_dynamics()
+    assert np.array_equal(first.tau, expected)
+
+
+def test_a_workspace_keeps_alive_what_it_needs():
+    call = bound(Robot(MODEL, wrench_frames=['frame4'])).inverse_dynamics
+    gc.collect()
+    expected = Robot(MODEL, wrench_frames=['frame4']).inverse_dynamics(
+        *STATE, wrench=np.arange(6.0)[None])
+    assert np.array_equal(call(), expected)
+
+
+def test_a_call_allocates_nothing():
+    workspace = bound(Robot(MODEL, wrench_frames=['frame4']))
+    calls = workspace.inverse_dynamics, workspace.mass_matrix
+    references = [sys.getrefcount(call()) for call in calls]
+    loop = [None] * 1000
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    tracemalloc.reset_peak()
+    for _ in loop:
+        for call in calls:
+            call()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak - before < 200  # the loops' own iterators
+    assert [sys.getrefcount(call()) for call in calls] == references
