@@ -62,6 +62,12 @@ class Race:
     theirs: float
     ratio: tuple[float, float, float]
 
+    def __str__(self) -> str:
+        """Return one line."""
+        middle, low, high = self.ratio
+        return (f'{self.robot} ({self.axes}) {self.what}: {1e9 * self.ours:.0f} ns, {self.peer} '
+                f'{1e9 * self.theirs:.0f} ns, {middle:.1f} ({low:.1f} to {high:.1f})')
+
 
 def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int, rivals: tuple[str, ...]
          ) -> Race:
@@ -206,13 +212,9 @@ def races() -> list[Race]:
 def main() -> int:
     """Print the races."""
     try:
-        results = races()
+        print(*races(), sep='\n')
     except Unavailable as error:
         print(f'native loop left out: {error}')
-        return 0
-    for r in results:
-        print(f'{r.robot} ({r.axes}) {r.what}: {1e9 * r.ours:.0f} ns, {r.peer} '
-              f'{1e9 * r.theirs:.0f} ns, {r.ratio[0]:.1f} ({r.ratio[1]:.1f} to {r.ratio[2]:.1f})')
     return 0
 
 

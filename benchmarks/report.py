@@ -16,6 +16,7 @@ import math
 import os
 from pathlib import Path
 import platform
+import shutil
 import subprocess
 import sys
 from typing import Any
@@ -110,7 +111,7 @@ def machine() -> dict[str, Any]:
     names = [line.partition(':')[2].strip() for line in _lines('/proc/cpuinfo')
              if line.startswith('model name')]
     compiler = subprocess.run(['g++', '-dumpfullversion'], capture_output=True, text=True,
-                              check=False) if _has('g++') else None
+                              check=False) if shutil.which('g++') else None
     versions = {}
     for package in PACKAGES:
         try:
@@ -129,11 +130,6 @@ def _lines(path: str) -> list[str]:
         return Path(path).read_text(encoding='utf-8').splitlines()
     except OSError:
         return []  # not Linux
-
-
-def _has(program: str) -> bool:
-    return any((Path(folder) / program).exists()
-               for folder in os.environ.get('PATH', '').split(os.pathsep))
 
 
 def judged(races: Iterable[dict[str, Any]], start: dict[str, Any]) -> list[dict[str, Any]]:

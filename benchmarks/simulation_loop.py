@@ -86,9 +86,7 @@ def races() -> list[Race]:
 
 def main() -> int:
     """Print the races."""
-    for r in races():
-        print(f'{r.robot} ({r.axes}) {r.what}: {1e9 * r.ours:.0f} ns, {r.peer} '
-              f'{1e9 * r.theirs:.0f} ns, {r.ratio[0]:.1f} ({r.ratio[1]:.1f} to {r.ratio[2]:.1f})')
+    print(*races(), sep='\n')
     return 0
 
 
