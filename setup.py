@@ -13,7 +13,9 @@ ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1',
-        'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1', *plot]
+        'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1',
+        'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
+        *plot]
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
 bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',

@@ -4,8 +4,10 @@ Feedforward control: from a measured state and a desired motion to the torques t
 Everything here is plain library code; the ROS node only converts messages around it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 import math
 
 from kane_dynamics.errors import InputError
@@ -146,6 +148,7 @@ class Controller:
         rate = None if rate_limit is None else per_joint(rate_limit, 'rate_limit', names,
                                                          finite=False)
         self.kp, self.kd = new_kp, new_kd
+        self._gains = np.concatenate([new_kp, new_kd])
         if effort is not None:
             self._limiter.set_effort(effort)
         if rate is not None:
@@ -161,6 +164,16 @@ class Controller:
             # Feedback acts through M in any case; friction is added at the desired speed.
             rows |= {'inertia': True, 'friction': False}
             self._back = np.array(list(rows.values()), dtype=np.float64)
+
+    @cached_property
+    def _law(self) -> Callable[..., Array]:
+        """The kernel of computed torque with all terms."""
+        kernel = self.robot.kernels.computed_torque()
+        return kernel.entry('', kernel)
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile now what a command may need beyond the robot's own kernels."""
+        self._law  # noqa: B018
 
     @property
     def effort_limit(self) -> Array:
@@ -215,16 +228,25 @@ class Controller:
                 raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
-        moment = t if motion_time is None else motion_time
+        return self.command_checked(t, q, q if u is None else u, motion,
+                                    t if motion_time is None else motion_time)
+
+    def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
+                        moment: float) -> Command:
+        """
+        Return the torques to apply, as `command` does, without looking at the arguments.
+
+        For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
+        the motion is of the robot's joints in the robot's order.
+        """
         if self.mode is Mode.COMPUTED_TORQUE:
-            assert u is not None
             tau = self._computed_torque(q, u, motion, moment)
         elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
             q_d, u_d, udot_d = motion.sample(moment)
             tau = (self.robot.inverse_dynamics(q_d, u_d, udot_d) if self._all
                    else self._forward @ self.robot.torque_terms(q_d, u_d, udot_d))
         else:
-            tau = self.robot.gravity_force(q) if self.compensate.gravity else self._zero
+            tau = self.robot.gravity_force(q) if self.compensate.gravity else self._zero.copy()
         return self._limiter.apply(t, tau)
 
     def stop(self) -> Command:
@@ -243,11 +265,11 @@ class Controller:
         else:
             self._pose = None  # where it stood before says nothing about where it will end
             q_d, u_d, udot_d = motion.sample(moment)
+        if self._all:
+            whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
+            return whole
         with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
             correction = self.kd * (u_d - u) + self.kp * (q_d - q)
-        if self._all:
-            return (robot.inverse_dynamics(q, u, udot_d + correction)
-                    + (robot.friction_force(u_d) - robot.friction_force(u)))
         udot = udot_d + correction if self.compensate.inertia else correction
         tau: Array = self._back @ robot.torque_terms(q, u, udot)
         return tau + robot.friction_force(u_d) if self.compensate.friction else tau

@@ -16,6 +16,7 @@ from kane_dynamics.quantities import FRAME_QUANTITIES, JOINT_REACTION, QUANTITIE
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse written out would compile too slowly
+FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
 
 
 class KernelSet:
@@ -100,13 +101,45 @@ class KernelSet:
             return method(*given, parameters) if quantity.parameters else method(*given)
         return trace_program(name, function, self._inputs(quantity))
 
-    def rigid_program(self) -> Program:
-        """Trace inverse dynamics without friction, the part that feedback linearisation needs."""
-        def function(q: Any, u: Any, udot: Any, *rest: Any) -> Any:
+    def computed_torque(self) -> Kernel:
+        """
+        Return the kernel of computed torque.
+
+        Its arguments are q, u measured, q, u, udot desired, and the gains: kp, then kd, (2 n,).
+        """
+        def make() -> Kernel:
+            n = self.equations.n
+            arguments = [Argument(name, (n,), self.equations.model.coordinate_names)
+                         for name in FEEDBACK] + [Argument('gains', (2 * n,))]
+            if len(self.no_wrench):
+                arguments.append(Argument('wrench', self.no_wrench.shape,
+                                          default=self.no_wrench))
+            return Kernel('computed_torque', self.feedback_program, self._key, arguments,
+                          self._parameters, (n,))
+        return self._kept(('computed_torque', ''), make)
+
+    def feedback_program(self) -> Program:
+        """
+        Trace the law of computed torque, with friction at the desired speed.
+
+        ``tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)``: at the
+        measured speed, compensating friction would push a resting arm on.
+        """
+        n = self.equations.n
+
+        def function(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any,
+                     *rest: Any) -> Any:
+            kp, kd = gains[:n], gains[n:]
             wrench = rest[0] if len(self.no_wrench) else None
-            return self.equations.rigid_dynamics(q, u, udot, wrench, rest[-1])
-        return trace_program('rigid_dynamics', function,
-                             self._inputs(QUANTITIES['inverse_dynamics']))
+            wanted = udot_d + (kd * (u_d - u) + kp * (q_d - q))
+            return (np.array(self.equations.rigid_dynamics(q, u, wanted, wrench, rest[-1]))
+                    + self.equations.friction_force(u_d))
+        inputs: list[tuple[str, Shape]] = [(name, (n,)) for name in FEEDBACK]
+        inputs.append(('gains', (2 * n,)))
+        if len(self.no_wrench):
+            inputs.append(('wrench', self.no_wrench.shape))
+        return trace_program('computed_torque', function,
+                             [*inputs, ('parameters', self._parameters.shape)])
 
     def _large_inverse(self) -> Program:
         """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""

@@ -10,19 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Flags = NDArray[np.bool_]
+FINITE = float(np.finfo(np.float64).max)
 
 
 class Command(NamedTuple):
-    """Torques to apply, (n,) N m or N, and which of them the two limits changed, (n,) bool."""
+    """Torques to apply, (n,) N m or N; those that a limit changed, (n,) bool; whether any did."""
 
     tau: Array
     clamped: Flags
     rate_limited: Flags
-
-    @property
-    def limited(self) -> bool:
-        """Whether any limit changed any torque."""
-        return bool(self.clamped.any() or self.rate_limited.any())
+    limited: bool
 
 
 class Limiter:
@@ -42,7 +39,11 @@ class Limiter:
     def __init__(self, joint_names: Sequence[str]) -> None:
         self._names = tuple(joint_names)
         self._zero = np.zeros(len(self._names))
-        self._last = self._zero
+        self._none = np.zeros(len(self._names), dtype=bool)
+        self._none.flags.writeable = False
+        # Lists of floats: for the few joints of an arm, and between two sleeps of a controller,
+        # plain arithmetic takes a fraction of the time of a dozen array operations.
+        self._last: list[float] = self._zero.tolist()
         self._stamp: float | None = None
         self.set_effort(np.full(len(self._names), math.inf))
         self.set_rate(np.full(len(self._names), math.inf))
@@ -51,14 +52,18 @@ class Limiter:
         """Change the largest torques; the last command is taken into them at once."""
         self.effort = effort
         # A command under a wider limit must not outlast it through the rate limit.
-        self._last = np.clip(self._last, -effort, effort)
+        self._largest: list[float] = effort.tolist()
+        self._bounds = [(-most, most) for most in np.minimum(effort, FINITE).tolist()]
+        self._last = [min(max(last, -most), most)
+                      for last, most in zip(self._last, self._largest, strict=True)]
 
     def set_rate(self, rate: Array) -> None:
         """Change the largest changes per second."""
         self.rate = rate
+        self._rated = bool(np.isfinite(rate).any())
         # The step is slope * dt + free, which avoids inf * 0 where there is no limit.
-        self._slope = np.where(np.isfinite(rate), rate, 0.0)
-        self._free = np.where(np.isfinite(rate), 0.0, math.inf)
+        self._slope: list[float] = np.where(np.isfinite(rate), rate, 0.0).tolist()
+        self._free: list[float] = np.where(np.isfinite(rate), 0.0, math.inf).tolist()
 
     def apply(self, t: float, tau: Array) -> Command:
         """
@@ -66,27 +71,48 @@ class Limiter:
 
         A stamp that lies before the last one leaves no time for a change.
 
+        Parameters
+        ----------
+        t : float
+            s, on any clock.
+        tau : (n,) array
+            N m or N; it is the command where no limit changes it.
+
         Raises
         ------
         InputError
             A torque is not finite; the last command stays as it was.
 
         """
-        if not all(map(math.isfinite, tau.tolist())):  # a short row: faster than numpy
+        wanted = tau.tolist()
+        if not self._rated:
+            for x, (low, high) in zip(wanted, self._bounds):
+                if not low <= x <= high:  # nan and infinity too
+                    break
+            else:
+                self._last, self._stamp = wanted, t
+                return Command(tau, self._none, self._none, False)
+        if not all(map(math.isfinite, wanted)):
             raise InputError('the torques are not finite: '
-                             f'{dict(zip(self._names, tau.tolist(), strict=True))}; the state, '
+                             f'{dict(zip(self._names, wanted, strict=True))}; the state, '
                              'the motion or the gains are beyond any physical range')
-        within = np.minimum(np.maximum(tau, -self.effort), self.effort)
+        within = [min(max(x, -most), most)
+                  for x, most in zip(wanted, self._largest, strict=True)]
         elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
-        step = self._slope * elapsed + self._free
-        out = np.minimum(np.maximum(within, self._last - step), self._last + step)
+        out = within if not self._rated else [
+            min(max(x, last - (slope * elapsed + free)), last + (slope * elapsed + free))
+            for x, last, slope, free in zip(within, self._last, self._slope, self._free,
+                                            strict=True)]
         self._last, self._stamp = out, t
-        return Command(out.copy(), within != tau, out != within)
+        if out == wanted:
+            return Command(tau, self._none, self._none, False)
+        clamped, limited = np.array(within) != tau, np.array(out) != np.array(within)
+        return Command(np.array(out), clamped, limited, True)
 
     def stop(self) -> Command:
         """Return zeros, past every limit, and start anew with the next stamp."""
-        self._last, self._stamp = self._zero, None
-        return Command(self._zero.copy(), self._zero > 0.0, self._zero > 0.0)
+        self._last, self._stamp = self._zero.tolist(), None
+        return Command(self._zero.copy(), self._none, self._none, False)
 
 
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,

@@ -139,9 +139,12 @@ class Motion:
             u = None if u is None else np.vstack([first[1], u])
             udot = None if udot is None else np.vstack([first[2], udot])
             rest = first[1]
-        if u is None:
-            u = _spline_velocities(t, q, rest)
-        return cls(names, t, q, _coefficients(t, q, u, udot))
+        with np.errstate(over='ignore', invalid='ignore'):
+            u = _spline_velocities(t, q, rest) if u is None else u
+            motion = cls(names, t, q, _coefficients(t, q, u, udot))
+        if not np.isfinite(motion._table).all():
+            raise InputError(f'the motion, up to {np.abs(q).max():g}, leaves the finite numbers')
+        return motion
 
     def sample(self, t: ArrayLike) -> State:
         """

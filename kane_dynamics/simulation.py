@@ -222,7 +222,7 @@ def _positive(name: str, value: Any) -> float:
 
 def _whole(name: str, value: float, step: float, most: int) -> int:
     """Return how many steps a time is; InputError unless that is a whole number in bounds."""
-    count = round(value / step)
+    count = round(value / step) if math.isfinite(value / step) else 0
     if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
         raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
                          'whole number of steps')

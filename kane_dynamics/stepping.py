@@ -54,7 +54,7 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
     """Trace one step."""
     n, kernels = robot.n, robot.kernels
     forward = kernels.program('forward_dynamics')
-    rigid = kernels.rigid_program() if feedback else forward
+    law = kernels.feedback_program() if feedback else forward
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
@@ -62,11 +62,8 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
 
         def udot(q: Any, u: Any, given: Any) -> Any:
             tau = given
-            if feedback:  # the law of control.Controller: friction at the desired speed
-                (kp, kd), (q_d, u_d, udot_d) = np.split(gains, 2), np.split(given, 3)
-                wanted = udot_d + kd * (u_d - u) + kp * (q_d - q)
-                tau = (np.array(call(rigid, q, u, wanted, *wrench, parameters))
-                       + robot.equations.friction_force(u_d))
+            if feedback:  # the law of control.Controller
+                tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
             return np.array(call(forward, q, u, tau, *wrench, parameters))
         moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
         q, u = runge_kutta_4(udot, state[:n], state[n:], moments, h[0])

@@ -9,77 +9,11 @@ from kane_dynamics.motion import Motion
 from kane_dynamics.trajectory import Trajectory
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 NANO = 1_000_000_000
-# Why a joint state was dropped; the diagnostics count each of them.
-MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE = (
-    'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite')
-
-
-class StateReader:
-    """
-    Reads joint states into `q` and `u`, which stay the same arrays, in the order of `joints`.
-
-    The mapping from names to entries is found once and kept for as long as the names of the
-    messages stay the same, so that an ordinary message costs two gathers.
-
-    Attributes
-    ----------
-    q, u : (n,) arrays
-        The last state; as good as meaningless after `read` has returned a reason.
-    detail : str
-        What exactly was wrong with the last message that was not good.
-
-    """
-
-    def __init__(self, joints: Sequence[str]) -> None:
-        self.joints = tuple(joints)
-        self.q, self.u = np.zeros(len(self.joints)), np.zeros(len(self.joints))
-        self.detail = ''
-        self._names: list[str] | None = None
-        self._index: Index = np.zeros(0, dtype=np.intp)
-        self._fault: str | None = None
-
-    def read(self, message: JointState, need_velocity: bool) -> str | None:
-        """Read one message; return None if it is good, else the reason to drop it."""
-        if message.name != self._names:
-            self._map(list(message.name))
-        if self._fault is not None:
-            return self._fault
-        count = len(message.name)
-        if len(message.position) != count:
-            self.detail = f'{len(message.position)} positions for {count} names'
-            return SHORT
-        np.frombuffer(message.position).take(self._index, out=self.q, mode='clip')
-        speeds = len(message.velocity)
-        if speeds == count:
-            np.frombuffer(message.velocity).take(self._index, out=self.u, mode='clip')
-        elif need_velocity:
-            self.detail = f'{speeds} velocities for {count} names'
-            return SHORT if speeds else NO_VELOCITY
-        else:
-            self.u.fill(0.0)
-        if not (np.isfinite(self.q).all() and np.isfinite(self.u).all()):
-            bad = ~(np.isfinite(self.q) & np.isfinite(self.u))
-            self.detail = ', '.join(self.joints[i] for i in np.flatnonzero(bad))
-            return NOT_FINITE
-        return None
-
-    def _map(self, names: list[str]) -> None:
-        """Find the entry of each joint in messages with these names."""
-        self._names, self._fault = names, None
-        entry = {name: i for i, name in enumerate(names)}
-        missing = [joint for joint in self.joints if joint not in entry]
-        twice = [joint for joint in self.joints if names.count(joint) > 1]
-        if missing or twice:
-            self._fault = MISSING if missing else TWICE
-            self.detail = ', '.join(missing or twice)
-            return
-        self._index = np.array([entry[joint] for joint in self.joints], dtype=np.intp)
 
 
 def nanoseconds(stamp: Time | Duration) -> int:
@@ -158,6 +92,13 @@ def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
     return values
 
 
+def check_points(count: int, max_points: int) -> None:
+    """Raise InputError unless a trajectory of `count` points may be served."""
+    if not 1 <= count <= max_points:
+        raise InputError(f'the trajectory has {count} points; valid: 1 to {max_points} '
+                         '(parameter trajectory.max_points)')
+
+
 def motion_from_message(message: JointTrajectory, joints: Sequence[str],
                         max_points: int) -> Motion:
     """
@@ -170,9 +111,7 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str],
         length, times out of order, numbers that are not finite.
 
     """
-    if not 1 <= len(message.points) <= max_points:
-        raise InputError(f'the trajectory has {len(message.points)} points; valid: 1 to '
-                         f'{max_points}')
+    check_points(len(message.points), max_points)
     names = list(message.joint_names)
     missing = [joint for joint in joints if joint not in names]
     if missing or len(set(names)) < len(names):

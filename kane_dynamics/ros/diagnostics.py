@@ -16,6 +16,7 @@ class Statistics:
         self.commands = 0
         self.clamped = 0
         self.timeouts = 0
+        self.normal_road = 0  # states that were not laid out like an earlier one
         self.dropped: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
         self.worst_age = 0.0
@@ -58,6 +59,7 @@ class Statistics:
         self.worst_age = 0.0
         values['commands clamped'] = str(self.clamped)
         values['timeouts'] = str(self.timeouts)
+        values['states of a new layout'] = str(self.normal_road)
         values['states dropped'] = str(self.dropped.total())
         for what, counts in (('states dropped', self.dropped), ('rejected', self.rejected)):
             values.update({f'{what}: {reason}': str(count) for reason, count in counts.items()})

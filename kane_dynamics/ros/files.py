@@ -12,6 +12,7 @@ from kane_dynamics.resources import resource_path
 from kane_dynamics.urdf import load_urdf
 
 OURS = 'kane_dynamics'
+MOST_URDF = 10_000_000  # bytes; the largest of real arms have some hundred thousand
 
 
 def located(parameter: str, name: str) -> Path:
@@ -42,7 +43,18 @@ def located(parameter: str, name: str) -> Path:
 
 
 def load(source: str | Path, values: Mapping[str, Any], warn: Callable[[str], object]) -> Model:
-    """Load the URDF as the parameters say; `warn` takes each remark about it."""
+    """
+    Load the URDF as the parameters say; `warn` takes each remark about it.
+
+    Raises
+    ------
+    KaneError
+        The URDF is too large or not valid, or a parameter does not fit it.
+
+    """
+    size = source.stat().st_size if isinstance(source, Path) else len(source.encode())
+    if size > MOST_URDF:
+        raise InputError(f'the URDF has {size} bytes; valid: at most {MOST_URDF}')
     supplement = values['supplement']
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('always')

@@ -6,35 +6,25 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from kane_dynamics.control import Controller
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.quantities import IN_LOOPS
-from kane_dynamics.robot import Robot
-from kane_dynamics.ros import parameters
+from kane_dynamics.ros import parameters, realtime
+from kane_dynamics.ros.arm import ACKNOWLEDGE, Arm
 from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load, located
 from kane_dynamics.ros.report import report
-from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
-from kane_dynamics.ros.torque_path import TorquePath
-from kane_dynamics.stepping import compile_simulation
+from kane_dynamics.ros.trajectories import read_trajectory
+from kane_dynamics_interfaces.srv import SetPayload
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
-from trajectory_msgs.msg import JointTrajectory
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
 
-# Of the sensor data profile: what came during a stall of some ms is answered late, not never.
-BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-ACKNOWLEDGE = 0.3  # s to wait for zeros to be acknowledged
 WARN_PERIOD = 1.0  # s between two warnings of one kind
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -54,25 +44,22 @@ class DynamicsNode(LifecycleNode):
         super().__init__('kane_dynamics')
         self.values = parameters.declare(self)
         self.statistics = Statistics()
-        self.path: TorquePath | None = None
-        self.robot: Robot | None = None
-        self.verified = 0.0
+        self.arm: Arm | None = None
         self._staged: dict[str, Any] = {}
         self._description = ''  # of the topic
-        self._configured_from = ''
         self._warned: dict[str, float] = {}
         self._reported = time.monotonic()
-        self._publishers_of_torque: list[Any] = []
-        self._states: Any = None
+        self._sources = 1  # publishers of joint states at the last report
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timers_of_rate: list[Any] = []
         for remark in parameters.misspelt(list(getattr(self, '_parameter_overrides', {}))):
             self.get_logger().warning(remark)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
+                                                  QoSProfile(depth=1))
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
-        self.server = Services(self, self._on_trajectory)
+        self.server = Services(self, self._on_trajectory, self._on_payload)
         self._set_timers()
 
     @property
@@ -125,8 +112,8 @@ class DynamicsNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to answer joint states."""
         result = super().on_activate(state)
-        assert self.path is not None
-        self.path.start()
+        assert self.arm is not None
+        self.arm.path.start()
         self.get_logger().info(f'active, mode {self.values["mode"]}')
         return result
 
@@ -154,10 +141,7 @@ class DynamicsNode(LifecycleNode):
 
     def halt(self) -> None:
         """Command zeros and wait, within bounds, until subscribers have them."""
-        if self.path is None or not self.path.running:
-            return
-        self.path.stop()
-        if not self._publishers_of_torque[0].wait_for_all_acked(Duration(seconds=ACKNOWLEDGE)):
+        if self.arm is not None and not self.arm.halt():
             self.get_logger().error('zeros were commanded, but a subscriber of commands did not '
                                     f'acknowledge them within {ACKNOWLEDGE} s')
 
@@ -167,63 +151,49 @@ class DynamicsNode(LifecycleNode):
         if not source:
             raise InputError("no URDF: set parameter 'robot_description' or 'urdf', or publish "
                              'on topic robot_description')
-        model = load(source, self.values, self.get_logger().warning)
-        robot, beside = Robot(model), Robot(model)
-        robot.compile(*IN_LOOPS)
-        compile_simulation(beside)  # what both use it finds in the cache
-        self.verified = robot.verify()
-        self.robot, self.statistics = robot, Statistics()
-        commands = self.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)
-        torques = self.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
-        self._publishers_of_torque = [commands, torques]
-        clock = self.get_clock()
-        self.path = TorquePath(
-            Controller(robot, **parameters.controller_settings(self.values, robot.joint_names)),
-            commands, torques, lambda: clock.now().nanoseconds, self.values['state_timeout'],
-            self.statistics, self._warn)
-        self._states = self.create_subscription(JointState, 'joint_states', self.path.on_state,
-                                                BEST_EFFORT)
-        self._serve(beside)
+        log = self.get_logger()
+        model = load(source, self.values, log.warning)
+        self.statistics = Statistics()
+        self.arm = Arm(self, self.server, model, self.values, self.statistics, self._warn)
         # What lives until cleanup need not be looked through by every collection.
         gc.collect()
         gc.freeze()
-        self.get_logger().info(
-            f'{model.name}: {robot.n} joints ({", ".join(robot.joint_names)}), kernels ready in '
-            f'{time.perf_counter() - began:.2f} s, verified to {self.verified:.1e}')
+        realtime.apply(self.values, log.warning)
+        log.info(f'{model.name}: {model.n} joints ({", ".join(model.joint_names)}), kernels ready '
+                 f'in {time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
 
     def _release(self) -> None:
         """Forget the robot and close its topics."""
         gc.unfreeze()
-        self.server.served = None
-        self.path = self.robot = None
-        if self._states is not None:
-            self.destroy_subscription(self._states)
-            self._states = None
-        for publisher in self._publishers_of_torque:
-            self.destroy_lifecycle_publisher(publisher)
-        self._publishers_of_torque = []
+        realtime.collect_when_asked(False)
+        arm, self.arm = self.arm, None
+        if arm is not None:
+            arm.close()
 
-    def _on_trajectory(self, message: JointTrajectory) -> None:
+    def _on_trajectory(self, data: bytes) -> None:
         """Take a new desired motion; runs in the services' thread."""
-        path, robot = self.path, self.robot
+        arm = self.arm
         try:
-            if path is None or robot is None or not path.running:
+            if arm is None or not arm.path.running:
                 raise InputError(f'the node is {self.state}')
-            motion = motion_from_message(message, robot.joint_names,
-                                         self.values['trajectory.max_points'])
+            limit = self.values['trajectory.max_points']
+            message = read_trajectory(data, limit)
+            motion = motion_from_message(message, arm.robot.joint_names, limit)
             now = self.get_clock().now().nanoseconds
             start = nanoseconds(message.header.stamp) or now
             if start + motion.duration * NANO < now and start != now:
                 raise InputError(f'it ended {(now - start) / NANO - motion.duration:.3f} s ago')
-            path.set_motion(motion, start)
+            arm.path.set_motion(motion, start)
         except KaneError as error:
             self.statistics.rejected['joint_trajectory'] += 1
             self.get_logger().error(f'joint_trajectory rejected: {error}')
 
-    def _serve(self, robot: Robot) -> None:
-        """Let the services answer with `robot` and the present parameters."""
-        self.server.max_waiting = self.values['simulation.max_waiting']
-        self.server.served = Served.from_values(robot, self.values)
+    def _on_payload(self, request: SetPayload.Request) -> None:
+        """Carry a payload; runs in the services' thread."""
+        if self.arm is None:
+            raise InputError('not configured')
+        self.arm.set_payload(request)
+        self.get_logger().info(f'payload: {request.payload.m:g} kg')
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a set of changes as a whole; nothing is applied yet."""
@@ -240,8 +210,8 @@ class DynamicsNode(LifecycleNode):
                                      f'configures, and it is {self.state}; deactivate it and '
                                      'clean up first')
                 staged[change.name] = value
-            if self.robot is not None:
-                parameters.controller_settings(staged, self.robot.joint_names)
+            if self.arm is not None:
+                self.arm.check(staged)
         except KaneError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._staged = staged
@@ -253,15 +223,8 @@ class DynamicsNode(LifecycleNode):
         if before['diagnostics_rate'] != self.values['diagnostics_rate'] or (
                 before['state_timeout'] != self.values['state_timeout']):
             self._set_timers()
-        if self.path is None or self.robot is None or self.server.served is None:
-            return
-        self.path.set_timeout(self.values['state_timeout'])
-        self.path.controller.update(
-            **parameters.controller_settings(self.values, self.robot.joint_names))
-        beside = self.server.served.robot
-        for robot in (self.robot, beside):
-            robot.parameters.gravity = self.values['gravity']
-        self._serve(beside)
+        if self.arm is not None:
+            self.arm.update(self.values)
 
     def _set_timers(self) -> None:
         """
@@ -280,15 +243,15 @@ class DynamicsNode(LifecycleNode):
         self.server.spinner.wake()
 
     def _watch(self) -> None:
-        if self.path is not None:
-            self.path.watch()
+        if self.arm is not None:
+            self.arm.path.watch()
 
     def _warn(self, reason: str, detail: str) -> None:
-        """Warn of a joint state that was dropped, once a second for each reason."""
+        """Warn of a message that was dropped, once a second for each reason."""
         now = time.monotonic()
         if now - self._warned.get(reason, -WARN_PERIOD) >= WARN_PERIOD:
             self._warned[reason] = now
-            self.get_logger().warning(f'joint states: {reason}: {detail}')
+            self.get_logger().warning(f'{reason}: {detail}')
 
     def _report(self) -> None:
         now = time.monotonic()
@@ -296,3 +259,9 @@ class DynamicsNode(LifecycleNode):
         message = DiagnosticArray(status=[report(self, period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+        realtime.collect()
+        sources = 1 if self.arm is None else self.arm.sources
+        if sources > 1 and sources != self._sources:
+            self.get_logger().warning(f'{sources} publishers on joint_states: torques follow '
+                                      'whichever spoke last; stop all but one')
+        self._sources = sources

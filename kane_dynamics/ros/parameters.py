@@ -1,110 +1,20 @@
-"""
-The node's parameters: one table that declares, describes and checks each of them.
-
-Numbers and lists are declared with dynamic typing, so that ``100`` does for ``100.0`` and one
-number does for a list with one per joint; the checks here then say in words what is wrong.
-"""
+"""The node's parameters: declared from their table, and checked, saying in words what is wrong."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 import difflib
 import math
-from typing import Any, Literal
+from typing import Any
 
-from kane_dynamics.control import Mode, Terms
+from kane_dynamics.control import Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.ros.specs import Kind, Spec, SPECS
 import numpy as np
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'per_joint']
 # Parameters that ROS itself puts beside ours in an overrides file.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
-
-
-@dataclass(frozen=True)
-class Spec:
-    """
-    What one parameter is.
-
-    `live` parameters may change while the node is active; the others describe the robot, so they
-    may change only while the node is unconfigured. `low` and `high` bound numbers (zero is
-    excluded where `positive` holds, infinity unless `infinite` does).
-    """
-
-    name: str
-    kind: Kind
-    default: Any
-    description: str
-    live: bool = False
-    low: float = -math.inf
-    high: float = math.inf
-    positive: bool = False
-    infinite: bool = False
-    choices: tuple[str, ...] = ()
-    read_only: bool = False
-
-    @property
-    def constraint(self) -> str:
-        """Say in words which values are valid."""
-        if self.choices:
-            return 'one of ' + ', '.join(self.choices)
-        number = 'positive' if self.positive else f'at least {self.low:g}'
-        if self.high < math.inf:
-            number += f', at most {self.high:g}'
-        number += ' or infinite' if self.infinite else ''
-        return {'text': 'text', 'flag': 'true or false', 'names': 'a list of names, each once',
-                'vector': 'three finite numbers', 'number': f'a number, {number}',
-                'count': f'a whole number, {number}',
-                'per_joint': f'one number or one per joint, each {number}'}[self.kind]
-
-
-def live(name: str, kind: Kind, default: Any, description: str, **bounds: Any) -> Spec:
-    """Return the Spec of a parameter that may change while the node is active."""
-    return Spec(name, kind, default, description, live=True, **bounds)
-
-
-SPECS = (
-    Spec('autostart', 'flag', True, 'configure and activate as soon as the URDF is known',
-         read_only=True),
-    Spec('robot_description', 'text', '', 'URDF as text; wins over `urdf` and over the topic'),
-    Spec('urdf', 'text', '', 'path of a URDF file; wins over the topic robot_description'),
-    Spec('supplement', 'text', '', 'path of the YAML beside the URDF: springs, armature, '
-         'friction, payload; empty: none'),
-    Spec('base', 'text', '', 'first link of the part that moves; empty: the root'),
-    Spec('tip', 'text', '', 'last link of the part that moves; empty: all branches'),
-    Spec('joints', 'names', [], 'joints that move, in the order of `commands`; every other one '
-         'is locked; empty: all, parents first'),
-    live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
-    live('mode', 'text', 'inverse_dynamics', 'what `commands` holds', choices=tuple(Mode)),
-    live('compensate.gravity', 'flag', True, 'let `commands` carry gravity; false for an arm '
-         'that adds it itself'),
-    live('compensate.coriolis', 'flag', True, 'let `commands` carry Coriolis and centrifugal '
-         'terms'),
-    live('compensate.inertia', 'flag', True, 'let `commands` carry M(q) udot'),
-    live('compensate.friction', 'flag', True, 'let `commands` carry joint friction'),
-    live('gains.kp', 'per_joint', 100.0, 'computed torque: position gain, 1/s^2', low=0.0),
-    live('gains.kd', 'per_joint', 20.0, 'computed torque: velocity gain, 1/s', low=0.0),
-    live('limits.effort', 'per_joint', [], 'largest effort, N m or N; the smaller of this and '
-         'of the URDF holds; empty: the URDF alone', positive=True, infinite=True, low=0.0),
-    live('limits.rate', 'per_joint', [], 'largest change of effort, N m/s or N/s; empty: none',
-         positive=True, infinite=True, low=0.0),
-    live('state_timeout', 'number', 0.1, 'age of the joint states, in s, from which on zeros '
-         'are commanded', positive=True, low=0.0, high=3600.0),
-    live('diagnostics_rate', 'number', 1.0, 'reports on /diagnostics, 1/s', positive=True,
-         low=0.0, high=100.0),
-    live('trajectory.max_points', 'count', 10_000, 'longest desired motion accepted, points',
-         low=1.0, high=1e6),
-    live('simulation.max_duration', 'number', 3600.0, 'longest simulation accepted, s',
-         positive=True, low=0.0),
-    live('simulation.max_steps', 'count', 1_000_000, 'most steps of one simulation', low=1.0,
-         high=1e8),
-    live('simulation.max_points', 'count', 10_000, 'most points in one simulated trajectory',
-         low=2.0, high=1e6),
-    live('simulation.max_waiting', 'count', 8, 'simulations that may wait for their turn; '
-         'further ones are told that the node is busy', low=1.0, high=1000.0),
-)
 BY_NAME = {spec.name: spec for spec in SPECS}
 
 
@@ -149,11 +59,16 @@ def _count(spec: Spec, value: Any) -> int:
 
 
 def _vector(spec: Spec, value: Any) -> NDArray[np.float64]:
-    """Return three finite numbers."""
+    """Return three finite numbers, or six."""
     numbers = [_number(spec, item) for item in value]
-    if len(numbers) != 3:
+    if len(numbers) != (6 if spec.kind == 'six' else 3):
         raise ValueError
     return np.array(numbers)
+
+
+def _numbers(spec: Spec, value: Any) -> tuple[int, ...]:
+    """Return whole numbers within the bounds of `spec`."""
+    return tuple(_count(spec, item) for item in value)
 
 
 def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
@@ -165,7 +80,8 @@ def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
 
 _READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
     'text': _text, 'flag': _flag, 'number': _number, 'count': _count, 'names': _names,
-    'vector': _vector, 'per_joint': _per_joint}
+    'vector': _vector, 'six': _vector, 'numbers': _numbers,
+    'per_joint': _per_joint}
 
 
 def read(name: str, value: Any) -> Any:

@@ -3,9 +3,8 @@
 from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from kane_dynamics.robot import Robot
+from kane_dynamics.ros.arm import Arm
 from kane_dynamics.ros.diagnostics import Statistics, status
-from kane_dynamics.ros.torque_path import TorquePath
 
 
 class Reporting(Protocol):
@@ -13,9 +12,7 @@ class Reporting(Protocol):
 
     state: str
     statistics: Statistics
-    path: TorquePath | None
-    robot: Robot | None
-    verified: float
+    arm: Arm | None
     values: dict[str, object]
 
     def get_fully_qualified_name(self) -> str:
@@ -25,23 +22,30 @@ class Reporting(Protocol):
 def report(node: Reporting, period: float) -> DiagnosticStatus:
     """Close a reporting period of `period` seconds and return what to publish about it."""
     rate, dropped, figures = node.statistics.period(period)
-    robot, path = node.robot, node.path
+    arm = node.arm
     level, message = DiagnosticStatus.WARN, node.state
-    if path is not None and path.running:
+    if arm is not None and arm.path.running:
         level, message = DiagnosticStatus.OK, f'active, {rate:.0f} commands a second'
-        if path.timed_out:
+        if arm.path.timed_out:
             level = DiagnosticStatus.ERROR
-            message = (f'no joint state for {path.silence:.2f} s: '
+            message = (f'no joint state for {arm.path.silence:.2f} s: '
                        + ('zeros are commanded' if node.statistics.commands else
                           'nothing is commanded yet'))
         elif dropped:
             level = DiagnosticStatus.WARN
             message += f', {dropped} joint states dropped'
+        if arm.sources > 1:
+            level = max(level, DiagnosticStatus.WARN)
+            message += f'; {arm.sources} publishers on joint_states'
     elif node.state == 'inactive':
         level = DiagnosticStatus.OK
     figures['state'] = node.state
-    if robot is not None:
-        figures |= {'mode': str(node.values['mode']), 'joints': ', '.join(robot.joint_names),
-                    'kernels verified to': f'{node.verified:.1e}'}
+    if arm is not None:
+        payload = arm.loads.payload
+        figures |= {'mode': str(node.values['mode']), 'joints': ', '.join(arm.robot.joint_names),
+                    'kernels verified to': f'{arm.verified:.1e}',
+                    'gravity': ' '.join(f'{g:.3f}' for g in arm.loads.gravity) + ' m/s^2',
+                    'payload': f'{0.0 if payload is None else payload.mass:g} kg',
+                    'publishers of joint states': str(arm.sources)}
     return status(f'{node.get_fully_qualified_name()}: torques',
-                  robot.model.name if robot is not None else '', level, message, figures)
+                  arm.robot.model.name if arm is not None else '', level, message, figures)

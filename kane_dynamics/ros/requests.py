@@ -11,6 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_message, order,
                                           trajectory_message, vector)
+from kane_dynamics.ros.loads import Loads
 from kane_dynamics.ros.parameters import per_joint
 from kane_dynamics.simulation import simulate
 import numpy as np
@@ -31,19 +32,35 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Served:
-    """What requests are answered with: a Robot of their own, and the node's gains, (n,) each."""
+    """
+    What requests are answered with.
+
+    Attributes
+    ----------
+    robot, simulated : Robot
+        For requests that are answered at once, and for simulations: each belongs to one thread.
+    loads : Loads
+        Put into a robot before it answers.
+    kp, kd : (n,) arrays
+        The node's gains.
+    bounds : Bounds
+
+    """
 
     robot: Robot
+    simulated: Robot
+    loads: Loads
     kp: Array
     kd: Array
     bounds: Bounds
 
     @classmethod
-    def from_values(cls, robot: Robot, values: Mapping[str, Any]) -> 'Served':
+    def from_values(cls, robot: Robot, simulated: Robot, loads: Loads,
+                    values: Mapping[str, Any]) -> 'Served':
         """Take gains and bounds from the node's parameters."""
         kp, kd = (per_joint(values, name, robot.joint_names, 0.0)
                   for name in ('gains.kp', 'gains.kd'))
-        return cls(robot, kp, kd, Bounds(
+        return cls(robot, simulated, loads, kp, kd, Bounds(
             values['simulation.max_duration'], values['simulation.max_steps'],
             values['simulation.max_points'], values['trajectory.max_points']))
 
@@ -53,6 +70,7 @@ class Simulation:
     """A checked request: the arguments of `simulate`, and the joints' order in the answer."""
 
     robot: Robot
+    loads: Loads
     joint_names: tuple[str, ...]
     q0: Array
     u0: Array
@@ -86,13 +104,14 @@ class Simulation:
             raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE}, COMPUTED_TORQUE '
                              f'{request.COMPUTED_TORQUE}')
-        return cls(served.robot, tuple(request.joint_names),
+        return cls(served.simulated, served.loads, tuple(request.joint_names),
                    vector(request.position, index, n, 'position'),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
                    torque)
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; `proceed(t)` returning False ends it early."""
+        self.loads.apply(self.robot)
         began = time.perf_counter()
         trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
                               torque=self.torque, sample=self.sample, progress=proceed)
@@ -150,9 +169,11 @@ def _table(request: Any, index: Index | None, n: int, duration: float, step: flo
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise InputError(f'row {row} of torques is {table[row].tolist()}; valid: finite numbers')
     steps = math.ceil(duration / step - 1e-9)
-    row_of_step = np.floor(np.arange(steps) * (step / period) + 1e-9).astype(np.intp)
-    if row_of_step[-1] >= len(table):
+    last = (steps - 1) * step / period + 1e-9  # infinite for the shortest of periods
+    if not last < len(table):
         raise InputError(f'torques has {len(table)} rows of {period:g} s; valid: at least '
-                         f'{row_of_step[-1] + 1} for a duration of {duration:g} s')
+                         f'{np.floor(last) + 1.0:.0f} for a duration of {duration:g} s')
+    row_of_step = np.floor(np.arange(steps) * (step / period) + 1e-9).astype(np.intp)
+    row_of_step = np.minimum(row_of_step, len(table) - 1)
     held: Array = table[row_of_step]
     return held if index is None else held[:, index]

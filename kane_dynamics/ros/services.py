@@ -15,10 +15,12 @@ from kane_dynamics.ros.conversion import doubles, Index, order, vector
 from kane_dynamics.ros.requests import Served, Simulation
 from kane_dynamics.ros.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
+from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseDynamics,
+                                          SetPayload, Simulate)
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -26,6 +28,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 FEEDBACK_PERIOD = 0.05  # s between two progress reports of one simulation
 RESULT_TIMEOUT = 60     # s for which the result of an action is kept for its client
+MOST_REQUESTS = 1000    # that may wait unread for each service, so that a flood is answered too
 
 
 class Services(Node):
@@ -37,12 +40,15 @@ class Services(Node):
     front : rclpy.node.Node
         The node under whose name the services appear.
     on_trajectory : callable
-        Takes each JointTrajectory message; called in the services' thread, so that neither
-        taking nor fitting a long one stalls the torque path.
+        Takes each serialised JointTrajectory; called in the services' thread, so that neither
+        reading nor fitting a long one stalls the torque path.
+    on_payload : callable
+        Takes each SetPayload request; raises KaneError to refuse it.
 
     """
 
-    def __init__(self, front: Node, on_trajectory: Callable[[JointTrajectory], None]) -> None:
+    def __init__(self, front: Node, on_trajectory: Callable[[bytes], None],
+                 on_payload: Callable[[Any], None]) -> None:
         super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
                          use_global_arguments=False, start_parameter_services=False,
                          enable_rosout=False)
@@ -52,17 +58,23 @@ class Services(Node):
         self.spinner = SingleThreadedExecutor()
         self.spinner.add_node(self)
         self.worker = Worker(self.spinner.wake)
+        services = QoSProfile(depth=MOST_REQUESTS)
+        # In the ordinary group a simulation would keep everything else out until it ends.
+        waiting = ReentrantCallbackGroup()
         for kind, name, call in ((InverseDynamics, 'inverse_dynamics', inverse_dynamics),
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
-                                 (GetDynamics, 'get_dynamics', get_dynamics)):
+                                 (GetDynamics, 'get_dynamics', get_dynamics),
+                                 (SetPayload, 'set_payload',
+                                  lambda served, request, response: on_payload(request))):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
-                                self._answering(call))
-        self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate)
+                                self._answering(call), qos_profile=services)
+        self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate,
+                            qos_profile=services, callback_group=waiting)
         self.create_subscription(JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
-                                 on_trajectory, QoSProfile(depth=1))
+                                 on_trajectory, QoSProfile(depth=1), raw=True)
         self.action = ActionServer(
             self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
-            self._simulate_motion, result_timeout=RESULT_TIMEOUT,
+            self._simulate_motion, result_timeout=RESULT_TIMEOUT, callback_group=waiting,
             cancel_callback=lambda handle: CancelResponse.ACCEPT)
 
     def spin(self) -> None:
@@ -99,7 +111,9 @@ class Services(Node):
         """Return a service callback around `call`."""
         def callback(request: Any, response: Any) -> Any:
             try:
-                call(self._require(), request, response)
+                served = self._require()
+                served.loads.apply(served.robot)
+                call(served, request, response)
                 response.success = True
             except Exception as error:
                 return self._guard(response, error)

@@ -1,22 +1,22 @@
 """
 The torque path: one joint state in, one command out, and zeros whenever that must stop.
 
-It runs in the main thread alone. Its messages are made once; each cycle writes into their arrays.
+It runs in the main thread alone. Messages come and go as bytes: those that leave are laid out
+once, and each cycle writes numbers and stamp into them.
 """
 
-from array import array
 from collections.abc import Callable
 import time
 
 from kane_dynamics.control import Controller, Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion import Motion
-from kane_dynamics.ros.conversion import NANO, nanoseconds, StateReader
+from kane_dynamics.ros.cdr import joint_efforts, numbers
+from kane_dynamics.ros.conversion import Array, NANO
 from kane_dynamics.ros.diagnostics import Statistics
-import numpy as np
+from kane_dynamics.ros.loads import Loads
+from kane_dynamics.ros.states import StateReader
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 OLD, FUTURE, DISORDER, BEYOND = (
     'older than state_timeout', 'stamp from the future', 'stamp before the last one',
@@ -31,7 +31,7 @@ class TorquePath:
     ----------
     controller : Controller
     commands, torques : Publisher
-        Of Float64MultiArray and of JointState.
+        Of Float64MultiArray and of JointState; they are given serialised messages.
     now : callable
         Returns the node's clock, ns.
     timeout : float
@@ -52,11 +52,9 @@ class TorquePath:
         self.timed_out = False
         self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
         self._reader = StateReader(joints)
-        self._command_message = Float64MultiArray(data=array('d', bytes(8 * len(joints))))
-        self._torque_message = JointState(name=list(joints),
-                                          effort=array('d', bytes(8 * len(joints))))
-        self._command_data = np.frombuffer(self._command_message.data)
-        self._torque_data = np.frombuffer(self._torque_message.effort)
+        self._command_message, self._torque_message = numbers(len(joints)), joint_efforts(joints)
+        self._loads: Loads | None = None
+        self._loads_in_force: Loads | None = None
         self._motion: tuple[Motion, int] | None = None
         self._heard = self._last_now = self._last_stamp = 0
         self.set_timeout(timeout)
@@ -68,6 +66,10 @@ class TorquePath:
     def set_motion(self, motion: Motion, start: int) -> None:
         """Follow `motion` from `start` on, ns of the node's clock; safe from any thread."""
         self._motion = (motion, start)  # one assignment: a cycle sees the old or the new pair
+
+    def set_loads(self, loads: Loads) -> None:
+        """Compute with `loads` from the next state on; safe from any thread."""
+        self._loads = loads
 
     def start(self) -> None:
         """Answer states from now on; nothing is commanded before the first."""
@@ -87,8 +89,7 @@ class TorquePath:
     def zero(self) -> None:
         """Command zeros now, past every limit."""
         self.commanding = False
-        stamp = self._torque_message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(max(self._now(), 0), NANO)
+        self._torque_message.stamp(*divmod(max(self._now(), 0), NANO))
         self._publish(self.controller.stop().tau)
 
     def watch(self) -> None:
@@ -107,38 +108,50 @@ class TorquePath:
         """Seconds since the last good state, or since the start."""
         return (self._now() - self._heard) / NANO
 
-    def on_state(self, message: JointState) -> None:
-        """Answer one joint state with torques for the moment of its stamp."""
+    def on_state(self, data: bytes) -> None:
+        """Answer one serialised JointState with torques for the moment of its stamp."""
         if not self.running:
             return
         began = time.perf_counter()
         now = self._clock()
-        stamp = nanoseconds(message.header.stamp) or now
         controller, reader = self.controller, self._reader
-        fault = (reader.read(message, controller.mode is not Mode.GRAVITY_COMPENSATION)
-                 or self._time_fault(stamp, now))
+        fault = reader.read(data, controller.mode is not Mode.GRAVITY_COMPENSATION)
+        stamp = reader.stamp or now
+        fault = fault or self._time_fault(stamp, now)
         if fault is not None:
             self._drop(fault, reader.detail)
             return
+        # Between two cycles, so that all of one command is computed with the same loads.
+        if self._loads is not self._loads_in_force:
+            self._take_loads()
         motion, start = self._motion or (None, 0)
         try:
-            command = controller.command(stamp / NANO, reader.q, reader.u, motion,
-                                         (stamp - start) / NANO)
+            command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion,
+                                                 (stamp - start) / NANO)
         except InputError as error:  # the state is finite, but its torques are not
             self._drop(BEYOND, str(error))
             return
         self._heard, self._last_stamp = now, stamp
         self.timed_out, self.commanding = False, True
-        self._torque_message.header.stamp = message.header.stamp
+        self._torque_message.stamp(reader.sec, reader.nanosec)
         self._publish(command.tau)
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
                                 command.limited)
+        self.statistics.normal_road = reader.normal
 
-    def _publish(self, tau: 'np.ndarray[tuple[int, ...], np.dtype[np.float64]]') -> None:
-        self._command_data[:] = tau
-        self._commands.publish(self._command_message)
-        self._torque_data[:] = tau
-        self._torques.publish(self._torque_message)
+    def _take_loads(self) -> None:
+        """Put gravity and payload into the kernels' parameters."""
+        loads = self._loads
+        if loads is not None:
+            loads.apply(self.controller.robot)
+        self._loads_in_force = loads
+
+    def _publish(self, tau: Array) -> None:
+        """Send both messages, first the one that a controller waits for."""
+        self._command_message.numbers[:] = tau
+        self._commands.publish(self._command_message.serialized())
+        self._torque_message.numbers[:] = tau
+        self._torques.publish(self._torque_message.serialized())
 
     def _clock(self) -> int:
         """Return the node's time, ns; a jump backwards forgets the motion and all stamps."""

@@ -1,18 +1,22 @@
 """Every interface exists, and survives serialisation."""
 
+from geometry_msgs.msg import Inertia
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
+from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseDynamics,
+                                          SetPayload, Simulate)
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
-PARTS = [part for service in (ForwardDynamics, GetDynamics, InverseDynamics, Simulate)
+PARTS = [part for service in (ForwardDynamics, GetDynamics, InverseDynamics, SetPayload,
+                              Simulate)
          for part in (service.Request, service.Response)]
 PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback]
 
 
 VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
           'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2,
+          'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
           'trajectory_msgs/JointTrajectory': JointTrajectory(joint_names=['a'])}
 
 

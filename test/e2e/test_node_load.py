@@ -94,6 +94,23 @@ def test_at_most_two_percent_go_unanswered_beside_simulations_back_to_back(node)
     assert unanswered <= 0.02 * sent
 
 
+def test_a_thousand_points_asked_for_and_ten_thousand_sent_do_not_stall_the_torques(node):
+    points = [(1e-2 * (k + 1), HOME) for k in range(10_000)]
+    asked = 0
+
+    def ask():
+        nonlocal asked
+        answer = simulate(node, sample_period=1e-2)
+        assert len(answer.trajectory.points) == 1001
+        asked += 1
+
+    ask()
+    node.follow(points)
+    sent, unanswered = drive(5.0, ask)
+    assert asked > 10
+    assert unanswered <= 0.02 * sent
+
+
 def resident(pid):
     """Return the resident size of a process, MB."""
     pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])

@@ -21,6 +21,15 @@ class ClosedForm:
 
     def __init__(self, effort=(np.inf, np.inf)):
         self.limits = SimpleNamespace(effort=np.array(effort))
+        self.kernels = SimpleNamespace(computed_torque=lambda: SimpleNamespace(
+            entry=lambda doc, fallback: self.computed_torque))
+
+    def computed_torque(self, q, u, q_d, u_d, udot_d, gains):
+        """Return the law of computed torque with friction at the desired speed."""
+        with np.errstate(over='ignore', invalid='ignore'):
+            udot = udot_d + gains[:2] * (q_d - q) + gains[2:] * (u_d - u)
+            return (self.inverse_dynamics(q, u, udot) - self.friction_force(u)
+                    + self.friction_force(u_d))
 
     def torque_terms(self, q, u, udot):
         """Return inertia, Coriolis, gravity, friction and spring torques."""

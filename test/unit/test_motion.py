@@ -175,3 +175,10 @@ def test_bad_points_are_refused_by_name_value_and_what_is_valid(arguments, optio
 def test_a_time_that_is_not_finite_is_refused(t):
     with pytest.raises(InputError, match='expected'):
         motion(1).sample(t)
+
+
+def test_points_too_far_apart_for_finite_numbers_are_refused():
+    with pytest.raises(InputError, match='leaves the finite numbers'):
+        Motion.from_points([0.0, 1.0], [[1e308], [-1e308]], joint_names=['a'])
+    with pytest.raises(InputError, match='leaves the finite numbers'):
+        Motion.from_points([0.0, 5e-324], [[0.0], [1.0]], joint_names=['a'])

@@ -1,59 +1,14 @@
 """Messages to arrays and back, and the counts that diagnostics report."""
 
-from array import array
-import math
-
 from builtin_interfaces.msg import Duration
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.conversion import (duration, MISSING, NO_VELOCITY,
-                                          NOT_FINITE, order, SHORT, StateReader,
-                                          trajectory_message, TWICE)
+from kane_dynamics.ros.conversion import duration, order, trajectory_message
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.trajectory import Trajectory
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 JOINTS = ('a', 'b', 'c')
-
-
-def state(names, positions, velocities=()):
-    return JointState(name=list(names), position=array('d', positions),
-                      velocity=array('d', velocities))
-
-
-def test_a_state_is_read_by_name_into_the_same_arrays():
-    reader = StateReader(JOINTS)
-    q, u = reader.q, reader.u
-    assert reader.read(state('cxab', [3, 9, 1, 2], [30, 90, 10, 20]), True) is None
-    assert (q.tolist(), u.tolist()) == ([1, 2, 3], [10, 20, 30])
-    assert reader.read(state('abc', [4, 5, 6], [7, 8, 9]), True) is None
-    assert (q.tolist(), u.tolist()) == ([4, 5, 6], [7, 8, 9])
-    assert reader.q is q
-
-
-@pytest.mark.parametrize(('reason', 'detail', 'message'), [
-    (MISSING, 'c', state('ab', [1, 2], [1, 2])),
-    (TWICE, 'a', state('abca', [1, 2, 3, 4], [1, 2, 3, 4])),
-    (SHORT, '2 positions for 3 names', state('abc', [1, 2], [1, 2, 3])),
-    (SHORT, '2 velocities for 3 names', state('abc', [1, 2, 3], [1, 2])),
-    (NO_VELOCITY, '0 velocities', state('abc', [1, 2, 3])),
-    (NOT_FINITE, 'b', state('abc', [1, math.nan, 3], [1, 2, 3])),
-    (NOT_FINITE, 'c', state('abc', [1, 2, 3], [1, 2, math.inf])),
-    (SHORT, '0 positions', state('abc', [])),
-])
-def test_a_bad_state_is_told_its_reason_and_a_good_one_still_goes(reason, detail, message):
-    reader = StateReader(JOINTS)
-    assert reader.read(message, True) == reason
-    assert detail in reader.detail
-    assert reader.read(state('abc', [1, 2, 3], [1, 2, 3]), True) is None
-
-
-def test_without_need_of_velocity_a_missing_one_is_rest():
-    reader = StateReader(JOINTS)
-    reader.u[:] = 5.0
-    assert reader.read(state('abc', [1, 2, 3]), False) is None
-    assert not reader.u.any()
 
 
 def test_an_order_is_none_where_nothing_changes():

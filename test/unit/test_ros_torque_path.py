@@ -10,8 +10,11 @@ pytest.importorskip('rclpy')
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
+from kane_dynamics.ros.loads import Loads  # noqa: E402
 from kane_dynamics.ros.torque_path import DISORDER, FUTURE, OLD, TorquePath  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
 MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
@@ -21,11 +24,11 @@ NANO = 10**9
 class Publisher:
     """Keeps what is published."""
 
-    def __init__(self):
-        self.sent = []
+    def __init__(self, kind, field):
+        self.sent, self.kind, self.field = [], kind, field
 
     def publish(self, message):
-        self.sent.append(np.array(getattr(message, 'data', None) or message.effort))
+        self.sent.append(np.array(getattr(deserialize_message(message, self.kind), self.field)))
 
 
 class Rig:
@@ -33,7 +36,8 @@ class Rig:
 
     def __init__(self, **settings):
         self.time = 100 * NANO
-        self.commands, self.torques, self.warnings = Publisher(), Publisher(), []
+        self.commands = Publisher(Float64MultiArray, 'data')
+        self.torques, self.warnings = Publisher(JointState, 'effort'), []
         self.statistics = Statistics()
         self.path = TorquePath(Controller(ROBOT, **settings), self.commands, self.torques,
                                lambda: self.time, 0.1, self.statistics,
@@ -47,7 +51,7 @@ class Rig:
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
         before = len(self.commands.sent)
-        self.path.on_state(message)
+        self.path.on_state(serialize_message(message))
         return self.commands.sent[-1] if len(self.commands.sent) > before else None
 
 
@@ -97,6 +101,19 @@ def test_states_out_of_order_give_no_torque():
     assert rig.state(after=0.05) is not None
     assert rig.state(age=0.03) is None
     assert rig.statistics.dropped[DISORDER] == 1
+
+
+def test_loads_are_put_into_the_kernels_between_two_cycles_and_not_before():
+    rig, before = Rig(), ROBOT.parameters.gravity
+    try:
+        rig.state()
+        rig.path.set_loads(Loads(np.array([1.0, 0.0, -3.0])))
+        assert (ROBOT.parameters.gravity == before).all(), 'not from another thread'
+        command = rig.state(after=0.01)
+        assert ROBOT.parameters.gravity.tolist() == [1.0, 0.0, -3.0]
+        np.testing.assert_array_equal(command, gravity())
+    finally:
+        ROBOT.parameters.gravity = before
 
 
 def test_silence_brings_zeros_once_and_the_next_state_torques_again():

@@ -160,6 +160,7 @@ def test_files_keep_every_number(robot, tmp_path):
     ({'duration': 'long'}, ['duration', "'long'"]),
     ({'step': 0.0}, ['step', '0.0']),
     ({'step': 3e-4}, ['duration', 'whole number of steps']),
+    ({'sample': 1e308}, ['sample', 'whole number of steps']),
     ({'sample': 1.5e-3}, ['sample', 'whole number']),
     ({'duration': 1e9}, ['duration', 'at most 100000000']),
     ({'duration': 1e4, 'sample': 1e-3}, ['10000000 steps', 'at most 1000000']),

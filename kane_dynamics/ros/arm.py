@@ -1,0 +1,176 @@
+"""What exists from configuring to cleaning up: the robots, the torque path and its topics."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+import threading
+import time
+from typing import Any
+
+from kane_dynamics.control import Controller
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Model
+from kane_dynamics.quantities import IN_LOOPS
+from kane_dynamics.robot import Robot
+from kane_dynamics.ros.diagnostics import Statistics
+from kane_dynamics.ros.imu import GravityFromImu
+from kane_dynamics.ros.loads import checked_payload, Loads, PayloadBounds, start_loads
+from kane_dynamics.ros.parameters import controller_settings
+from kane_dynamics.ros.requests import Served
+from kane_dynamics.ros.services import Services
+from kane_dynamics.ros.torque_path import TorquePath
+from kane_dynamics.stepping import compile_simulation
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
+
+# Of the sensor data profile: what came during a stall of some ms is answered late, not never.
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+ACKNOWLEDGE = 0.3  # s to wait for zeros to be acknowledged
+
+
+class Arm:
+    """
+    One configured arm.
+
+    Each thread that computes has a robot of its own: the torque path, the services, the
+    simulations. What may change while they run goes to each as one record, which it puts into its
+    kernels between two pieces of work.
+
+    Parameters
+    ----------
+    node : LifecycleNode
+        Which owns the topics.
+    server : Services
+    model : Model
+    values : mapping
+        The node's parameters.
+    statistics : Statistics
+    warn : callable
+        Takes the reason and the details of every message that was dropped.
+
+    Raises
+    ------
+    KaneError
+        The robot cannot be compiled or verified, or a parameter does not fit it. Nothing has been
+        opened then.
+
+    """
+
+    def __init__(self, node: LifecycleNode, server: Services, model: Model,
+                 values: Mapping[str, Any], statistics: Statistics,
+                 warn: Callable[[str, str], None]) -> None:
+        self.values, self._node, self._server, self._warn = values, node, server, warn
+        self._statistics, self._clock = statistics, node.get_clock()
+        self._simulated_time = bool(self._clock.ros_time_is_active)
+        self._lock = threading.Lock()  # of the loads, which two threads change
+        self.loads: Loads = start_loads(model, values)
+        self.gravity_source = GravityFromImu(
+            model, values['imu.frame'], float((values['gravity'] ** 2).sum() ** 0.5),
+            values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
+        ) if values['imu.topic'] else None
+        self.robot, self._for_requests, self._for_simulations = robots = [
+            Robot(model, payload_frame=values['payload.frame'] or None) for _ in range(3)]
+        for robot in robots:  # the first compiles, the others find it in the cache
+            robot.compile(*IN_LOOPS)
+        compile_simulation(self._for_simulations)
+        self.verified = self.robot.verify()
+        controller = Controller(self.robot, **controller_settings(values, self.robot.joint_names))
+        controller.compile()
+        commands = node.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)
+        torques = node.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
+        self._publishers = commands, torques
+        self.path = TorquePath(
+            controller, commands, torques, self._now,
+            values['state_timeout'], statistics,
+            lambda reason, detail: warn(f'joint states: {reason}', detail))
+        self._distribute()
+        self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
+                                                BEST_EFFORT, raw=True)
+        self._imu = server.create_subscription(
+            Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
+            BEST_EFFORT) if self.gravity_source is not None else None
+        server.spinner.wake()
+
+    def _now(self) -> int:
+        """Return the node's clock, ns; the system's own is the same where none is simulated."""
+        return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
+
+    @property
+    def sources(self) -> int:
+        """Return how many publish joint states: more than one is one too many."""
+        return int(self._states.get_publisher_count())
+
+    def halt(self) -> bool:
+        """Command zeros; return whether, within bounds, every subscriber has them."""
+        if not self.path.running:
+            return True
+        self.path.stop()
+        return bool(self._publishers[0].wait_for_all_acked(Duration(seconds=ACKNOWLEDGE)))
+
+    def close(self) -> None:
+        """Close the topics and let the services answer that nothing is configured."""
+        self._server.served = None
+        self._node.destroy_subscription(self._states)
+        if self._imu is not None:
+            self._server.destroy_subscription(self._imu)
+        for publisher in self._publishers:
+            self._node.destroy_lifecycle_publisher(publisher)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError if these parameters do not fit this arm."""
+        controller_settings(values, self.robot.joint_names)
+        if self.gravity_source is not None and (
+                values['gravity'] != self.values['gravity']).any():
+            raise InputError("parameter 'gravity' is not used while imu.topic is set: its "
+                             'direction comes from there')
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next cycle and the next request on."""
+        turned = (values['gravity'] != self.values['gravity']).any()
+        self.values = values
+        self._simulated_time = bool(self._clock.ros_time_is_active)
+        self.path.set_timeout(values['state_timeout'])
+        self.path.controller.update(**controller_settings(values, self.robot.joint_names))
+        self._change(**({'gravity': values['gravity']} if turned else {}))
+
+    def set_payload(self, request: Any) -> None:
+        """
+        Carry what a SetPayload request says; runs in the services' thread.
+
+        Every state that comes after the answer is computed with it.
+
+        Raises
+        ------
+        InputError
+            Names the field, its value and what is valid.
+
+        """
+        given = request.payload
+        payload = checked_payload(
+            self.robot.model, PayloadBounds.from_values(self.values), request.frame, given.m,
+            (given.com.x, given.com.y, given.com.z),
+            (given.ixx, given.ixy, given.ixz, given.iyy, given.iyz, given.izz))
+        self._change(payload=payload)
+
+    def _on_imu(self, message: Imu) -> None:
+        assert self.gravity_source is not None
+        try:
+            self.gravity_source.take(message)
+        except InputError as error:
+            self._statistics.rejected['imu'] += 1
+            self._warn('imu', str(error))
+
+    def _change(self, **changes: Any) -> None:
+        """Replace some of the loads and hand them, with the parameters, to all threads."""
+        with self._lock:
+            self.loads = replace(self.loads, **changes)
+            self._distribute()
+
+    def _distribute(self) -> None:
+        self.path.set_loads(self.loads)
+        self._server.max_waiting = self.values['simulation.max_waiting']
+        self._server.served = Served.from_values(self._for_requests, self._for_simulations,
+                                                 self.loads, self.values)

@@ -1,0 +1,204 @@
+"""
+What goes wrong in a plant, a network or an operator's hands, and what the node does then.
+
+Faults of single messages (order, names, NaN, lengths, stamps) stand in test_node_torques.py, those
+of URDFs in test_node_lifecycle.py.
+"""
+
+import os
+import signal
+import time
+
+from graph import BEST_EFFORT, JOINTS, LATCHED, model, NAME, URDF, wait_until
+from kane_dynamics import Robot
+from kane_dynamics_interfaces.srv import InverseDynamics, Simulate
+from lifecycle_msgs.msg import Transition
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+Q = np.array([0.3, -0.4, 0.2])
+SECOND = 10**9
+
+
+def close(value, expected):
+    return value is not None and np.abs(value - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+@pytest.fixture(scope='module')
+def holding():
+    """Return the torques that hold the pose Q."""
+    return Robot(model()).gravity_force(Q)
+
+
+def test_a_plant_that_dies_brings_zeros_and_one_that_restarts_in_another_order_is_answered(
+        client, start, holding):
+    start(state_timeout=0.2)
+    client.connect()
+    assert close(client.ask(Q, np.zeros(3)), holding)
+    client.destroy_publisher(client.states)
+    assert wait_until(lambda: client.commands[-1] == [0.0, 0.0, 0.0], 2.0)
+    client.states = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
+    client.connect()
+    order = [2, 0, 1]
+    assert close(client.ask(Q[order], np.zeros(3), [JOINTS[k] for k in order]), holding)
+
+
+def test_a_simulated_clock_may_pause_jump_ahead_and_jump_back(client, start, holding):
+    node = start(use_sim_time='true', state_timeout=0.5)
+    node.wait_for('active, mode')
+    publisher = client.create_publisher(Clock, '/clock', 1)
+
+    def at(seconds):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(round(seconds * SECOND), SECOND)
+        publisher.publish(message)
+        time.sleep(0.05)
+        return round(seconds * SECOND)
+
+    assert wait_until(lambda: client.ask(Q, np.zeros(3), stamp=at(100.0), timeout=0.1) is not None)
+    client.follow([(0.0, [0, 0, 0]), (50.0, [1, 1, 0.1])], start=at(100.0))
+    assert wait_until(lambda: not close(client.ask(Q, np.zeros(3), stamp=at(100.1), timeout=0.1),
+                                        holding))
+    count = len(client.commands)
+    time.sleep(0.8)  # the clock stands: nothing times out, and the same stamp is still good
+    assert len(client.commands) == count
+    assert client.ask(Q, np.zeros(3), stamp=round(100.1 * SECOND)) is not None
+    client.torques.clear()
+    assert close(client.ask(Q, np.zeros(3), stamp=at(50.0)), holding), 'the motion is forgotten'
+    node.wait_for('it jumped backwards')
+    assert client.ask(Q, np.zeros(3), stamp=at(5000.0)) is not None
+    assert client.ask(Q, np.zeros(3), stamp=round(60.0 * SECOND), timeout=0.2) is None
+    client.destroy_publisher(publisher)
+
+
+def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
+    node = start()
+    client.connect()
+    second = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
+    node.wait_for('2 publishers on joint_states', 5.0)
+    client.diagnostics.clear()
+    assert wait_until(lambda: any('2 publishers on joint_states' in message and level != b'\0'
+                                  for level, message, _ in client.diagnostics), 5.0)
+    client.destroy_publisher(second)
+    client.diagnostics.clear()
+    assert wait_until(lambda: any(values.get('publishers of joint states') == '1'
+                                  for _, _, values in client.diagnostics), 5.0)
+
+
+def test_1e308_brings_no_torque_and_the_next_state_does(client, start, holding):
+    start(state_timeout=1.0)
+    client.connect()
+    for k in range(3):
+        q = Q.copy()
+        q[k] = 1e308
+        answer = client.ask(q, np.zeros(3), timeout=0.2)
+        limit = Robot(model()).limits.effort
+        assert answer is None or (np.abs(answer) <= limit).all()
+    assert client.ask(Q, [1e308] * 3) is not None, 'gravity alone does not depend on the speed'
+    assert close(client.ask(Q, np.zeros(3)), holding)
+
+
+def test_after_sigkill_the_last_torque_stays_until_a_new_node_speaks(client, start, holding):
+    node = start(state_timeout=0.2)
+    client.connect()
+    assert close(client.ask(Q, np.zeros(3)), holding)
+    assert wait_until(lambda: client.commands and any(client.commands[-1]))
+    assert node.end(signal.SIGKILL)[0] == -signal.SIGKILL
+    count = len(client.commands)
+    time.sleep(0.6)
+    # What a controller must be ready for: no zero comes, so it needs a timeout of its own.
+    assert len(client.commands) == count
+    assert any(client.commands[-1])
+    start(state_timeout=0.2)
+    client.connect()
+    assert close(client.ask(Q, np.zeros(3)), holding)
+
+
+def test_deactivation_in_the_middle_of_a_motion_commands_zeros_and_forgets_it(client, start,
+                                                                             holding):
+    start(state_timeout=1.0)
+    client.connect()
+    client.follow([(0.0, [0, 0, 0]), (20.0, [1.0, 1.0, 0.2])])
+    assert wait_until(lambda: not close(client.ask(Q, np.zeros(3)), holding), 3.0)
+    assert client.transition(Transition.TRANSITION_DEACTIVATE)
+    assert wait_until(lambda: client.commands[-1] == [0.0, 0.0, 0.0])
+    assert client.transition(Transition.TRANSITION_ACTIVATE)
+    client.connect()
+    assert close(client.ask(Q, np.zeros(3)), holding)
+
+
+def test_a_flood_of_requests_is_answered_oldest_first_and_the_rest_told_at_once(client, start,
+                                                                               holding):
+    start(state_timeout=1.0, simulation__max_waiting=4)
+    client.connect()
+    # Of ordinary depth, a client loses answers that come faster than it reads them.
+    simulations, torques = (
+        client.create_client(kind, f'{NAME}/{name}', qos_profile=QoSProfile(depth=200))
+        for kind, name in ((Simulate, 'simulate'), (InverseDynamics, 'inverse_dynamics')))
+    assert simulations.wait_for_service(10.0) and torques.wait_for_service(10.0)
+    request = Simulate.Request(position=Q.tolist(), duration=1000.0)
+    pending = [simulations.call_async(request) for _ in range(60)]
+    state = InverseDynamics.Request(position=Q.tolist(), acceleration=[0.0] * 3)
+    short = [torques.call_async(state) for _ in range(60)]
+    assert close(client.ask(Q, np.zeros(3)), holding)
+    assert wait_until(lambda: all(each.done() for each in short), 20.0)
+    assert not pending[3].done(), 'short requests do not wait for simulations'
+    assert all(close(np.array(each.result().effort), holding) for each in short)
+    assert wait_until(lambda: all(each.done() for each in pending), 60.0)
+    answers = [each.result() for each in pending]
+    served = [k for k, answer in enumerate(answers) if answer.success]
+    assert served[:4] == [0, 1, 2, 3]
+    assert len(served) < 30
+    assert all('busy' in answer.message for answer in answers if not answer.success)
+
+
+def test_bytes_that_are_no_message_bring_no_torque_and_are_counted(client, start, holding):
+    start(state_timeout=1.0)
+    client.connect()
+    good = serialize_message(JointState(name=list(JOINTS), position=[0.0] * 3, velocity=[0.0] * 3))
+    before = len(client.torques)
+    for data in (b'\0\1\0\0', good[:40], good[:4] + b'\xff' * 60, b'\0\1\0\0' + bytes(12)):
+        client.states.publish(data)
+        time.sleep(0.02)
+    assert close(client.ask(Q, np.zeros(3)), holding)
+    assert len(client.torques) == before + 1
+    client.diagnostics.clear()
+    assert wait_until(lambda: any('states dropped: not a joint state' in values
+                                  for _, _, values in client.diagnostics), 3.0)
+
+
+def test_a_urdf_beyond_all_bounds_is_refused(client, start):
+    node = start(robot_description="''")
+    node.wait_for('waiting for a URDF')
+    publisher = client.create_publisher(String, 'robot_description', LATCHED)
+    publisher.publish(String(data='<robot name="x">' + ' ' * 10_000_000 + '</robot>'))
+    node.wait_for('not configured: the URDF has 10000024 bytes; valid: at most 10000000')
+    publisher.publish(String(data=URDF))
+    node.wait_for('active, mode')
+    client.destroy_publisher(publisher)  # what it has latched would reach the tests that follow
+
+
+def test_real_time_settings_are_made_or_their_refusal_is_told(client, start):
+    node = start(realtime__priority=10, realtime__cpus='[0]', realtime__lock_memory='true',
+                 realtime__collect_rarely='true')
+    node.wait_for('active, mode')
+    client.connect()
+    policies = {}
+    for task in os.listdir(f'/proc/{node.pid}/task'):
+        with open(f'/proc/{node.pid}/task/{task}/comm') as file:
+            name = file.read().strip()
+        policies[name, int(task)] = os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK
+    if 'realtime.priority 10 is refused' not in node.log:
+        assert policies[next(key for key in policies if key[1] == node.pid)] == os.SCHED_FIFO
+        assert {policy for (name, _), policy in policies.items() if name.startswith('dds.')} == {
+            os.SCHED_FIFO}
+        assert os.SCHED_OTHER in policies.values(), 'services and simulations stay ordinary'
+    if 'realtime.lock_memory is refused' not in node.log:
+        with open(f'/proc/{node.pid}/status') as file:
+            locked = next(line for line in file if line.startswith('VmLck'))
+        assert int(locked.split()[1]) > 10_000

@@ -1,0 +1,113 @@
+"""Payload and gravity over DDS: every thread of the node computes with them from the answer on."""
+
+import math
+
+from geometry_msgs.msg import Inertia, Vector3
+from graph import model, URDF, wait_until
+from kane_dynamics import Robot, simulate
+from kane_dynamics.inertial import Inertial
+from kane_dynamics_interfaces.srv import GetDynamics, InverseDynamics, SetPayload, Simulate
+import numpy as np
+import pytest
+
+Q = [0.3, -0.4, 0.2]
+COM, MOMENTS = (0.05, 0.02, -0.03), (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
+XX, XY, XZ, YY, YZ, ZZ = MOMENTS
+
+
+def loaded(mass, gravity=(0.0, 0.0, -9.81)):
+    """Return a robot that carries the payload of these tests."""
+    robot = Robot(model(), payload_frame='c')
+    robot.parameters.gravity = gravity
+    if mass:
+        robot.parameters.payload = Inertial(
+            mass, np.array(COM), np.array([[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]))
+    return robot
+
+
+def payload(mass, com=COM):
+    if mass == 0.0:
+        return Inertia()
+    return Inertia(m=mass, com=Vector3(x=com[0], y=com[1], z=com[2]), ixx=XX, ixy=XY, ixz=XZ,
+                   iyy=YY, iyz=YZ, izz=ZZ)
+
+
+def close(value, expected):
+    value, expected = np.asarray(value), np.asarray(expected)
+    return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
+
+
+@pytest.fixture(scope='module')
+def module_node():
+    from graph import Process
+    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0, payload__frame='c',
+                      payload__mass=1.0, payload__com=f'[{",".join(map(str, COM))}]',
+                      payload__inertia=f'[{",".join(map(str, MOMENTS))}]')
+    yield process
+    assert process.end()[0] == 0
+
+
+@pytest.fixture
+def node(module_node, client):
+    client.process = module_node
+    client.connect()
+    return client
+
+
+def test_the_payload_of_the_parameters_is_carried_from_the_start(node):
+    assert close(node.ask(Q, np.zeros(3)), loaded(1.0).gravity_force(np.array(Q)))
+
+
+@pytest.mark.parametrize('mass', [2.5, 0.0, 1.5])
+def test_from_the_answer_on_torques_services_and_simulations_carry_the_payload(node, mass):
+    robot = loaded(mass)
+    answer = node.call(SetPayload, 'set_payload', payload=payload(mass))
+    assert answer.success, answer.message
+    assert close(node.ask(Q, np.zeros(3)), robot.gravity_force(np.array(Q)))
+    answer = node.call(InverseDynamics, 'inverse_dynamics', position=Q, acceleration=[1.0] * 3)
+    assert close(answer.effort, robot.inverse_dynamics(np.array(Q), np.zeros(3), np.ones(3)))
+    answer = node.call(Simulate, 'simulate', position=Q, duration=0.1)
+    expected = simulate(robot, Q, np.zeros(3), 0.1)
+    assert close(answer.trajectory.points[-1].positions, expected.q[-1])
+
+
+@pytest.mark.parametrize(('words', 'fields'), [
+    ('mass is -1 kg', {'payload': payload(-1.0)}), ('mass is nan', {'payload': payload(math.nan)}),
+    ('at most 2 m away', {'payload': payload(1.0, (0.0, 3.0, 0.0))}),
+    ("not fixed to that of parameter payload.frame, 'c'", {'frame': 'a', 'payload': payload(1.0)}),
+    ("no frame 'claw'", {'frame': 'claw', 'payload': payload(1.0)}),
+])
+def test_a_bad_payload_is_refused_with_the_reason_and_changes_nothing(node, words, fields):
+    before = node.ask(Q, np.zeros(3))
+    answer = node.call(SetPayload, 'set_payload', **fields)
+    assert not answer.success
+    assert words in answer.message
+    assert (node.ask(Q, np.zeros(3)) == before).all()
+
+
+def test_gravity_changes_under_a_payload_for_services_too(node):
+    assert node.call(SetPayload, 'set_payload', payload=payload(1.5)).success
+    assert node.adjust(gravity=[3.0, 0.0, -9.0]).successful
+    robot = loaded(1.5, (3.0, 0.0, -9.0))
+    assert close(node.ask(Q, np.zeros(3)), robot.gravity_force(np.array(Q)))
+    answer = node.call(GetDynamics, 'get_dynamics', position=Q)
+    assert close(answer.gravity_force, robot.gravity_force(np.array(Q)))
+    assert node.adjust(gravity=[0.0, 0.0, -9.81]).successful
+
+
+def test_no_command_mixes_two_payloads_while_they_alternate(node):
+    expected = [loaded(mass).gravity_force(np.array(Q)) for mass in (0.5, 3.0)]
+    service = node.create_client(SetPayload, '/kane_dynamics/set_payload')
+    assert service.wait_for_service(10.0)
+    pending = []
+    seen = set()
+    for k in range(300):
+        pending.append(service.call_async(SetPayload.Request(payload=payload((0.5, 3.0)[k % 2]))))
+        tau = node.ask(Q, np.zeros(3))
+        if k > 10 and pending[0].done():
+            matches = [close(tau, each) for each in expected]
+            assert any(matches), tau
+            seen.add(matches.index(True))
+    assert wait_until(lambda: all(each.done() for each in pending))
+    assert all(each.result().success for each in pending)
+    assert seen == {0, 1}

@@ -1,0 +1,66 @@
+"""Payload and gravity as a node starts with them, each test with a node of its own."""
+
+import math
+import time
+
+from geometry_msgs.msg import Inertia
+from graph import BEST_EFFORT, model, wait_until
+from kane_dynamics import Robot
+from kane_dynamics_interfaces.srv import SetPayload
+import numpy as np
+import pytest
+from sensor_msgs.msg import Imu
+
+Q = [0.3, -0.4, 0.2]
+
+
+def close(value, expected):
+    return value is not None and np.abs(value - expected).max() <= 1e-9 * np.abs(expected).max()
+
+
+def test_without_a_payload_frame_the_service_says_so(client, start):
+    start()
+    client.connect()
+    answer = client.call(SetPayload, 'set_payload', payload=Inertia(m=1.0))
+    assert not answer.success
+    assert 'payload.frame' in answer.message
+
+
+def test_an_imu_on_the_base_turns_gravity(client, start):
+    node = start(imu__topic='imu/data', imu__time_constant=0.2, state_timeout=1.0)
+    client.connect()
+    publisher = client.create_publisher(Imu, 'imu/data', BEST_EFFORT)
+    robot = Robot(model())
+    robot.parameters.gravity = [9.81 * math.sin(0.4), 0.0, -9.81 * math.cos(0.4)]
+    expected = robot.gravity_force(np.array(Q))
+
+    def measured(scale):
+        message = Imu()
+        message.header.frame_id = 'base'
+        message.header.stamp = client.get_clock().now().to_msg()
+        message.linear_acceleration.x = -scale * math.sin(0.4)
+        message.linear_acceleration.z = scale * math.cos(0.4)
+        publisher.publish(message)
+        time.sleep(0.02)
+        return client.ask(Q, np.zeros(3))
+
+    level = measured(15.0)  # the base is pushed: this says nothing of gravity
+    node.wait_for('the acceleration is 15 m/s^2')
+    assert close(level, Robot(model()).gravity_force(np.array(Q)))
+    assert wait_until(lambda: close(measured(9.7), expected), 5.0)
+    answer = client.adjust(gravity=[0.0, 0.0, -9.0])
+    assert not answer.successful
+    assert 'imu.topic' in answer.reason
+    client.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize(('words', 'parameters'), [
+    ("no frame 'claw'", {'payload__frame': 'claw'}),
+    ('mass is 60 kg', {'payload__frame': 'c', 'payload__mass': 60.0}),
+    ('set parameter payload.frame', {'payload__mass': 1.0}),
+    ("the IMU's frame 'b' moves", {'imu__topic': 'imu', 'imu__frame': 'b'}),
+])
+def test_loads_that_do_not_fit_leave_the_node_unconfigured_and_say_why(client, start, words,
+                                                                        parameters):
+    start(**parameters).wait_for(words)
+    assert client.state() == 'unconfigured'

@@ -1,0 +1,112 @@
+"""The codec writes what rclpy reads and reads what rclpy writes, and stays within the message."""
+
+import math
+import struct
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.cdr import joint_efforts, numbers, Reader
+from kane_dynamics.ros.conversion import motion_from_message
+from kane_dynamics.ros.trajectories import read_trajectory
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+VALUES = [0.1, -1e308, 5e-324, -0.0, math.pi, 1e22, 7.0]
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 7])
+def test_rclpy_reads_the_prepared_torques(n):
+    message = numbers(n)
+    message.numbers[:] = VALUES[:n]
+    assert list(deserialize_message(message.serialized(), Float64MultiArray).data) == VALUES[:n]
+    message.numbers[:] = 1.0
+    assert list(deserialize_message(message.serialized(), Float64MultiArray).data) == [1.0] * n
+
+
+@pytest.mark.parametrize('names', [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
+def test_rclpy_reads_the_prepared_named_torques_and_their_stamp(names):
+    message = joint_efforts(names)
+    message.numbers[:] = VALUES[:len(names)]
+    message.stamp(-3, 4_000_000_000)
+    read = deserialize_message(message.serialized(), JointState)
+    assert list(read.name) == names
+    assert list(read.effort) == VALUES[:len(names)]
+    assert (read.header.stamp.sec, read.header.stamp.nanosec) == (-3, 4_000_000_000)
+    assert not read.position and not read.velocity
+
+
+def test_the_doubles_of_a_prepared_message_are_aligned():
+    assert numbers(3).numbers.flags.aligned and joint_efforts(['abc']).numbers.flags.aligned
+
+
+def trajectory(points=3, n=2):
+    message = JointTrajectory(joint_names=['a', 'b'][:n])
+    message.header.stamp.sec, message.header.frame_id = 12, 'world'
+    for k in range(points):
+        message.points.append(JointTrajectoryPoint(
+            positions=[0.1 * k + i for i in range(n)],
+            velocities=[0.5 * k] * n if k % 2 else [], effort=[1.0] * (k % 3)))
+        message.points[-1].time_from_start.sec = k
+        message.points[-1].time_from_start.nanosec = 5
+    return message
+
+
+@pytest.mark.parametrize('points', [1, 2, 7])
+def test_a_trajectory_is_read_as_rclpy_reads_it(points):
+    message = trajectory(points)
+    read = read_trajectory(serialize_message(message), 10)
+    assert read.joint_names == list(message.joint_names)
+    assert read.header.stamp == (12, 0)
+    for mine, theirs in zip(read.points, message.points, strict=True):
+        for field in ('positions', 'velocities', 'accelerations'):
+            assert getattr(mine, field).tolist() == list(getattr(theirs, field))
+        assert mine.time_from_start == (theirs.time_from_start.sec, 5)
+
+
+def test_a_motion_is_the_same_by_either_road():
+    message = trajectory(5)
+    for k, point in enumerate(message.points):
+        point.velocities = [0.1 * k, -0.2]
+    mine = motion_from_message(read_trajectory(serialize_message(message), 10), 'ba', 10)
+    theirs = motion_from_message(message, 'ba', 10)
+    for t in np.linspace(-1.0, 5.0, 60):
+        for a, b in zip(mine.sample(t), theirs.sample(t), strict=True):
+            assert (a == b).all()
+
+
+def test_too_many_points_are_refused_before_any_is_read():
+    data = bytearray(serialize_message(trajectory(11)))
+    with pytest.raises(InputError, match=r'has 11 points; valid: 1 to 10 .*trajectory.max_points'):
+        read_trajectory(bytes(data), 10)
+    at = data.index(struct.pack('<I', 11))
+    data[at:at + 4] = b'\xff\xff\xff\x7f'
+    with pytest.raises(InputError, match='has 2147483647 points'):
+        read_trajectory(bytes(data), 10)
+
+
+@pytest.mark.parametrize(('words', 'body', 'call'), [
+    ('encapsulation is 0003', b'\0\3\0\0', None),
+    ('encapsulation is absent', b'', None),
+    ('1 elements of 4 bytes from byte 4 on', b'\0\1\0\0\1\2\3', Reader.word),
+    ('4294967295 elements of 8 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.doubles),
+    ('4294967295 elements of 1 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.text),
+    ('4294967295 strings', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.texts),
+    ('does not end', b'\0\1\0\0\2\0\0\0ab', Reader.text),
+    ('does not end', b'\0\1\0\0\3\0\0\0a\0\0', Reader.text),
+    ('does not end', bytes([0, 1, 0, 0, 0, 0, 0, 0]), Reader.text),
+    ('not UTF-8', b'\0\1\0\0\2\0\0\0\xff\0', Reader.text),
+])
+def test_what_is_not_plain_cdr_is_refused_with_the_place(words, body, call):
+    with pytest.raises(InputError, match=words):
+        call(Reader(body))
+
+
+def test_both_byte_orders_are_read():
+    for order, kind in (('<', 1), ('>', 0)):
+        body = struct.pack(order + 'iII4xd', -2, 3, 1, 0.25)
+        reader = Reader(bytes([0, kind, 0, 0]) + body)
+        assert reader.pair() == (-2, 3)
+        assert reader.doubles().tolist() == [0.25]

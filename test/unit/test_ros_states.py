@@ -1,0 +1,125 @@
+"""Joint states from the wire: the fast road and rclpy's give the same, and nothing bad passes."""
+
+from array import array
+import math
+import struct
+
+from kane_dynamics.ros.states import (GARBLED, MISSING, MOST_LAYOUTS, NO_VELOCITY, NOT_FINITE,
+                                      SHORT, StateReader, TWICE)
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+JOINTS = ('a', 'b', 'c')
+
+
+def state(names, positions, velocities=()):
+    return JointState(name=list(names), position=array('d', positions),
+                      velocity=array('d', velocities))
+
+
+def wire(*arguments):
+    return serialize_message(state(*arguments))
+
+
+def test_a_state_is_read_by_name_into_the_same_arrays():
+    reader = StateReader(JOINTS)
+    q, u = reader.q, reader.u
+    assert reader.read(wire('cxab', [3, 9, 1, 2], [30, 90, 10, 20]), True) is None
+    assert (q.tolist(), u.tolist()) == ([1, 2, 3], [10, 20, 30])
+    assert reader.read(wire('abc', [4, 5, 6], [7, 8, 9]), True) is None
+    assert (q.tolist(), u.tolist()) == ([4, 5, 6], [7, 8, 9])
+    assert reader.q is q
+
+
+@pytest.mark.parametrize(('reason', 'detail', 'message'), [
+    (MISSING, 'c', state('ab', [1, 2], [1, 2])),
+    (TWICE, 'a', state('abca', [1, 2, 3, 4], [1, 2, 3, 4])),
+    (SHORT, '2 positions for 3 names', state('abc', [1, 2], [1, 2, 3])),
+    (SHORT, '2 velocities for 3 names', state('abc', [1, 2, 3], [1, 2])),
+    (NO_VELOCITY, '0 velocities', state('abc', [1, 2, 3])),
+    (NOT_FINITE, 'b', state('abc', [1, math.nan, 3], [1, 2, 3])),
+    (NOT_FINITE, 'c', state('abc', [1, 2, 3], [1, 2, math.inf])),
+    (SHORT, '0 positions', state('abc', [])),
+])
+def test_a_bad_state_is_told_its_reason_and_a_good_one_still_goes(reason, detail, message):
+    reader = StateReader(JOINTS)
+    assert reader.read(serialize_message(message), True) == reason
+    assert detail in reader.detail
+    assert reader.read(wire('abc', [1, 2, 3], [1, 2, 3]), True) is None
+
+
+def test_without_need_of_velocity_a_missing_one_is_rest():
+    reader = StateReader(JOINTS)
+    reader.u[:] = 5.0
+    assert reader.read(wire('abc', [1, 2, 3]), False) is None
+    assert not reader.u.any()
+
+
+def test_only_the_first_message_of_a_layout_takes_the_normal_road():
+    reader, generator = StateReader(JOINTS), np.random.default_rng(3)
+    for _ in range(50):
+        q, u = generator.normal(size=(2, 3))
+        message = state('cab', q, u)
+        message.header.stamp.sec, message.header.stamp.nanosec = 7, 9
+        assert reader.read(serialize_message(message), True) is None
+        assert (reader.sec, reader.nanosec, reader.stamp) == (7, 9, 7_000_000_009)
+        assert (reader.q == q[[1, 2, 0]]).all() and (reader.u == u[[1, 2, 0]]).all()
+    assert reader.normal == 1
+
+
+def test_padding_and_what_follows_the_end_may_be_anything():
+    reader = StateReader(JOINTS)
+    data = bytearray(wire('abc', [1, 2, 3], [4, 5, 6]))
+    assert reader.read(bytes(data), True) is None
+    data[17:20] = b'\xaa\xbb\xcc'  # after the empty frame
+    data[-1] = 0x55
+    assert reader.read(bytes(data), True) is None
+    assert reader.normal == 1
+
+
+@pytest.mark.parametrize('other', [
+    wire('acb', [1, 2, 3], [4, 5, 6]),           # other order, same length
+    wire('abc', [1, 2, 3], [], ) + bytes(24),    # same length, other counts
+])
+def test_another_layout_of_the_same_length_is_not_taken_for_the_first(other):
+    reader, fresh = StateReader(JOINTS), StateReader(JOINTS)
+    assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), False) is None
+    assert reader.read(other, False) is fresh.read(other, False) is None
+    assert (reader.q == fresh.q).all() and (reader.u == fresh.u).all()
+    assert reader.normal == 2
+
+
+def test_big_endian_messages_are_read_by_the_normal_road_or_not_at_all():
+    body = b''.join([struct.pack('>iI', 1, 2), struct.pack('>I', 1), bytes(4),
+                     struct.pack('>I', 3)] + [struct.pack('>I', 2) + name + bytes(3)
+                                              for name in (b'a', b'b', b'c')])
+    body += struct.pack('>I', 3)
+    for values in ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)):
+        body += b'' if values[0] == 1.0 else struct.pack('>I', 3)
+        body += bytes(-len(body) % 8) + struct.pack('>3d', *values)
+    data = bytes(4) + body + bytes(4)
+    reader = StateReader(JOINTS)
+    fault = reader.read(data, True)
+    assert fault == GARBLED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
+    assert not reader._layouts
+
+
+def test_publishers_with_layouts_of_their_own_are_all_remembered_up_to_a_bound():
+    reader = StateReader(JOINTS)
+    extra = ['x' * (8 * k + 1) for k in range(MOST_LAYOUTS + 1)]
+    messages = [wire([*JOINTS, name], [1, 2, 3, 4], [1, 2, 3, 4]) for name in extra]
+    for _ in range(3):
+        for message in messages[:MOST_LAYOUTS]:
+            assert reader.read(message, True) is None
+    assert reader.normal == MOST_LAYOUTS
+    assert reader.read(messages[-1], True) is None
+    assert len(reader._layouts) == MOST_LAYOUTS
+
+
+@pytest.mark.parametrize('data', [b'', b'\0\1', b'\0\1\0\0', bytes(100), b'\xff' * 200])
+def test_what_is_no_joint_state_is_dropped_and_the_next_one_read(data):
+    reader = StateReader(JOINTS)
+    assert reader.read(data, True) is not None
+    assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), True) is None
