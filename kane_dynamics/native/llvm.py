@@ -7,6 +7,8 @@ from kane_dynamics.errors import CompileError
 import llvmlite.binding as llvm
 
 Address = int
+# A processor that every machine can generate code for, so that its size is one number everywhere.
+REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
 
 
 @cache
@@ -63,13 +65,39 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
         LLVM refuses the text.
 
     """
-    machine = _target_machine(level)
+    return _assembled(text, _target_machine(level), optimise)
+
+
+def code_size(text: str) -> int:
+    """
+    Return the bytes of machine code that a module amounts to on the reference processor.
+
+    Raises
+    ------
+    CompileError
+        LLVM refuses the text, or cannot generate code for that processor.
+
+    """
+    _initialised()
+    try:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        target = llvm.Target.from_triple(REFERENCE_TRIPLE)
+    except RuntimeError as error:
+        raise CompileError(f'no code for {REFERENCE_TRIPLE}: {error}') from None
+    machine = target.create_target_machine(cpu=REFERENCE_CPU, opt=1, jit=True)
+    objects = llvm.ObjectFileRef.from_data(_assembled(text, machine))
+    return sum(int(section.size()) for section in objects.sections() if section.is_text())
+
+
+def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
+    """Compile LLVM assembly for a target machine."""
     try:
         module = llvm.parse_assembly(text)
         module.verify()
     except RuntimeError as error:
         raise CompileError(f'LLVM refuses the assembly: {error}') from None
-    module.triple = llvm.get_default_triple()
+    module.triple = machine.triple
     module.data_layout = str(machine.target_data)
     if optimise:
         options = llvm.create_pipeline_tuning_options(speed_level=2)

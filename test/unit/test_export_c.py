@@ -118,6 +118,18 @@ def test_a_result_may_overlay_an_argument(tmp_path):
     np.testing.assert_allclose(u, expected, rtol=1e-12)
 
 
+def test_there_is_no_state_and_no_call_but_to_libm(tmp_path):
+    source, _ = mechanism().export_c(tmp_path / 'tree.c')
+    subprocess.run(['gcc', '-std=c99', '-O2', '-c', str(source), '-o', str(tmp_path / 'tree.o')],
+                   check=True)
+    listed = subprocess.run(['nm', str(tmp_path / 'tree.o')], capture_output=True, text=True,
+                            check=True).stdout
+    symbols = re.findall(r'(\w) ([\w.]+)$', listed, re.MULTILINE)
+    assert {kind for kind, _ in symbols} <= set('TtrRU')  # code, constants, undefined: no data
+    assert {name for kind, name in symbols if kind == 'U'} <= {
+        'sin', 'cos', 'sincos', 'tanh', 'sqrt', '_GLOBAL_OFFSET_TABLE_', '__stack_chk_fail'}
+
+
 @pytest.mark.parametrize('kernel', DEFAULT_KERNELS)
 def test_the_self_test_fails_with_the_functions_number_when_a_reference_is_altered(
         kernel, tmp_path):

@@ -1,0 +1,222 @@
+"""Every quantity in a native loop: our kernels against Pinocchio's C++, turn by turn."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+import gc
+from importlib import metadata
+import os
+from pathlib import Path
+import sys
+import warnings
+
+from interleaved import interleaved, Timing
+from kane_dynamics import load_urdf, Model, Robot
+from kane_dynamics.native.kernels import Kernel
+from kane_dynamics.native.support import repeat
+from kane_dynamics.quantities import QUANTITIES
+from kane_dynamics.resources import resource_path
+import numpy as np
+from pinocchio_native import library, Pinocchio, Unavailable
+
+STATES = 1024  # that fit the cache, so that the arithmetic is what is timed
+BATCH = 100_000
+BATCH_TURNS = 9
+TOLERANCE = 1e-9  # relative to the largest entry: both must give these numbers before they race
+# Quantities that both have, with Pinocchio's faster convention where there are two.
+RIVALS = {
+    'inverse_dynamics': ('inverse_dynamics',),
+    'bias_force': ('bias_force',),
+    'gravity_force': ('gravity_force',),
+    'forward_dynamics': ('forward_dynamics', 'forward_dynamics/world'),
+    'mass_matrix': ('mass_matrix', 'mass_matrix/world'),
+    'inverse_mass_matrix': ('inverse_mass_matrix',),
+    'coriolis_matrix': ('coriolis_matrix',),
+    'inverse_dynamics_derivatives': ('inverse_dynamics_derivatives',),
+    'forward_dynamics_derivatives': ('forward_dynamics_derivatives',),
+    'regressor': ('regressor',),
+}
+
+
+@dataclass(frozen=True)
+class Race:
+    """
+    One line of the report.
+
+    Attributes
+    ----------
+    robot, axes, what, peer : str, int, str, str
+        Who raced, over what, against whom.
+    ours, theirs : float
+        Median seconds of one call, state or step.
+    ratio : (float, float, float)
+        theirs / ours, turn by turn: median, 10th and 90th percentile.
+
+    """
+
+    robot: str
+    axes: int
+    what: str
+    peer: str
+    ours: float
+    theirs: float
+    ratio: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        """Return one line."""
+        middle, low, high = self.ratio
+        return (f'{self.robot} ({self.axes}) {self.what}: {1e9 * self.ours:.0f} ns, {self.peer} '
+                f'{1e9 * self.theirs:.0f} ns, {middle:.1f} ({low:.1f} to {high:.1f})')
+
+
+def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int, rivals: tuple[str, ...]
+         ) -> Race:
+    """Return a line of the report; against the fastest of several ways of the peer."""
+    rival = min(rivals, key=timing.median)
+    return Race(robot.model.name, robot.n, what, peer, timing.median('ours') / calls,
+                timing.median(rival) / calls, timing.ratio(rival, 'ours'))
+
+
+def shipped_arm(name: str) -> Model:
+    """Return a shipped arm without its gripper's joints."""
+    path = resource_path('urdf', f'{name}.urdf')
+    joints = [n for n in load_urdf(path).joint_names if 'finger' not in n]
+    return load_urdf(path, joints=joints)
+
+
+def real_robot(name: str) -> Model:
+    """Return a robot of example-robot-data by the name of its URDF."""
+    found = [file for file in metadata.files('example-robot-data') or ()
+             if file.name == f'{name}.urdf']
+    return load_urdf(Path(str(found[0].locate())))
+
+
+ARMS: dict[str, Callable[[], Model]] = {
+    'ur10e': partial(shipped_arm, 'ur10e'),
+    'fr3': partial(shipped_arm, 'fr3'),
+}
+LARGE: dict[str, Callable[[], Model]] = {
+    'talos_reduced': partial(real_robot, 'talos_reduced'),
+}
+NOT_LARGE = ('gravity_force',)
+
+
+def random_states(robot: Robot, count: int) -> np.ndarray:
+    """Return q, u and udot (or tau), (3, count, n)."""
+    rng = np.random.default_rng(0)
+    return rng.uniform(-2.0, 2.0, (3, count, robot.n))
+
+
+def check(robot: Robot, peer: Pinocchio, what: str, states: np.ndarray) -> None:
+    """Raise unless both give the same numbers at a few states."""
+    kernel = robot.kernels.quantity(what)
+    given = {'q': 0, 'u': 1, 'udot': 2, 'tau': 2}
+    for i in range(5):
+        ours = np.asarray(kernel(*(states[given[a.name], i] for a in kernel.arguments)))
+        theirs = peer.answer(what, *states[:, i])
+        for axis, order in _axes(robot, peer, what):
+            ours = np.take(ours, order, axis=axis)
+        if what == 'coriolis_matrix':  # many are right; what they do to u is one
+            u = peer.permuted(states[1, i])
+            ours, theirs = ours @ u, theirs.reshape(robot.n, robot.n) @ u
+        tolerance = TOLERANCE
+        if what in ('forward_dynamics', 'forward_dynamics_derivatives', 'inverse_mass_matrix'):
+            condition = np.linalg.cond(robot.mass_matrix(states[0, i]))
+            tolerance = max(tolerance, 100.0 * np.finfo(float).eps * condition)
+        error = np.abs(ours.ravel() - theirs).max() / np.abs(theirs).max()
+        if not error < tolerance:
+            raise AssertionError(f'{robot.model.name}: {what} differs by {error:.2g} of its size '
+                                 f'from Pinocchio; at most {tolerance:.2g}')
+
+
+def _axes(robot: Robot, peer: Pinocchio, what: str) -> list[tuple[int, list[int]]]:
+    """Return along which axes of our result the joints must be put in the peer's order."""
+    if what == 'regressor':
+        blocks = [10 * i + k for i in peer.order for k in range(10)]
+        return [(0, peer.columns), (1, blocks)]
+    shape = robot.kernels.quantity(what).shape
+    return [(axis, peer.columns) for axis, size in enumerate(shape)
+            if len(shape) < 3 or axis > 0]
+
+
+def our_loop(robot: Robot, what: str, states: np.ndarray) -> Callable[[], None]:
+    """Return a call that runs a kernel natively over all states, each result over the last."""
+    kernel: Kernel = robot.kernels.quantity(what)
+    rows = dict(zip(('q', 'u', 'udot'), states)) | {'tau': states[2]}
+    blocks = [rows[argument.name] for argument in kernel.arguments]
+    strides = [block.strides[0] for block in blocks] + [0, 0]
+    result = np.empty(kernel.shape)
+    pointers = [block.ctypes.data for block in (*blocks, kernel.parameters, result)]
+    owned = (blocks, result)  # the closure keeps the memory alive
+
+    def run() -> None:
+        repeat(kernel.address, pointers, strides, len(owned[0][0]))
+    return run
+
+
+def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
+    """Race over every quantity that this version of the library has."""
+    states, peer, races = random_states(robot, STATES), Pinocchio(robot), []
+    peer.keep(*states)
+    for what in quantities:
+        if what not in QUANTITIES:
+            continue
+        check(robot, peer, what, states)
+        rivals = {name: partial(peer.run, name) for name in RIVALS[what]}
+        timing = interleaved({'ours': our_loop(robot, what, states)}
+                             | {f'pinocchio {name}': call for name, call in rivals.items()})
+        races.append(race(robot, f'native loop: {what}', 'Pinocchio C++', timing, STATES,
+                          tuple(f'pinocchio {name}' for name in rivals)))
+    return races
+
+
+def batch_race(robot: Robot) -> Race:
+    """Race over inverse dynamics of a large batch, one thread each."""
+    states, peer = random_states(robot, BATCH), Pinocchio(robot)
+    tau, theirs = np.empty((2, BATCH, robot.n))
+    permuted = [peer.permuted(x) for x in states]
+    before = os.environ.get('KANE_DYNAMICS_THREADS')
+    os.environ['KANE_DYNAMICS_THREADS'] = '1'
+    try:
+        timing = interleaved({
+            'ours': lambda: robot.inverse_dynamics(*states, out=tau),
+            'theirs': lambda: peer.batch(*permuted, theirs)}, turns=BATCH_TURNS)
+    finally:
+        os.environ.pop('KANE_DYNAMICS_THREADS')
+        if before is not None:
+            os.environ['KANE_DYNAMICS_THREADS'] = before
+    np.testing.assert_allclose(peer.permuted(tau), theirs, rtol=0.0,
+                               atol=TOLERANCE * np.abs(theirs).max())
+    return race(robot, f'batch of {BATCH}, one thread', 'Pinocchio C++', timing, BATCH,
+                ('theirs',))
+
+
+def races() -> list[Race]:
+    """Return all races; Unavailable says why there are none."""
+    library()
+    results = []
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        for make in (*ARMS.values(), *LARGE.values()):
+            model = make()
+            robot = Robot(model, friction=False)  # which Pinocchio does not know
+            large = robot.n > 9
+            results += kernel_races(robot, tuple(what for what in RIVALS
+                                                 if not (large and what in NOT_LARGE)))
+            if not large:
+                results.append(batch_race(robot))
+            gc.collect()
+    return results
+
+
+def main() -> int:
+    """Print the races."""
+    try:
+        print(*races(), sep='\n')
+    except Unavailable as error:
+        print(f'native loop left out: {error}')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

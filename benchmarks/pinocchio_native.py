@@ -1,0 +1,159 @@
+"""
+Pinocchio's C++ in this process: pinocchio_loop.cpp, compiled at need, behind ctypes.
+
+The library is built against the headers of the `pin` wheel and of cmeel-eigen, for this very
+processor, and kept in build/bench under a name that its source, compiler and versions determine.
+The module `pinocchio` must not be imported beside it: both carry Boost's and Eigen's symbols.
+"""
+
+import ctypes
+from functools import cache
+import hashlib
+from importlib import metadata
+from pathlib import Path
+import platform
+import shutil
+import subprocess
+import sysconfig
+import weakref
+
+from kane_dynamics import Model, Robot
+from kane_dynamics.model import WORLD
+import numpy as np
+
+SOURCE = Path(__file__).with_name('pinocchio_loop.cpp')
+FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
+PACKAGES = ('pin', 'libpinocchio', 'cmeel-boost', 'cmeel-eigen')
+FLAGS = ['-O3', '-march=native', '-std=c++17', '-fPIC', '-shared', '-DNDEBUG', '-w',
+         # Pinocchio's variant of joint types is longer than Boost's lists are made for
+         '-DBOOST_MPL_LIMIT_LIST_SIZE=30', '-DBOOST_MPL_LIMIT_VECTOR_SIZE=30',
+         '-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS', '-DBOOST_FUSION_INVOKE_MAX_ARITY=12']
+DOUBLES = ctypes.c_void_p
+MOST_SECONDS = 1800  # of compilation, on a slow machine
+
+
+class Unavailable(Exception):
+    """The C++ loop cannot be built here; the message says why."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the loop is built from; Unavailable names what is missing."""
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            raise Unavailable(f"the package '{package}' is not installed "
+                              "(pip install 'kane_dynamics[bench]')") from None
+    if shutil.which('g++') is None:
+        raise Unavailable('there is no g++')
+    found['g++'] = subprocess.run(['g++', '-dumpfullversion'], capture_output=True, text=True,
+                                  check=True).stdout.strip()
+    return found
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """Return the loop, compiling it first if need be (minutes)."""
+    target = subprocess.run(['g++', '-march=native', '-Q', '--help=target'], capture_output=True,
+                            check=True).stdout if shutil.which('g++') else b''
+    text = repr((SOURCE.read_bytes(), FLAGS, versions(), platform.machine(), target))
+    path = FOLDER / f'pinocchio_loop_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so'
+    if not path.exists():
+        _compile(path)
+    loop = ctypes.CDLL(str(path))
+    loop.make.restype = ctypes.c_void_p
+    loop.make.argtypes = [ctypes.c_int, DOUBLES, DOUBLES]
+    loop.destroy.argtypes = [ctypes.c_void_p]
+    loop.answer.argtypes = [ctypes.c_void_p, ctypes.c_char_p, *[DOUBLES] * 4]
+    loop.keep.argtypes = [ctypes.c_void_p, ctypes.c_int, *[DOUBLES] * 3]
+    loop.run.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
+    loop.batch.argtypes = [ctypes.c_void_p, ctypes.c_int, *[DOUBLES] * 4]
+    loop.simulate.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_double, *[DOUBLES] * 2]
+    return loop
+
+
+def _compile(path: Path) -> None:
+    """Build the library whole or not at all."""
+    print(f'compiling {SOURCE.name} against Pinocchio (minutes, once)', flush=True)
+    prefix = Path(sysconfig.get_path('purelib')) / 'cmeel.prefix'
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix('.new')
+    done = subprocess.run(
+        ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(SOURCE), '-o',
+         str(new), f'-L{prefix}/lib', '-lboost_serialization', f'-Wl,-rpath,{prefix}/lib'],
+        capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
+    if done.returncode:
+        raise Unavailable(f'g++ failed: {done.stderr[-2000:]}')
+    new.replace(path)
+
+
+def _address(array: np.ndarray) -> int:
+    return int(array.ctypes.data)
+
+
+class Pinocchio:
+    """Pinocchio's model of a robot of ours, joint by joint, without friction."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Hand the bodies over depth first, as Pinocchio needs its subtrees in a row."""
+        self.loop, model = library(), robot.model
+        self.n, self.order = robot.n, _depth_first(model)
+        self.columns = [model.bodies[i].joint.coordinate for i in self.order]
+        if sorted(self.columns) != list(range(self.n)):
+            raise ValueError(f'{model.name}: mimic joints have no counterpart in the loop')
+        place = {i: k for k, i in enumerate(self.order)} | {WORLD: -1}
+        rows = []
+        for i in self.order:
+            body = model.bodies[i]
+            joint, inertial = body.joint, body.inertial
+            rows.append(np.concatenate([
+                [place[body.parent], joint.kind == 'prismatic'], joint.axis,
+                joint.rotation.ravel(), joint.translation, [inertial.mass], inertial.com,
+                inertial.inertia.ravel()]))
+        bodies, gravity = np.array(rows), np.array(robot.parameters.gravity)
+        self.handle = self.loop.make(self.n, _address(bodies), _address(gravity))
+        weakref.finalize(self, self.loop.destroy, self.handle)
+
+    def permuted(self, x: np.ndarray) -> np.ndarray:
+        """Return our vectors in Pinocchio's order of joints."""
+        return np.ascontiguousarray(x[..., self.columns])
+
+    def answer(self, what: str, q: np.ndarray, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return a quantity at one state, in Pinocchio's order: flat, rows first."""
+        out = np.empty(max(3 * self.n, 10 * self.n) * self.n)
+        given = [self.permuted(v) for v in (q, u, x)]
+        size = self.loop.answer(self.handle, what.encode(), *map(_address, given), _address(out))
+        if size < 0:
+            raise KeyError(what)
+        return out[:size]
+
+    def keep(self, q: np.ndarray, u: np.ndarray, x: np.ndarray) -> None:
+        """Choose the states of `run`."""
+        given = [self.permuted(v) for v in (q, u, x)]
+        self.loop.keep(self.handle, len(q), *map(_address, given))
+
+    def run(self, what: str) -> None:
+        """Evaluate a quantity once at every kept state."""
+        self.loop.run(self.handle, what.encode())
+
+    def batch(self, q: np.ndarray, u: np.ndarray, udot: np.ndarray, out: np.ndarray) -> None:
+        """Write inverse dynamics of states in Pinocchio's order, C-contiguous rows."""
+        self.loop.batch(self.handle, len(q), *map(_address, (q, u, udot, out)))
+
+    def simulate(self, steps: int, h: float, tau: np.ndarray, state: np.ndarray) -> None:
+        """Take Runge-Kutta steps; torque and state, which is overwritten, in Pinocchio's order."""
+        self.loop.simulate(self.handle, steps, h, _address(tau), _address(state))
+
+
+def _depth_first(model: Model) -> list[int]:
+    """Return the bodies' numbers so that every subtree stands in a row."""
+    children: dict[int, list[int]] = {}
+    for i, body in enumerate(model.bodies):
+        children.setdefault(body.parent, []).append(i)
+    order, pending = [], children.get(WORLD, [])[::-1]
+    while pending:
+        i = pending.pop()
+        order.append(i)
+        pending += children.get(i, [])[::-1]
+    return order

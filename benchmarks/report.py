@@ -1,0 +1,222 @@
+"""
+All benchmarks as one report, Markdown and JSON, in build/bench: `make bench`.
+
+Every part runs in a process of its own (Pinocchio's Python module and its C++ loop must not meet
+in one); within a part all contenders take turns, and ratios are formed turn by turn. Exits with 1
+if a gate is missed.
+"""
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from datetime import datetime, UTC
+from importlib import import_module, metadata
+import json
+import math
+import os
+from pathlib import Path
+import platform
+import shutil
+import subprocess
+import sys
+from typing import Any
+
+from kane_dynamics.native import llvm
+from kane_dynamics.resources import package_version, resource_path
+
+FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
+PARTS = ('python_calls', 'native_loop', 'simulation_loop')
+PYTHON, CPP, MUJOCO, START = 'Pinocchio from Python', 'Pinocchio C++', 'MuJoCo', 'start'
+ARMS, LARGE = ('ur10e', 'fr3'), ('talos',)
+PACKAGES = ('pin', 'mujoco', 'cmeel-eigen', 'numpy', 'llvmlite')
+
+
+@dataclass(frozen=True)
+class Gate:
+    """How many times faster than a peer we must be at least, on each of some robots."""
+
+    what: str
+    peer: str
+    least: float
+    stretch: float
+    robots: tuple[str, ...] = ARMS
+
+
+def gates() -> list[Gate]:
+    """Return what must hold on this processor."""
+    wide = llvm.features().get('avx512f', False)
+    loop = 'native loop: '
+    return [
+        Gate('inverse dynamics (rnea)', PYTHON, 6.0, 10.0),
+        Gate('forward dynamics (aba)', PYTHON, 8.0, 12.0),
+        Gate('mass matrix (crba)', PYTHON, 5.0, 8.0),
+        Gate('bound inverse dynamics (rnea)', PYTHON, 12.0, 20.0),
+        Gate(loop + 'inverse_dynamics', CPP, 10.0, 18.0),
+        Gate(loop + 'forward_dynamics', CPP, 10.0, 18.0),
+        Gate(loop + 'mass_matrix', CPP, 6.0, 10.0),
+        Gate(loop + 'inverse_dynamics_derivatives', CPP, 6.0, 12.0),
+        Gate(loop + 'inverse_mass_matrix', CPP, 8.0, 12.0),
+        Gate(loop + 'regressor', CPP, 5.0, 8.0),
+        Gate('batch of 100000, one thread', CPP, *((40.0, 60.0) if wide else (25.0, 40.0))),
+        Gate('RK4 simulation, a step', CPP, 8.0, 12.0),
+        Gate('RK4 simulation, a step', MUJOCO, 10.0, 20.0),
+        Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
+        Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
+        Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE)]
+
+
+START_GATES = {'inverse dynamics': ((0.08, 0.04), (0.005, 0.002))}  # s: compiled, from the cache
+
+
+def python_calls() -> dict[str, Any]:
+    """Return the calls from Python and the times of a start, from the benchmark of that name."""
+    module = import_module('python_calls')
+    figures = module.measure()
+    races = []
+    for kind in ('calls', 'batch'):
+        for name, timings in figures[kind].items():
+            timings = timings if isinstance(timings, dict) else {module.BATCH: timings}
+            axes = module.arm(resource_path('urdf', f'{name}.urdf')).n
+            races += [{'robot': name, 'axes': axes, 'what': what, 'peer': PYTHON,
+                       'ours': timing.median('ours'), 'theirs': timing.median('theirs'),
+                       'ratio': timing.ratio('theirs', 'ours')}
+                      for what, timing in timings.items()]
+    return {'races': races, START: figures['start_up']}
+
+
+def races_of(part: str) -> dict[str, Any]:
+    """Return the races of a benchmark, or why there are none."""
+    if part == 'python_calls':
+        return python_calls()
+    module = import_module(part)
+    try:
+        return {'races': [asdict(race) for race in module.races()]}
+    except import_module('pinocchio_native').Unavailable as error:
+        return {'races': [], 'left_out': f'{part}: {error}'}
+
+
+def measured(part: str) -> dict[str, Any]:
+    """Run a part in a process of its own and return what it found."""
+    print(f'{part} ...', flush=True)
+    path = FOLDER / f'{part}.json'
+    path.unlink(missing_ok=True)
+    subprocess.run([sys.executable, __file__, '--part', part, '--out', str(path)], check=True)
+    found: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
+    path.unlink()
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Return what the numbers depend on."""
+    names = [line.partition(':')[2].strip() for line in _lines('/proc/cpuinfo')
+             if line.startswith('model name')]
+    compiler = subprocess.run(['g++', '-dumpfullversion'], capture_output=True, text=True,
+                              check=False) if shutil.which('g++') else None
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = 'not installed'
+    return {'processor': names[0] if names else platform.processor(), 'cores': os.cpu_count(),
+            'system': platform.platform(), 'target': llvm.fingerprint().split('|')[1],
+            'LLVM': llvm.fingerprint().split('|')[-1], 'Python': platform.python_version(),
+            'g++': compiler.stdout.strip() if compiler else 'not installed',
+            'kane_dynamics': package_version(), 'load': os.getloadavg()[0], **versions}
+
+
+def _lines(path: str) -> list[str]:
+    try:
+        return Path(path).read_text(encoding='utf-8').splitlines()
+    except OSError:
+        return []  # not Linux
+
+
+def judged(races: Iterable[dict[str, Any]], start: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return every gate with what was measured; one that nothing was measured for is not met."""
+    ratios = {(race['robot'], race['what'], race['peer']): race['ratio'] for race in races}
+    rows = []
+    for gate in gates():
+        for robot in gate.robots:
+            ratio = ratios.get((robot, gate.what, gate.peer), [math.nan] * 3)
+            rows.append({'gate': f'{robot}: {gate.what} / {gate.peer}', 'measured': ratio,
+                         'least': gate.least, 'stretch': gate.stretch,
+                         'met': ratio[0] >= gate.least})
+    for what, limits in START_GATES.items():
+        times = start.get(what, (math.nan, math.nan))
+        for how, took, (most, stretch) in zip(('compiled', 'from the cache'), times, limits):
+            rows.append({'gate': f'fr3: {what} {how}, ms at most', 'measured': [1e3 * took],
+                         'least': 1e3 * most, 'stretch': 1e3 * stretch, 'met': took <= most})
+    return rows
+
+
+def markdown(report: dict[str, Any]) -> str:
+    """Return the report for people."""
+    lines = ['# How fast, against whom', '', f'{report["date"]}. ' + ', '.join(
+        f'{key} {value}' for key, value in report['machine'].items()) + '.', '',
+        'Times are medians. Ratios are theirs / ours, formed turn by turn in one run where all',
+        'contenders take turns in shuffled order: median (10th to 90th percentile). Reproduce',
+        'with `make bench`; `benchmarks/` says how each is measured.', '', '## Gates', '',
+        '| | measured | gate | stretch | |', '|---|---|---|---|---|']
+    lines += [f'| {row["gate"]} | {_ratio(row["measured"])} | {row["least"]:g} '
+              f'| {row["stretch"]:g} | {"met" if row["met"] else "MISSED"} |'
+              for row in report['gates']]
+    lines += ['', '## All figures', '',
+              '| robot | axes | | ours, ns | theirs, ns | peer | ratio |',
+              '|---|---|---|---|---|---|---|']
+    lines += [f'| {r["robot"]} | {r["axes"]} | {r["what"]} | {1e9 * r["ours"]:.0f} '
+              f'| {1e9 * r["theirs"]:.0f} | {r["peer"]} | {_ratio(r["ratio"])} |'
+              for r in report['races']]
+    lines += ['', '## Start of a process, fr3', '', '| | compiled, ms | from the cache, ms |',
+              '|---|---|---|']
+    lines += [f'| {what} | {1e3 * compiled:.1f} | {1e3 * loaded:.1f} |'
+              for what, (compiled, loaded) in report[START].items()]
+    lines += [f'\nLeft out: {reason}.' for reason in report['left_out']]
+    return '\n'.join([*lines, ''])
+
+
+def _ratio(values: list[float]) -> str:
+    middle, *spread = values
+    if math.isnan(middle):
+        return 'not measured'
+    return f'{middle:.1f}' + (f' ({spread[0]:.1f} to {spread[1]:.1f})' if spread else '')
+
+
+def finite(value: Any) -> Any:
+    """Return a value with null, which JSON has, for NaN, which it has not."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def main() -> int:
+    """Measure everything, write the report, and judge it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--no-gates', action='store_true', help='exit with 0 in any case')
+    parser.add_argument('--part', choices=PARTS, help=argparse.SUPPRESS)
+    parser.add_argument('--out', type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.part:
+        options.out.write_text(json.dumps(races_of(options.part)), encoding='utf-8')
+        return 0
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    parts = {part: measured(part) for part in PARTS}
+    races = [race for part in parts.values() for race in part['races']]
+    start = parts['python_calls'][START]
+    report = {'date': datetime.now(UTC).isoformat(timespec='seconds'),
+              'machine': machine(), 'gates': judged(races, start), 'races': races, START: start,
+              'left_out': [p['left_out'] for p in parts.values() if 'left_out' in p]}
+    text = markdown(report)
+    (FOLDER / 'report.md').write_text(text, encoding='utf-8')
+    (FOLDER / 'report.json').write_text(json.dumps(finite(report), indent=1) + '\n',
+                                        encoding='utf-8')
+    print(f'{text}\nwritten to {FOLDER / "report.md"} and {FOLDER / "report.json"}')
+    missed = [row['gate'] for row in report['gates'] if not row['met']]
+    print(f'{len(missed)} of {len(report["gates"])} gates missed' if missed else 'all gates met')
+    return 1 if missed and not options.no_gates else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,94 @@
+"""Runge-Kutta at 1 ms under a held torque: simulate, Pinocchio's C++ and MuJoCo, turn by turn."""
+
+import sys
+import warnings
+
+from interleaved import interleaved
+from kane_dynamics import Robot, simulate
+from kane_dynamics.model import Model
+from kane_dynamics.resources import resource_path
+import mujoco
+from native_loop import ARMS, Race, race
+import numpy as np
+from pinocchio_native import Pinocchio, Unavailable
+
+STEP, STEPS = 1e-3, 10_000
+CHECKED_STEPS, TOLERANCE = 100, 1e-8  # rad, m or s: one method, three implementations
+
+
+def mujoco_model(name: str, model: Model) -> mujoco.MjModel:
+    """Return MuJoCo's model of a shipped arm: the same joints, without contacts and friction."""
+    spec = mujoco.MjSpec.from_file(str(resource_path('urdf', f'{name}.urdf')))
+    locked = [joint for joint in spec.joints if joint.name not in model.joint_names]
+    for element in [*spec.equalities, *locked]:  # the equalities tie the gripper's fingers
+        spec.delete(element)
+    plant = spec.compile()
+    plant.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    plant.opt.timestep = STEP
+    plant.opt.gravity[:] = model.gravity
+    off = mujoco.mjtDisableBit
+    plant.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
+                               | off.mjDSBL_CONSTRAINT)
+    plant.dof_damping[:] = 0.0
+    plant.dof_armature[:] = 0.0
+    assert [plant.joint(k).name for k in range(plant.njnt)] == list(model.joint_names)
+    return plant
+
+
+def simulation_races(name: str, model: Model) -> list[Race]:
+    """Race over ten seconds of simulated time against both peers."""
+    robot = Robot(model, friction=False)
+    rng, n = np.random.default_rng(0), robot.n
+    q0, u0 = rng.uniform(-1.0, 1.0, (2, n))
+    tau = robot.gravity_force(q0)
+    plant = mujoco_model(name, model)
+    data = mujoco.MjData(plant)
+
+    def ours(steps: int = STEPS) -> np.ndarray:
+        result = simulate(robot, q0, u0, steps * STEP, step=STEP, torque=tau,
+                          sample=steps * STEP)
+        return np.concatenate([result.q[-1], result.u[-1]])
+
+    def of_mujoco(steps: int = STEPS) -> np.ndarray:
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q0, u0, tau
+        mujoco.mj_step(plant, data, nstep=steps)
+        return np.concatenate([data.qpos, data.qvel])
+
+    contenders = {'ours': ours, 'MuJoCo': of_mujoco}
+    try:
+        peer = Pinocchio(robot)
+    except Unavailable as error:
+        print(f'simulation in Pinocchio C++ left out: {error}')
+    else:
+        def of_pinocchio(steps: int = STEPS) -> np.ndarray:
+            state = np.concatenate([q0, u0])
+            peer.simulate(steps, STEP, tau, state)
+            return state
+        if peer.columns != list(range(n)):
+            raise AssertionError(f'{name}: the joints stand in another order in Pinocchio')
+        contenders['Pinocchio C++'] = of_pinocchio
+    expected = ours(CHECKED_STEPS)
+    for other, call in contenders.items():
+        error = np.abs(call(CHECKED_STEPS) - expected).max()
+        if not error < TOLERANCE:
+            raise AssertionError(f'{name}: after {CHECKED_STEPS} steps {other} is {error:.2g} off')
+    timing = interleaved(contenders)
+    return [race(robot, 'RK4 simulation, a step', other, timing, STEPS, (other,))
+            for other in contenders if other != 'ours']
+
+
+def races() -> list[Race]:
+    """Return the races of all arms."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        return [r for name, make in ARMS.items() for r in simulation_races(name, make())]
+
+
+def main() -> int:
+    """Print the races."""
+    print(*races(), sep='\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

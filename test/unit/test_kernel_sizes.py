@@ -1,0 +1,45 @@
+"""No kernel of a shipped robot needs more arithmetic or code than was recorded."""
+
+from benchmarks import kernel_sizes
+import pytest
+
+RECORDED = kernel_sizes.recorded()
+COMMAND = 'if that is meant, run `make kernel-sizes` and commit kernel_sizes.json'
+
+
+def changes(recorded, measured, columns):
+    """Return in words what differs; a smaller kernel is to be recorded too, lest it grow back."""
+    found = [f'{name}: only {where}' for name in sorted(recorded.keys() ^ measured.keys())
+             for where in ['recorded' if name in recorded else 'measured']]
+    for name in recorded.keys() & measured.keys():
+        found += [f'{name}: {column} {"grew" if new > old else "shrank"} from {old} to {new}'
+                  for column, old, new in zip(columns, recorded[name], measured[name])
+                  if new != old]
+    return sorted(found)
+
+
+@pytest.mark.parametrize('robot', kernel_sizes.robots())
+def test_no_kernel_grows(robot):
+    columns = list(kernel_sizes.COLUMNS)
+    if RECORDED['llvm'] != kernel_sizes.llvm_version():
+        columns.remove('bytes')  # another LLVM makes other code of the same arithmetic
+    found = changes(RECORDED['sizes'].get(robot, {}),
+                    kernel_sizes.measured(kernel_sizes.robots()[robot]), columns)
+    assert not found, f'{robot}: {"; ".join(found)}; {COMMAND}'
+
+
+def test_every_shipped_robot_is_recorded_and_no_other():
+    assert RECORDED['sizes'].keys() == kernel_sizes.robots().keys(), COMMAND
+    assert RECORDED['columns'] == list(kernel_sizes.COLUMNS)
+    assert RECORDED['cpu'] == kernel_sizes.llvm.REFERENCE_CPU
+
+
+def test_growth_of_one_operation_or_byte_is_found():
+    columns, before = kernel_sizes.COLUMNS, {'mass_matrix': [10, 9, 0, 2, 400]}
+    assert changes(before, before, columns) == []
+    for k, column in enumerate(columns):
+        after = {'mass_matrix': [x + (i == k) for i, x in enumerate(before['mass_matrix'])]}
+        assert len(changes(before, after, columns)) == 1
+        assert f'mass_matrix: {column} grew from' in changes(before, after, columns)[0]
+        assert f'{column} shrank' in changes(after, before, columns)[0]
+    assert changes(before, {}, columns) == ['mass_matrix: only recorded']
