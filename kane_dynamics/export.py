@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.quantities import QUANTITIES
 from kane_dynamics.model import Array
 from kane_dynamics.native.export import (c_functions, comment, identifier, literal, prototype,
                                          string)
@@ -67,22 +66,22 @@ def write_c(robot: Any, path: str | os.PathLike[str],
     for file in (source, header):
         _check_place(file)
     prefix = identifier(source.stem)
-    chosen = [_kernel(robot, prefix, name) for name in _checked_names(kernels)]
+    chosen = [_kernel(robot, prefix, name) for name in _checked_names(robot, kernels)]
     about = _about(robot, chosen)
     _write(header, _header_text(robot, prefix, about, chosen))
     _write(source, _source_text(robot, prefix, header.name, about, chosen))
     return source, header
 
 
-def _checked_names(kernels: Sequence[str]) -> list[str]:
+def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
     """Return the kernels' names, each once, or InputError."""
     if isinstance(kernels, str):
         raise InputError(f"kernels is the string '{kernels}'; expected a sequence of names")
     names = list(dict.fromkeys(kernels))
-    unknown = [name for name in names if name not in QUANTITIES]
+    unknown = [name for name in names if name not in robot.kernels.names]
     if unknown or not names:
         given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
-        raise InputError(f'{given}; valid: {", ".join(QUANTITIES)}')
+        raise InputError(f'{given}; valid: {", ".join(robot.kernels.names)}')
     return names
 
 
