@@ -7,7 +7,7 @@ of mass up to the second). Two further changes that no joint torque can notice m
 numbers 0 or 1, which tracing then folds away:
 
 * `denavit_hartenberg`: each revolute link's frame slid and turned about its own axis so that the
-  way to its (largest) child is a turn about x and two offsets;
+  way to its (largest) child is a turn about x and two offsets, where that is less arithmetic;
 * `regrouped`: matter on a revolute joint's axis moves the same in the parent, and so does the
   second moment of a prismatic link: both are handed to the parent. What stays are the base
   inertial parameters (Khalil & Dombre, Modeling, Identification and Control of Robots, ch. 9).
@@ -15,7 +15,7 @@ numbers 0 or 1, which tracing then folds away:
 Pseudo-inertias may hold traced values (a payload); everything else here is numbers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import Any, Literal
@@ -157,7 +157,11 @@ def _moved(link: Link, G: Array) -> Link:
 
 
 def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
-    """Slide and turn revolute links' frames about their own z (see the module)."""
+    """
+    Slide and turn revolute links' frames about their own z (see the module).
+
+    A link keeps its frame where the move would leave more constants than it clears.
+    """
     result = list(links)
     children = [[k for k, link in enumerate(links) if link.parent == i]
                 for i in range(len(links))]
@@ -171,10 +175,20 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         angle, shift = _common_normal(result[max(children[i], key=lambda k: size[k])])
         G = about_z(angle)
         G[2, 3] = shift
-        result[i] = _moved(result[i], G)
+        moved = {i: _moved(result[i], G)}
         for k in children[i]:
-            result[k] = replace(result[k], pose=_clean(inverse(G) @ result[k].pose))
+            moved[k] = replace(result[k], pose=_clean(inverse(G) @ result[k].pose))
+        if _constants(moved.values()) <= _constants(result[k] for k in moved):
+            for k, link_moved in moved.items():
+                result[k] = link_moved
     return tuple(_untwisted(link) for link in result)
+
+
+def _constants(links: Iterable[Link]) -> int:
+    """Count the entries of the ways to links that cost a multiplication each time."""
+    poses = [_untwisted(link).pose[:3] for link in links]
+    return sum(int(np.sum(~np.isin(pose[:, :3], (0.0, 1.0, -1.0))) + np.sum(pose[:, 3] != 0.0))
+               for pose in poses)
 
 
 def _common_normal(child: Link) -> tuple[float, float]:
