@@ -15,9 +15,9 @@ PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 TABLE = (
     'errors',
     'inertial progress resources',
-    'model',
+    'model shapes',
     'limiter mechanics motion urdf',
-    'native',
+    'build native',
     'kernel_set parameters verification',
     'robot',
     'control stepping trajectory',
