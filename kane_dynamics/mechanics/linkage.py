@@ -166,36 +166,49 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         if links[i].parent != WORLD:
             size[links[i].parent] += size[i]
     for i, link in enumerate(links):
-        if link.kind != 'revolute' or not children[i]:
-            continue
-        angle, shift = _common_normal(result[max(children[i], key=lambda k: size[k])])
-        G = about_z(angle)
-        G[2, 3] = shift
-        result[i] = _moved(result[i], G)
-        for k in children[i]:
-            result[k] = replace(result[k], pose=_clean(inverse(G) @ result[k].pose))
+        if link.kind == 'revolute' and link.parent != WORLD:
+            _move(result, i, homogeneous(None, _slide(result[i]) * Z), children[i])
+        if link.kind == 'revolute' and children[i]:
+            child = result[max(children[i], key=lambda k: size[k])]
+            _move(result, i, about_z(_turn_to_normal(child)), children[i])
+            if link.parent == WORLD and child.kind == 'revolute':
+                foot = child.translation + _slide(child) * child.rotation[:, 2]
+                _move(result, i, homogeneous(None, foot[2] * Z), children[i])
     return tuple(_untwisted(link) for link in result)
 
 
-def _common_normal(child: Link) -> tuple[float, float]:
-    """Return the angle and height, about and along z, of the way to a child's joint axis."""
+def _move(links: list[Link], i: int, G: Array, children: Sequence[int]) -> None:
+    """Change the frame of link i by the pose G on it, a screw about z, and leave its children."""
+    links[i] = _moved(links[i], G)
+    for k in children:
+        links[k] = replace(links[k], pose=_clean(inverse(G) @ links[k].pose))
+
+
+def _turn_to_normal(child: Link) -> float:
+    """Return the angle about z of the common normal with a child's joint axis."""
     z, p = child.rotation[:, 2], child.translation
-    x, shift = np.cross(Z, z), 0.0
-    if np.linalg.norm(x) > NEARLY_PARALLEL:
-        x /= np.linalg.norm(x)
-        if child.kind == 'revolute':  # p + t z = shift Z + a x: the feet of the common normal
-            shift = float(np.linalg.solve(np.stack([Z, x, -z], axis=1), p)[0])
-    elif child.kind == 'revolute':
-        x, shift = np.array([p[0], p[1], 0.0]), float(p[2])
+    x = np.cross(Z, z)
+    if np.linalg.norm(x) <= NEARLY_PARALLEL and child.kind == 'revolute':
+        x = np.array([p[0], p[1], 0.0])
     if np.linalg.norm(x) < 1e-9:  # the axes are one
-        return 0.0, shift
+        return 0.0
     angle = math.atan2(x[1], x[0])
     half = math.pi / 2.0 + 1e-9
     if angle > half:
         angle -= math.pi
     elif angle <= -half:
         angle += math.pi
-    return angle, shift
+    return angle
+
+
+def _slide(child: Link) -> float:
+    """Return how far along its axis a child's origin is from the common normal with z."""
+    z, p = child.rotation[:, 2], child.translation
+    x = np.cross(Z, z)
+    square = float(x @ x)
+    if square > NEARLY_PARALLEL**2:  # p + t z = height Z + a x
+        return -float(np.cross(Z, p) @ x) / square
+    return -float(p[2] * np.sign(z[2]))
 
 
 def _untwisted(link: Link) -> Link:
