@@ -6,11 +6,13 @@ constant placement in its parent and a pseudo-inertia P = int [r;1][r;1]^T dm (4
 of mass up to the second). Two further changes that no joint torque can notice make most of its
 numbers 0 or 1, which tracing then folds away:
 
-* `denavit_hartenberg`: each revolute link's frame slid and turned about its own axis so that the
-  way to its (largest) child is a turn about x and two offsets;
+* `denavit_hartenberg`: each revolute link's frame slid along its own axis to the common normal
+  with its parent's, and turned about it so that the way to its (largest) child is an offset along
+  its z, one along its x, and a turn about x;
 * `regrouped`: matter on a revolute joint's axis moves the same in the parent, and so does the
   second moment of a prismatic link: both are handed to the parent. What stays are the base
   inertial parameters (Khalil & Dombre, Modeling, Identification and Control of Robots, ch. 9).
+  A link that carries no other is turned about its axis until y is free of its first moment.
 
 Pseudo-inertias may hold traced values (a payload); everything else here is numbers.
 """
@@ -223,7 +225,9 @@ def _untwisted(link: Link) -> Link:
 
 def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
     """Hand to each parent the matter that moves with it just as well (see the module)."""
-    result = list(links)
+    carrying_none = set(range(len(links))).difference(link.parent for link in links)
+    result = [_turned_to_matter(link) if i in carrying_none else link
+              for i, link in enumerate(links)]
     for i in reversed(range(len(links))):
         link = result[i]
         moved = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
@@ -238,6 +242,17 @@ def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
             result[link.parent] = replace(
                 above, pseudo_inertia=above.pseudo_inertia + T @ moved @ T.T)
     return tuple(result)
+
+
+def _turned_to_matter(link: Link) -> Link:
+    """Turn a revolute link about its axis until its mass centre, or a principal axis, is on x."""
+    P = _without_rounding(link.pseudo_inertia)
+    if link.kind != 'revolute' or P.dtype == object:
+        return link
+    x, y = P[0, 3], P[1, 3]
+    if x == y == 0.0:
+        return _moved(link, about_z(0.5 * math.atan2(2.0 * P[0, 1], P[0, 0] - P[1, 1])))
+    return _moved(link, about_z(math.atan2(y, x)))
 
 
 def _clean(pose: Array) -> Array:
