@@ -6,11 +6,13 @@ constant placement in its parent and a pseudo-inertia P = int [r;1][r;1]^T dm (4
 of mass up to the second). Two further changes that no joint torque can notice make most of its
 numbers 0 or 1, which tracing then folds away:
 
-* `denavit_hartenberg`: each revolute link's frame slid and turned about its own axis so that the
-  way to its (largest) child is a turn about x and two offsets, where that is less arithmetic;
+* `denavit_hartenberg`: each revolute link's frame slid along its own axis to the common normal
+  with its parent's, and turned about it so that the way to its (largest) child is an offset along
+  its z, one along its x, and a turn about x; where that is less arithmetic;
 * `regrouped`: matter on a revolute joint's axis moves the same in the parent, and so does the
   second moment of a prismatic link: both are handed to the parent. What stays are the base
   inertial parameters (Khalil & Dombre, Modeling, Identification and Control of Robots, ch. 9).
+  A link that carries no other is turned about its axis until y is free of its first moment.
 
 Pseudo-inertias may hold traced values (a payload); everything else here is numbers.
 """
@@ -170,17 +172,20 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         if links[i].parent != WORLD:
             size[links[i].parent] += size[i]
     for i, link in enumerate(links):
-        if link.kind != 'revolute' or not children[i]:
+        if link.kind != 'revolute':
             continue
-        angle, shift = _common_normal(result[max(children[i], key=lambda k: size[k])])
-        G = about_z(angle)
-        G[2, 3] = shift
-        moved = {i: _moved(result[i], G)}
-        for k in children[i]:
-            moved[k] = replace(result[k], pose=_clean(inverse(G) @ result[k].pose))
-        if _constants(moved.values()) <= _constants(result[k] for k in moved):
-            for k, link_moved in moved.items():
-                result[k] = link_moved
+        trial = list(result)
+        if link.parent != WORLD:
+            _move(trial, i, homogeneous(None, _slide(trial[i]) * Z), children[i])
+        if children[i]:
+            child = trial[max(children[i], key=lambda k: size[k])]
+            _move(trial, i, about_z(_turn_to_normal(child)), children[i])
+            if link.parent == WORLD and child.kind == 'revolute':
+                foot = child.translation + _slide(child) * child.rotation[:, 2]
+                _move(trial, i, homogeneous(None, foot[2] * Z), children[i])
+        near = [i, *children[i]]
+        if _constants(trial[k] for k in near) <= _constants(result[k] for k in near):
+            result = trial
     return tuple(_untwisted(link) for link in result)
 
 
@@ -191,25 +196,38 @@ def _constants(links: Iterable[Link]) -> int:
                for pose in poses)
 
 
-def _common_normal(child: Link) -> tuple[float, float]:
-    """Return the angle and height, about and along z, of the way to a child's joint axis."""
+def _move(links: list[Link], i: int, G: Array, children: Sequence[int]) -> None:
+    """Change the frame of link i by the pose G on it, a screw about z, and leave its children."""
+    links[i] = _moved(links[i], G)
+    for k in children:
+        links[k] = replace(links[k], pose=_clean(inverse(G) @ links[k].pose))
+
+
+def _turn_to_normal(child: Link) -> float:
+    """Return the angle about z of the common normal with a child's joint axis."""
     z, p = child.rotation[:, 2], child.translation
-    x, shift = np.cross(Z, z), 0.0
-    if np.linalg.norm(x) > NEARLY_PARALLEL:
-        x /= np.linalg.norm(x)
-        if child.kind == 'revolute':  # p + t z = shift Z + a x: the feet of the common normal
-            shift = float(np.linalg.solve(np.stack([Z, x, -z], axis=1), p)[0])
-    elif child.kind == 'revolute':
-        x, shift = np.array([p[0], p[1], 0.0]), float(p[2])
+    x = np.cross(Z, z)
+    if np.linalg.norm(x) <= NEARLY_PARALLEL and child.kind == 'revolute':
+        x = np.array([p[0], p[1], 0.0])
     if np.linalg.norm(x) < 1e-9:  # the axes are one
-        return 0.0, shift
+        return 0.0
     angle = math.atan2(x[1], x[0])
     half = math.pi / 2.0 + 1e-9
     if angle > half:
         angle -= math.pi
     elif angle <= -half:
         angle += math.pi
-    return angle, shift
+    return angle
+
+
+def _slide(child: Link) -> float:
+    """Return how far along its axis a child's origin is from the common normal with z."""
+    z, p = child.rotation[:, 2], child.translation
+    x = np.cross(Z, z)
+    square = float(x @ x)
+    if square > NEARLY_PARALLEL**2:  # p + t z = height Z + a x
+        return -float(np.cross(Z, p) @ x) / square
+    return -float(p[2] * np.sign(z[2]))
 
 
 def _untwisted(link: Link) -> Link:
@@ -224,7 +242,9 @@ def _untwisted(link: Link) -> Link:
 
 def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
     """Hand to each parent the matter that moves with it just as well (see the module)."""
-    result = list(links)
+    carrying_none = set(range(len(links))).difference(link.parent for link in links)
+    result = [_turned_to_matter(link) if i in carrying_none else link
+              for i, link in enumerate(links)]
     for i in reversed(range(len(links))):
         link = result[i]
         moved = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
@@ -239,6 +259,17 @@ def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
             result[link.parent] = replace(
                 above, pseudo_inertia=above.pseudo_inertia + T @ moved @ T.T)
     return tuple(result)
+
+
+def _turned_to_matter(link: Link) -> Link:
+    """Turn a revolute link about its axis until its mass centre, or a principal axis, is on x."""
+    P = _without_rounding(link.pseudo_inertia)
+    if link.kind != 'revolute' or P.dtype == object:
+        return link
+    x, y = P[0, 3], P[1, 3]
+    if x == y == 0.0:
+        return _moved(link, about_z(0.5 * math.atan2(2.0 * P[0, 1], P[0, 0] - P[1, 1])))
+    return _moved(link, about_z(math.atan2(y, x)))
 
 
 def _clean(pose: Array) -> Array:

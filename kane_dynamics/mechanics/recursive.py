@@ -22,6 +22,7 @@ import numpy as np
 
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.array([0.0, 0.0, 0.0])
+AT_REST = np.zeros((3, 3))
 # In link axes: omega, alpha, acceleration a of the origin less gravity, U = `rate_tensor`.
 Motion = tuple[Any, Any, Any, Any]
 
@@ -68,17 +69,24 @@ def link_motion(link: Link, step: Step, before: Sequence[Motion], u: Any, udot: 
                 gravity: Any) -> Motion:
     """Return the motion of a link, given those of the links `before` it; see `Motion`."""
     rate, acceleration = (link.multiplier * x[link.coordinate] for x in (u, udot))
-    omega, alpha, a = REST, REST, -gravity
-    if link.parent != WORLD:
-        omega, alpha, a, U = before[link.parent]
-        a = a + U @ step.offset
-    omega, alpha, a = step.outward(omega), step.outward(alpha), step.outward(a)
+    omega, alpha, a, U = (REST, REST, -gravity, AT_REST) if link.parent == WORLD else (
+        before[link.parent])
+    U_z = step.outward(U @ step.axis)
+    omega, alpha, a = step.outward(omega), step.outward(alpha), step.outward(a + U @ step.offset)
     across = np.array([omega[1] * rate, -omega[0] * rate, 0.0])  # omega x (rate z)
-    if link.kind == 'revolute':
-        omega, alpha = omega + rate * Z, alpha + across + acceleration * Z
-    else:
+    if link.kind == 'prismatic':
         a = a + 2.0 * across + acceleration * Z
-    return omega, alpha, a, rate_tensor(omega, alpha)
+        return omega, alpha, a, rate_tensor(omega, alpha)
+    omega = omega + rate * Z
+    if np.count_nonzero(step.axis) > 1:
+        alpha = alpha + across + acceleration * Z
+        return omega, alpha, a, rate_tensor(omega, alpha)
+    # The joint's axis is on both links, so U z is one vector, which here takes no arithmetic but
+    # to turn; alpha follows from it.
+    x, y, z = omega
+    alpha = np.array([y * z - U_z[1], U_z[0] - x * z, alpha[2] + acceleration])
+    U = rate_tensor(omega, alpha)
+    return omega, alpha, a, np.stack([U[:, 0], U[:, 1], U_z], axis=1)
 
 
 def inertia_wrench(link: Link, motion: Motion) -> tuple[Any, Any]:

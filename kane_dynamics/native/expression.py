@@ -38,6 +38,10 @@ class Trace:
             self.nodes.append(found)
         return found
 
+    def has(self, op: str, *args: 'Expr') -> bool:
+        """Tell whether the node that applies `op` to `args` is there already."""
+        return (op, *[arg.index for arg in args]) in self._table
+
     def inputs(self, name: str, *shape: int) -> Any:
         """Return an object array of `shape` of fresh inputs, entries of the argument `name`."""
         size = math.prod(shape)
@@ -144,8 +148,6 @@ def _negative(x: Scalar) -> Scalar:
         return -x
     if x.op == 'neg':
         return x.args[0]  # type: ignore[no-any-return]
-    if x.op == 'sub':
-        return _difference(x.args[1], x.args[0])
     rest, factor = _constant_factor(x)
     if factor != 1.0:
         return _product(rest, -factor)
@@ -200,6 +202,8 @@ def _difference(x: Scalar, y: Scalar) -> Scalar:
         return x.args[1] if x.args[0] is y else x.args[0]  # type: ignore[no-any-return]
     if x.op == 'sub' and x.args[0] is y:
         return _negative(x.args[1])
+    if x.trace.has('sub', y, x):  # a sign costs less than a second difference
+        return x.trace.node('neg', x.trace.node('sub', y, x))
     return x.trace.node('sub', x, y)
 
 

@@ -89,6 +89,12 @@ def test_common_factors_are_taken_out_once():
     assert (count.multiplications, count.additions) == (1, 1)
 
 
+def test_a_difference_and_its_opposite_take_one_subtraction():
+    program = trace_program('f', lambda x: [(x[0] - x[1]) * x[2], (x[1] - x[0]) * x[3]],
+                            [('x', (4,))])
+    assert program.operation_count().additions == 1
+
+
 def test_a_product_that_serves_twice_is_not_taken_apart():
     def function(x):
         shared = x[0] * x[2]
