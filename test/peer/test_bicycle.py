@@ -5,14 +5,13 @@ Meijaard, Papadopoulos, Ruina & Schwab, Linearized dynamics equations for the ba
 a bicycle: a benchmark and review, Proc. R. Soc. A 463 (2007), tables 1 and 2.
 """
 
-from kane_dynamics import Inertial, ModelBuilder
-from kane_dynamics.mechanics.constraints import Rolling
+from pathlib import Path
+from runpy import run_path
+
 import numpy as np
 import pytest
 from sympy_kane import Ours
 
-Y = (0.0, 1.0, 0.0)
-TILT = np.pi / 10
 WEAVE = (  # real and imaginary part at 0 to 10 m/s; at 0 two real ones
     (3.13164324790656, 5.53094371765393), (3.52696170990070, 0.80774027519930),
     (2.68234517512745, 1.68066296590675), (1.70675605663975, 2.31582447384325),
@@ -81,26 +80,11 @@ class Tangent:
         return Tangent(root, self.slope / (2 * root))
 
 
-def bicycle():
-    """Return the benchmark's bicycle: z up, y to the left, origin under the rear wheel."""
-    b = ModelBuilder('bicycle')
-    b.body('frame', 'world', 'floating', turns='zxy', matter=Inertial(
-        85, (0.3, 0, 0.9), [[9.2, 0, -2.4], [0, 11, 0], [-2.4, 0, 2.8]]))
-    b.body('rear', 'frame', axis=Y, at=(0, 0, 0.3),
-           matter=Inertial(2, inertia=np.diag([0.0603, 0.12, 0.0603])))
-    b.body('fork', 'frame', joint='steer', axis=(-np.sin(TILT), 0, np.cos(TILT)), at=(1.1, 0, 0),
-           matter=Inertial(4, (-0.2, 0, 0.7), [[0.05892, 0, 0.00756], [0, 0.06, 0],
-                                               [0.00756, 0, 0.00708]]))
-    b.body('front', 'fork', axis=Y, at=(-0.08, 0, 0.35),
-           matter=Inertial(3, inertia=np.diag([0.1405, 0.28, 0.1405])))
-    return b.model()
-
-
 @pytest.fixture(scope='module')
 def rolling():
-    """Return the bicycle on its two wheels."""
-    return Ours(bicycle(), [Rolling('rear', 0.3, axis=Y), Rolling('front', 0.35, axis=Y)],
-                independent=['frame/rx', 'steer', 'rear'])
+    """Return the bicycle of the example on its two wheels."""
+    example = run_path(str(Path(__file__).resolve().parents[2] / 'examples' / 'bicycle.py'))
+    return Ours(example['model'], example['wheels'], example['free'])
 
 
 def linearised(bicycle, speed):
