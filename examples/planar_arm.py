@@ -1,6 +1,6 @@
 """Velocity propagates along a planar arm from link to link, and gives its Jacobian."""
 
-from kane_dynamics import ModelBuilder, rod, Robot
+from kane_dynamics import ModelBuilder, Robot, rod
 import numpy as np
 
 l1, l2 = 0.5, 0.4

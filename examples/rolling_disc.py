@@ -15,6 +15,7 @@ free = ['disc/rz', 'disc/rx', 'disc/ry']  # heading, lean, spin
 rolls = ConstrainedEquations(Equations(model), structured(
     model, None, [Rolling('disc', r, axis=(0, 1, 0))], free))
 
+
 def lean_acceleration(spin):
     """Return how fast the lean would change at this rate of spin."""
     q, u = np.array([0, 0, r * np.cos(lean), 0, lean, 0]), np.array([turn, 0.0, spin])

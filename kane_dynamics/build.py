@@ -107,7 +107,7 @@ class ModelBuilder:
         if properties and len(singles) > 1:
             names = ', '.join(single.name for single in singles)
             raise ModelError(f"{what} has {len(singles)} freedoms: give {', '.join(properties)} "
-                             f"by joint() to one of {names}")
+                             f'by joint() to one of {names}')
         _check_properties(joint, properties)
         _check_moments(name, matter)
         place = self._place(on, what)

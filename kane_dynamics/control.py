@@ -167,7 +167,7 @@ class Controller:
 
     @cached_property
     def _law(self) -> Callable[..., Array]:
-        """The kernel of computed torque with all terms."""
+        """Return the way into computed torque with all terms."""
         kernel = self.robot.kernels.computed_torque()
         return kernel.entry('', kernel)
 

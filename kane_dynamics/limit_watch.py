@@ -49,6 +49,7 @@ class LimitWatch:
         Parameters
         ----------
         states : (N, K, 2 n) array
+            Of every simulation at further times.
         t : (K,) array
             Their times, s.
         extremes : (N, 2 n) arrays, optional

@@ -36,8 +36,7 @@ class Motion:
     """
     A desired motion q(t), u(t), udot(t) of named joints; immutable.
 
-    Outside its points it stands still: before the first at the first position, from the last on
-    at the last position. Make one with `Motion.from_points`.
+    Outside its points it stands still, at the nearest. Make one with `Motion.from_points`.
 
     Attributes
     ----------
@@ -59,8 +58,7 @@ class Motion:
         self.positions = positions
         self.duration = float(times[-1])
         self._n = len(joint_names)
-        # One row of powers times one (6, 3 n) matrix gives q, u and udot: a scalar sample is a
-        # single small product, which matters at the rate of a controller.
+        # A row of powers times one (6, 3 n) matrix gives q, u and udot: fast at a single time.
         h = np.diff(times)[:, None, None]
         power = np.arange(6.0)[:, None]
         first, second = np.zeros_like(coefficients), np.zeros_like(coefficients)
@@ -125,12 +123,11 @@ class Motion:
             (positions, 'positions'), (velocities, 'velocities'),
             (accelerations, 'accelerations'))]
         if rows[0] is None:
-            raise InputError('positions is empty; every point needs the positions of '
-                             f'{list(given)}')
+            raise InputError(f'positions is empty; every point needs those of {list(given)}')
         if rows[2] is not None and rows[1] is None:
             raise InputError('accelerations are given without velocities; give both or neither')
-        q, u, udot = (None if row is None else row[:, columns] for row in rows)
-        assert q is not None
+        q = rows[0][:, columns]
+        u, udot = (None if row is None else row[:, columns] for row in rows[1:])
         rest = np.zeros(len(names))
         if start is not None and t[0] > 0.0:
             first = _start(start, names)
@@ -142,9 +139,9 @@ class Motion:
         with np.errstate(over='ignore', invalid='ignore'):
             u = _spline_velocities(t, q, rest) if u is None else u
             motion = cls(names, t, q, _coefficients(t, q, u, udot))
-        if not np.isfinite(motion._table).all():
-            raise InputError(f'the motion, up to {np.abs(q).max():g}, leaves the finite numbers')
-        return motion
+        if np.isfinite(motion._table).all():
+            return motion
+        raise InputError(f'the motion, up to {np.abs(q).max():g}, leaves the finite numbers')
 
     def sample(self, t: ArrayLike) -> State:
         """

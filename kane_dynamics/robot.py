@@ -20,6 +20,7 @@ import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
 
+
 class Robot(Dynamics):
     """
     The dynamics of one manipulator, compiled for it.

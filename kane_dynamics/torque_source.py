@@ -33,6 +33,7 @@ class TorqueSource:
         buffer : (N, K + 1, 2 n) array
             The N states after `done` steps, then room for K more of each.
         done : int
+            Steps before these.
         single : bool
             Use the kernel for one state; N is 1.
 
@@ -87,6 +88,7 @@ def torque_source(robot: Robot, step: float, count: int, torque: Any,
     Parameters
     ----------
     robot : Robot
+        Which is simulated.
     step : float
         s.
     count : int

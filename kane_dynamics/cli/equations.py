@@ -60,6 +60,7 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True) -
     Parameters
     ----------
     model : Model
+        The mechanism.
     numbers : bool
         Keep the model's numbers, to six digits, instead of symbols for them.
     friction : bool

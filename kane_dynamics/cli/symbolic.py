@@ -141,6 +141,7 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     Parameters
     ----------
     model : Model
+        The mechanism.
 
     Returns
     -------

@@ -88,6 +88,7 @@ def _on_joint(link: Link, partial: Any, state: Any) -> Any:
     Parameters
     ----------
     link : Link
+        The link.
     partial : (6,) array of scalars
         The joint's partial velocities at the link: angular s, linear v of its origin.
     state : array of scalars

@@ -146,6 +146,7 @@ def chosen(model: Model, choice: Any) -> Speeds:
     Parameters
     ----------
     model : Model
+        The mechanism.
     choice : None, Speeds, or callable
         A callable takes the model and returns `Speeds`.
 

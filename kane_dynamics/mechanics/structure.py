@@ -30,8 +30,11 @@ def structured(model: Model, speeds: Any, constraints: Sequence[Constraint],
     Parameters
     ----------
     model : Model
+        The mechanism.
     speeds : None, Speeds or callable
+        As `speeds.chosen` takes them.
     constraints : sequence of constraints
+        What holds.
     independent : sequence of str, optional
         Names of the speeds to take as independent; the best conditioned by default.
 
@@ -75,6 +78,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     Parameters
     ----------
     mechanism : Mechanism
+        Whose conditions to meet.
     q : (n_q,) array
         Where to start.
     t : float

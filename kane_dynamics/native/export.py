@@ -112,6 +112,7 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str]) -> str
     Parameters
     ----------
     program : Program
+        What to write.
     name : str
         A C identifier; also the prefix of the static functions' names.
     defaults : mapping

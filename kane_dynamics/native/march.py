@@ -182,6 +182,7 @@ def march(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: i
     Parameters
     ----------
     kernel : address
+        Of the lane kernel.
     rows : sequence of Strided
         The kernel's arguments in order, then its result. Where the result of a step is the
         argument of the next, this is a loop over time.
@@ -202,7 +203,7 @@ def march(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: i
         raise CompileError(f'a kernel has {len(rows)} arguments; at most {POINTER_SLOTS - 1}')
     table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
     width = width or lanes.width()
-    (function, _code), address = _march(width), table.ctypes.data
+    function, address = _march(width)[0], table.ctypes.data
     low, high = (array.ctypes.data for array in extremes) if extremes else (None, None)
     size = extremes[0].shape[1] if extremes else 0
 

@@ -154,6 +154,7 @@ def write_joint_state(names: Sequence[str], frame_id: str, counts: Sequence[int]
     Parameters
     ----------
     names : sequence of str
+        Of the joints.
     frame_id : str
         Of the header.
     counts : three int

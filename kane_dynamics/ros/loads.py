@@ -50,7 +50,9 @@ def checked_payload(model: Model, bounds: PayloadBounds, frame: str, mass: float
     Parameters
     ----------
     model : Model
+        Of the robot that carries it.
     bounds : PayloadBounds
+        What is believed at most.
     frame : str
         Frame that com and inertia are given in, fixed to the same body as the payload frame;
         empty: the payload frame.

@@ -119,8 +119,8 @@ def test_after_sigkill_the_last_torque_stays_until_a_new_node_speaks(client, sta
     assert close(client.ask(Q, np.zeros(3)), holding)
 
 
-def test_deactivation_in_the_middle_of_a_motion_commands_zeros_and_forgets_it(client, start,
-                                                                             holding):
+def test_deactivation_in_the_middle_of_a_motion_commands_zeros_and_forgets_it(
+        client, start, holding):
     start(state_timeout=1.0)
     client.connect()
     client.follow([(0.0, [0, 0, 0]), (20.0, [1.0, 1.0, 0.2])])
@@ -132,8 +132,8 @@ def test_deactivation_in_the_middle_of_a_motion_commands_zeros_and_forgets_it(cl
     assert close(client.ask(Q, np.zeros(3)), holding)
 
 
-def test_a_flood_of_requests_is_answered_oldest_first_and_the_rest_told_at_once(client, start,
-                                                                               holding):
+def test_a_flood_of_requests_is_answered_oldest_first_and_the_rest_told_at_once(
+        client, start, holding):
     start(state_timeout=1.0, simulation__max_waiting=4)
     client.connect()
     # Of ordinary depth, a client loses answers that come faster than it reads them.

@@ -60,7 +60,7 @@ def test_an_imu_on_the_base_turns_gravity(client, start):
     ('set parameter payload.frame', {'payload__mass': 1.0}),
     ("the IMU's frame 'b' moves", {'imu__topic': 'imu', 'imu__frame': 'b'}),
 ])
-def test_loads_that_do_not_fit_leave_the_node_unconfigured_and_say_why(client, start, words,
-                                                                        parameters):
+def test_loads_that_do_not_fit_leave_the_node_unconfigured_and_say_why(
+        client, start, words, parameters):
     start(**parameters).wait_for(words)
     assert client.state() == 'unconfigured'

@@ -13,7 +13,7 @@ import sympy as sp
 
 
 def hanging():
-    """A box on a universal joint, its mass centre off every axis."""
+    """Return a box on a universal joint, its mass centre off every axis."""
     b = ModelBuilder()
     b.body('box', 'world', 'universal', at=(0.1, 0.2, 0.3), rpy=(0.3, 0, 0),
            matter=box(1.5, (0.1, 0.2, 0.3), at=(0.1, -0.2, -0.4)))
@@ -21,7 +21,7 @@ def hanging():
 
 
 def crane():
-    """A boom on a skew axis that a sprung and damped slide lengthens."""
+    """Return a boom on a skew axis that a sprung and damped slide lengthens."""
     b = ModelBuilder(gravity=(0, -3, -9))
     b.body('boom', axis=(0, 3, 4), matter=Inertial(2, (0.4, 0.1, 0), np.eye(3)), friction=0.3)
     b.body('slide', 'boom', 'prismatic', axis=(1, 0, 0), at=(1, 0, 0), damping=0.7, stiffness=30,
