@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 import gc
-from importlib import metadata
 import os
-from pathlib import Path
 import sys
 import warnings
 
+from big_robots import BIG
 from interleaved import interleaved, Timing
 from kane_dynamics import load_urdf, Model, Robot
 from kane_dynamics.native.kernels import Kernel
@@ -84,19 +83,9 @@ def shipped_arm(name: str) -> Model:
     return load_urdf(path, joints=joints)
 
 
-def real_robot(name: str) -> Model:
-    """Return a robot of example-robot-data by the name of its URDF."""
-    found = [file for file in metadata.files('example-robot-data') or ()
-             if file.name == f'{name}.urdf']
-    return load_urdf(Path(str(found[0].locate())))
-
-
 ARMS: dict[str, Callable[[], Model]] = {
     'ur10e': partial(shipped_arm, 'ur10e'),
     'fr3': partial(shipped_arm, 'fr3'),
-}
-LARGE: dict[str, Callable[[], Model]] = {
-    'talos_reduced': partial(real_robot, 'talos_reduced'),
 }
 NOT_LARGE = ('gravity_force',)
 
@@ -197,7 +186,7 @@ def races() -> list[Race]:
     results = []
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        for make in (*ARMS.values(), *LARGE.values()):
+        for make in (*ARMS.values(), *BIG.values()):
             model = make()
             robot = Robot(model, friction=False)  # which Pinocchio does not know
             large = robot.n > 9

@@ -164,7 +164,7 @@ class Dynamics:
         """
         Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches.
 
-        One kernel; for a robot of more than 24 coordinates three, and numpy's product of theirs.
+        One kernel; for a robot of more than 16 coordinates three, and numpy's product of theirs.
         """
         if 'forward_dynamics_derivatives' in self.kernels.names:
             return self._matrices('forward_dynamics_derivatives', (q, u, tau))

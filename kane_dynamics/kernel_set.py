@@ -6,9 +6,9 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics import frames
-from kane_dynamics.mechanics.derivatives import directly, Share
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.factorization import solve
+from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Array
 from kane_dynamics.native.expression import call
@@ -18,9 +18,10 @@ from kane_dynamics.native.program import Program, Shape, trace_program
 from kane_dynamics.quantities import FRAME_QUANTITIES, JOINT_REACTION, QUANTITIES, Quantity
 import numpy as np
 
-LARGE = 24  # coordinates from which on an inverse, or a product with it, is not written out
+LARGE = 24  # coordinates from which on an inverse is not written out
+LONG = 16  # and from which on a product with it is none of the compiler's business
 OUTLINED = 40  # and from which on derivatives would
-SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives')
+SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
 
 
@@ -50,7 +51,7 @@ class KernelSet:
     def names(self) -> tuple[str, ...]:
         """Names of the `QUANTITIES` that are one kernel; for a large robot not all of them are."""
         return tuple(name for name in QUANTITIES
-                     if self.equations.n <= LARGE or name != 'forward_dynamics_derivatives')
+                     if self.equations.n <= LONG or name != 'forward_dynamics_derivatives')
 
     def quantity(self, name: str) -> Kernel:
         """Return the kernel of one of `names`; InputError lists them for another name."""

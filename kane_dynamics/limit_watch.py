@@ -9,6 +9,7 @@ from kane_dynamics.parameters import JointLimits
 from kane_dynamics.trajectory import LimitEvent
 import numpy as np
 
+ABREAST = 16  # times that are compared at once
 MOST_EVENTS = 1_000_000
 
 Extremes = tuple[Array, Array]
@@ -60,7 +61,7 @@ class LimitWatch:
             There are more than a million crossings.
 
         """
-        low, high = extremes or (states.min(axis=1), states.max(axis=1))
+        low, high = extremes or _extremes(states)
         found: list[LimitEvent] = []
         for name, (part, bound, sign) in self._bounds.items():
             x, before = states[:, :, part], self._beyond[name]
@@ -81,6 +82,19 @@ class LimitWatch:
                           t[k].tolist(), j.tolist(), x[i, k, j].tolist(), bound[j].tolist(),
                           i.tolist(), strict=True)]
         self.events += sorted(found, key=lambda event: event.t)
+
+
+def _extremes(states: Array) -> Extremes:
+    """Return the least and the largest of each entry over the times; (N, K, 2 n) to (N, 2 n)."""
+    N, K, size = states.shape
+    if N == 1 and K >= 2 * ABREAST:  # numpy takes rows one by one: long ones go faster
+        whole = K // ABREAST * ABREAST
+        wide = states[:, :whole].reshape(1, -1, ABREAST * size)
+        low, high = (x.reshape(1, ABREAST, size) for x in (wide.min(axis=1), wide.max(axis=1)))
+        rest = states[:, whole:]
+        return (np.concatenate([low, rest], axis=1).min(axis=1),
+                np.concatenate([high, rest], axis=1).max(axis=1))
+    return states.min(axis=1), states.max(axis=1)
 
 
 def _beyond(x: Array, bound: Array, sign: float) -> Any:

@@ -40,8 +40,8 @@ class Robot(Dynamics):
     friction : bool
         Whether damping and Coulomb friction are part of the equations.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels. That saves arithmetic on most arms
-        and costs some on a few; `operation_count` tells. The numbers are the same.
+        Use Denavit-Hartenberg-like frames inside the kernels, link by link where that saves
+        arithmetic (`operation_count` tells). The numbers are the same.
 
     Raises
     ------

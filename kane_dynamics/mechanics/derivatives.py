@@ -17,19 +17,19 @@ the joint carries, taken from i to the root once for all j below it; and what jo
 at the joints below it by one force and moment each, by q and by u.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics.mechanics.linkage import Link
 from kane_dynamics.mechanics.recursive import inertia_wrench, link_motion, Motion, Step, Z
+from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import cross, symmetric
 from kane_dynamics.model import WORLD
 import numpy as np
 
 NONE = np.array([0.0, 0.0, 0.0])
 Matrix = list[list[Any]]
-Share = Callable[..., Any]
 
 
 @dataclass
@@ -106,11 +106,6 @@ class Place:
         return self.step.at(s, c, offset), velocity, x, y, state[10:13], state[13:]
 
 
-def directly(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return ``function(*arguments)``: share no subroutines."""
-    return function(*arguments)
-
-
 def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
                                  share: Share = directly) -> Any:
     """
@@ -125,8 +120,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     gravity : (3,) array of scalars
         m/s^2, world axes.
     share : callable
-        ``share(name, function, *arrays)`` returns ``function(*arrays)``; it may make a subroutine
-        of a function and use that again for the same name.
+        Computes the parts that many joints have in common; see `sharing`.
 
     """
     n = len(q)

@@ -11,11 +11,11 @@ from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics import frames, reactions, recursive, regressor
-from kane_dynamics.mechanics.derivatives import (directly, inverse_dynamics_derivatives,
-                                                 Share)
+from kane_dynamics.mechanics.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
                                              linkage, regrouped)
+from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.model import Joint, Model, WORLD
 import numpy as np
 
@@ -140,9 +140,10 @@ class Equations:
         W = self.inverse_mass_matrix(q, parameters)
         return np.stack([-(W @ by_q), -(W @ by_u), W])
 
-    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any,
+                  share: Share = directly) -> Any:
         """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
-        return regressor.regressor(self._raw_links, q, u, udot, parameters[:3])
+        return regressor.regressor(self._raw_links, q, u, udot, parameters[:3], share)
 
     def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return (n_bodies, n): what each body, with what it carries, asks of every joint."""

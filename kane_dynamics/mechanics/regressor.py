@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics.mechanics.linkage import Link
-from kane_dynamics.mechanics.recursive import link_motion, Motion, Step, Z
+from kane_dynamics.mechanics.recursive import link_motion, Motion, REST, Step, Z
+from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Array, Model, WORLD
 import numpy as np
@@ -35,7 +36,8 @@ def inertial_parameters(model: Model) -> Array:
     return np.array(result).reshape(-1)
 
 
-def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
+def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+              share: Share = directly) -> Any:
     """
     Return Y, (n, 10 n_bodies): the links' inverse dynamics are Y times the parameters.
 
@@ -47,35 +49,57 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) ->
         Coordinates, speeds and their rates; rad or m, s.
     gravity : (3,) array of scalars
         m/s^2, world axes.
+    share : callable
+        Computes the parts that many joints have in common; see `sharing`.
 
     """
-    n, steps = len(q), [Step(link, q) for link in links]
+    n = len(q)
     motion: list[Motion] = []
-    partials: list[dict[int, tuple[Any, Any]]] = []  # of each joint that moves a link: s, v
+    partials: list[dict[int, Any]] = []  # of each joint that moves a link: s and v, (6,)
     Y: list[list[Any]] = [[0.0] * (10 * len(links)) for _ in range(n)]
-    for k, (link, step) in enumerate(zip(links, steps)):
+    for k, link in enumerate(links):
+        step = Step(link, q)
         motion.append(link_motion(link, step, motion, u, udot, gravity))
-        here = {}
+        omega, alpha, a, U = motion[k]
+        state = np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
+        own = np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])
+        columns = {k: np.concatenate([own, _on_joint(link, own, state)])}
         if link.parent != WORLD:
-            for j, (s, v) in partials[link.parent].items():
-                here[j] = step.outward(s), step.outward(v + cross(s, step.offset))
-        none = np.zeros(3)
-        here[k] = (Z, none) if link.kind == 'revolute' else (none, Z)
-        partials.append(here)
-        C = link.body[:3, :3].T  # link axes to body axes
-        omega, alpha, a = (C @ x for x in motion[k][:3])
-        U = C @ motion[k][3] @ C.T
-        for j, (s, v) in here.items():
+            def below(passed: Any, state: Any, link: Link = link, step: Step = step) -> Any:
+                here = step.at(state[0], state[1], state[2:5])
+                s, v = passed[:3], passed[3:]
+                moved = np.concatenate([here.outward(s),
+                                        here.outward(v + cross(s, here.offset))])
+                return np.concatenate([moved, _on_joint(link, moved, state)])
+            columns |= {j: share(f'body_{k}', below, passed, state)
+                        for j, passed in partials[link.parent].items()}
+        partials.append({j: column[:6] for j, column in columns.items()})
+        for j, column in columns.items():
             row, factor = links[j].coordinate, links[j].multiplier
-            for c, x in enumerate(_on_joint(C @ s, C @ v, omega, alpha, a, U)):
+            for c, x in enumerate(column[6:]):
                 Y[row][10 * k + c] = Y[row][10 * k + c] + factor * x
     return np.array(Y)
 
 
-def _on_joint(s: Any, v: Any, omega: Any, alpha: Any, a: Any, U: Any) -> list[Any]:
-    """Return what unit parameters of a body ask of a joint with partial velocities s and v."""
+def _on_joint(link: Link, partial: Any, state: Any) -> Any:
+    """
+    Return what unit parameters of a link's body ask of a joint, (10,).
+
+    Parameters
+    ----------
+    link : Link
+    partial : (6,) array of scalars
+        The joint's partial velocities at the link: angular s, linear v of its origin.
+    state : array of scalars
+        Of the link, as `regressor` lays it out.
+
+    """
+    C = link.body[:3, :3].T  # link axes to body axes
+    s, v, omega, alpha, a = (C @ x for x in (partial[:3], partial[3:], state[5:8], state[8:11],
+                                             state[11:14]))
+    U = C @ state[14:].reshape(3, 3) @ C.T
     first = U.T @ v + cross(a, s)  # v . U h + s . (h x a)
     b = cross(s, omega)  # s . (omega x I omega) = (s x omega) . I omega
     second = np.outer(s, alpha) + np.outer(b, omega)
     inertia = [second[r, r] if r == c else second[r, c] + second[c, r] for r, c in ENTRIES]
-    return [v @ a, *first, *inertia]
+    return np.array([v @ a, *first, *inertia])

@@ -17,8 +17,8 @@ import sysconfig
 from typing import Any
 
 from kane_dynamics.native import cache as object_cache, llvm
-from kane_dynamics.native.entry_code import (bound_code, DATA, DTYPE, entry_code, FLAGS, FRESH,
-                                             NDIM, SHAPE, TABLE, TYPE, WEAKREFS)
+from kane_dynamics.native.entry_code import (ALL_FINITE, bound_code, DATA, DTYPE, entry_code,
+                                             FLAGS, FRESH, NDIM, SHAPE, TABLE, TYPE, WEAKREFS)
 from kane_dynamics.native.program import Shape
 import numpy as np
 
@@ -200,5 +200,5 @@ def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
-    return '\n'.join([entry_code(symbol, lengths, len(default_sizes) + 1, shape),
+    return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, len(default_sizes) + 1, shape),
                       bound_code(symbol, [*lengths, *default_sizes], 1, shape)])

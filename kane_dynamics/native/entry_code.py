@@ -28,6 +28,30 @@ FRESH = READABLE | 0x404  # OWNDATA, WRITEABLE
 TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
                  '  %table = load ptr, ptr %table.at')
 FLOAT64 = 12  # numpy's type number
+LONG = 256  # entries from which on a block is looked through by a loop
+ALL_FINITE = """
+define internal i1 @all_finite(ptr %x, i64 %size) {  ; size is at least 8; the last may overlap
+start:
+  %last = sub i64 %size, 8
+  br label %next
+next:
+  %k = phi i64 [0, %start], [%k.next, %next]
+  %total = phi <8 x double> [zeroinitializer, %start], [%total.next, %next]
+  %within = icmp ult i64 %k, %last
+  %place = select i1 %within, i64 %k, i64 %last
+  %at = getelementptr double, ptr %x, i64 %place
+  %value = load <8 x double>, ptr %at, align 8
+  %zero = fsub <8 x double> %value, %value
+  %total.next = fadd <8 x double> %total, %zero
+  %k.next = add i64 %k, 8
+  br i1 %within, label %next, label %done
+done:
+  %odd = fcmp uno <8 x double> %total.next, zeroinitializer
+  %bits = bitcast <8 x i1> %odd to i8
+  %good = icmp eq i8 %bits, 0
+  ret i1 %good
+}
+"""
 
 
 class _Assembly:
@@ -80,7 +104,11 @@ class _Assembly:
     def finite(self, blocks: Sequence[tuple[str, int]]) -> list[str]:
         """Return conditions that together say that blocks, (pointer, size), are finite."""
         totals: dict[int, str] = {}  # by width, of x - x, which is NaN for NaN and infinity
+        looped = [self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size})')
+                  for pointer, size in blocks if size > LONG]
         for pointer, size in blocks:
+            if size > LONG:
+                continue
             width = next(w for w in (8, 4, 2, 1) if w <= size)
             vector = f'<{width} x double>'
             for place in [*range(0, size - width, width), size - width]:  # the last may overlap
@@ -88,7 +116,7 @@ class _Assembly:
                 zero = self.new(f'fsub {vector} {x}, {x}')
                 totals[width] = (self.new(f'fadd {vector} {totals[width]}, {zero}')
                                  if width in totals else zero)
-        return [self._all_ordered(total, width) for width, total in totals.items()]
+        return looped + [self._all_ordered(total, width) for width, total in totals.items()]
 
     def _all_ordered(self, total: str, width: int) -> str:
         lanes = self.new(f'fcmp uno <{width} x double> {total}, zeroinitializer')

@@ -13,7 +13,8 @@ import pytest
 
 FOLDER = Path(__file__).resolve().parents[2] / 'urdf'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.urdf'))
-SOLID = ['fr3', 'two_link', 'two_link_planar', 'ur10e']  # MuJoCo refuses particles and thin rods
+# MuJoCo refuses particles and thin rods.
+SOLID = ['fr3', 'human_hand', 'two_link', 'two_link_planar', 'ur10e']
 WARNINGS = {  # semidefinite inertias on purpose: a particle and two thin rods
     'spring_mass_pendulum': ['pendulum'],
     'two_rods': ['rod_a', 'rod_b'],
@@ -88,8 +89,8 @@ def test_every_model_loads_with_the_announced_warnings_only(name):
 
 
 def test_the_models_that_the_documentation_names_are_there():
-    assert NAMES == ['fr3', 'spring_mass_pendulum', 'two_link', 'two_link_planar', 'two_rods',
-                     'ur10e']
+    assert NAMES == ['fr3', 'human_hand', 'spring_mass_pendulum', 'two_link', 'two_link_planar',
+                     'two_rods', 'ur10e']
     readme = (FOLDER / 'README.md').read_text()
     for path in FOLDER.iterdir():
         assert f'`{path.name}`' in readme or path.name == 'README.md'
