@@ -13,7 +13,6 @@ from interleaved import interleaved, Timing
 from kane_dynamics import load_urdf, Model, Robot
 from kane_dynamics.native.kernels import Kernel
 from kane_dynamics.native.support import repeat
-from kane_dynamics.quantities import QUANTITIES
 from kane_dynamics.resources import resource_path
 import numpy as np
 from pinocchio_native import library, Pinocchio, Unavailable
@@ -144,11 +143,11 @@ def our_loop(robot: Robot, what: str, states: np.ndarray) -> Callable[[], None]:
 
 
 def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
-    """Race over every quantity that this version of the library has."""
+    """Race over every quantity that is one kernel of this robot."""
     states, peer, races = random_states(robot, STATES), Pinocchio(robot), []
     peer.keep(*states)
     for what in quantities:
-        if what not in QUANTITIES:
+        if what not in robot.kernels.names:
             continue
         check(robot, peer, what, states)
         rivals = {name: partial(peer.run, name) for name in RIVALS[what]}

@@ -1,16 +1,18 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
+from kane_dynamics.build import ModelBuilder
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
+from kane_dynamics.shapes import ball, box, disc, point_mass, rod
 from kane_dynamics.simulation import simulate
 from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
 
 __all__ = ['Body', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
-           'ModelError', 'ModelWarning', 'Motion', 'Robot', 'Terms', 'Trajectory', 'UrdfError',
-           'load_urdf', 'simulate']
+           'ModelBuilder', 'ModelError', 'ModelWarning', 'Motion', 'Robot', 'Terms', 'Trajectory',
+           'UrdfError', 'ball', 'box', 'disc', 'load_urdf', 'point_mass', 'rod', 'simulate']

@@ -113,6 +113,23 @@ def export(options: Namespace) -> None:
         print(f'wrote {file}')
 
 
+def equations(options: Namespace) -> None:
+    """Print or write the closed form of a small mechanism's equations of motion."""
+    closed = _extra('kane_dynamics.cli.equations', 'equations')  # before the work
+    model, robot = _load(options)
+    form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction)
+    if options.json:
+        text = _json(closed.as_data(form, robot.operation_count())) + '\n'
+    elif options.format == 'text':
+        text = closed.as_text(form, robot.operation_count())
+    else:
+        text = getattr(closed, f'as_{options.format}')(form)
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8') as stream:
+            stream.write(text)
+    print(f'wrote {options.out}' if options.out else text, end='\n' if options.out else '')
+
+
 def demo(options: Namespace) -> int:
     """Run the demo with the arguments that follow."""
     return int(_extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
@@ -246,8 +263,13 @@ def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
 
 
 def _print_json(value: Any) -> None:
-    """Print JSON on one line; infinite and missing numbers become null."""
-    print(json.dumps(_plain(value), allow_nan=False))
+    """Print JSON on one line."""
+    print(_json(value))
+
+
+def _json(value: Any) -> str:
+    """Return JSON on one line; infinite and missing numbers become null."""
+    return json.dumps(_plain(value), allow_nan=False)
 
 
 def _plain(value: Any) -> Any:

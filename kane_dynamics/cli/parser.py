@@ -42,6 +42,15 @@ examples:
 
 Writes arm.c and arm.h: C99 that needs libm alone. arm_self_test() in it returns 0 if the compiled
 functions give the numbers of this library.""",
+    'equations': """
+examples:
+  kane-dynamics equations two_link.urdf
+  kane-dynamics equations arm.urdf --joints shoulder elbow --numbers
+  kane-dynamics equations two_link.urdf --latex -o two_link.tex
+
+Up to four coordinates. m1, r1, I1 are mass, place of the mass centre and moment of inertia of the
+first body, l1 the place of its joint; --markdown and --csv print the table of partial velocities.
+Operations are counted with common subexpressions shared, beside those of the compiled kernels.""",
     'demo': '',
 }
 
@@ -122,6 +131,15 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--wrench-frames', nargs='+', default=(), metavar='LINK',
                      help='links on which the environment may push')
     sub.add_argument('--payload-frame', metavar='LINK', help='link that carries a payload')
+    sub = command('equations', commands.equations, 'Mass matrix and bias in closed form')
+    _add_model(sub)
+    sub.add_argument('--numbers', action='store_true',
+                     help="the model's numbers instead of symbols for them")
+    form = sub.add_mutually_exclusive_group()
+    for name in ('latex', 'markdown', 'csv'):
+        form.add_argument(f'--{name}', dest='format', action='store_const', const=name)
+    sub.set_defaults(format='text')
+    sub.add_argument('-o', '--out', metavar='FILE', help='write there instead of printing')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

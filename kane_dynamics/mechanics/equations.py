@@ -54,6 +54,11 @@ class Equations:
         self.order = list(dict.fromkeys(link.coordinate for link in links))
         self.n_parameters = 3 if self.payload_frame is None else 13
 
+    @property
+    def geometry(self) -> tuple[Link, ...]:
+        """Return the links for kinematics: inertials without a payload."""
+        return self._links
+
     def links(self, parameters: Any) -> tuple[Link, ...]:
         """Return the links with their full inertials, the payload's included."""
         return self._loaded(self._links, parameters)

@@ -48,7 +48,12 @@ class StatedLimits:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint of a URDF; (rotation, translation) place its frame in the parent link."""
+    """
+    A joint of a URDF; (rotation, translation) place its frame in the parent link.
+
+    `turns` are the axes of the successive turns of a floating, spherical or universal joint; the
+    last two kinds are not URDF's, but `build` has them.
+    """
 
     name: str
     kind: str
@@ -61,6 +66,7 @@ class UrdfJoint:
     damping: float = 0.0
     friction: float = 0.0
     mimic: Mimic | None = None
+    turns: str = 'xyz'
 
 
 @dataclass(frozen=True)
@@ -218,14 +224,16 @@ def expanded(joint: UrdfJoint, index: int) -> list[Single]:
 
     floating becomes <joint>/x /y /z, prismatic along the axes of the joint's frame in the parent,
     then <joint>/rx /ry /rz, revolute, each about an axis of the frame that the one before has
-    turned. planar becomes <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and
+    turned; spherical and universal have turns only, and a second turn about z is <joint>/rz2.
+    planar becomes <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and
     <joint>/rz about it; x is the direction of the joint frame's x axis in that plane (of its y
     axis, where the axis lies along x), and y completes the right-handed (x, y, axis).
     """
     eye = np.eye(3)
     if joint.kind == 'floating':
-        parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')]
-        parts += [(f'/r{s}', 'revolute', eye[k]) for k, s in enumerate('xyz')]
+        parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')] + _turns(joint.turns)
+    elif joint.kind in ('spherical', 'universal'):
+        parts = _turns(joint.turns)
     elif joint.kind == 'planar':
         normal = joint.axis / np.sqrt(joint.axis @ joint.axis)
         seed = eye[0] if abs(normal[0]) < 1.0 - 1e-9 else eye[1]
@@ -244,3 +252,10 @@ def expanded(joint: UrdfJoint, index: int) -> list[Single]:
         singles.append(Single(name, kind, axis, *pose, parent, child, (index, k), joint))
         parent = child
     return singles
+
+
+def _turns(axes: str) -> list[tuple[str, str, Array]]:
+    """Return suffix, kind and axis of successive turns."""
+    again = [axes[:k].count(s) for k, s in enumerate(axes)]
+    return [(f'/r{s}{count + 1 if count else ""}', 'revolute', np.eye(3)['xyz'.index(s)])
+            for s, count in zip(axes, again)]

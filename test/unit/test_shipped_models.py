@@ -13,8 +13,8 @@ import pytest
 
 FOLDER = Path(__file__).resolve().parents[2] / 'urdf'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.urdf'))
-# MuJoCo refuses particles and thin rods.
 SOLID = ['fr3', 'human_hand', 'two_link', 'two_link_planar', 'ur10e']
+# MuJoCo refuses particles and thin rods.
 WARNINGS = {  # semidefinite inertias on purpose: a particle and two thin rods
     'spring_mass_pendulum': ['pendulum'],
     'two_rods': ['rod_a', 'rod_b'],

@@ -2,6 +2,7 @@
 
 from definition import Definition
 from kane_dynamics import Robot
+from kane_dynamics.cli.symbolic import symbols, unwrapped
 from kane_dynamics.mechanics import energy, kane, kinematics
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
@@ -12,60 +13,6 @@ X, Y, Z = np.eye(3)
 ENGINES = pytest.mark.parametrize('engine', [Definition, Robot])
 STATES = np.random.default_rng(8).uniform(-3.0, 3.0, (20, 2, 2))
 g = 9.81
-
-
-class Symbolic:
-    """A SymPy expression as a scalar of the mechanics: numbers in it are exact."""
-
-    def __init__(self, value):
-        """Take an expression or a number."""
-        exact = isinstance(value, sp.Basic)
-        self.value = value if exact else sp.nsimplify(float(value), rational=True)
-
-    def __add__(self, other):
-        """Return the sum."""
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return Symbolic(self.value + lifted(other))
-
-    def __mul__(self, other):
-        """Return the product."""
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return Symbolic(self.value * lifted(other))
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def __neg__(self):
-        """Return the negative."""
-        return Symbolic(-self.value)
-
-    def __sub__(self, other):
-        """Return the difference."""
-        return self + -other
-
-    def __rsub__(self, other):
-        """Return the difference from a number."""
-        return -self + other
-
-    def sin(self):
-        """Return the sine."""
-        return Symbolic(sp.sin(self.value))
-
-    def cos(self):
-        """Return the cosine."""
-        return Symbolic(sp.cos(self.value))
-
-
-def lifted(value):
-    """Return the SymPy expression of a Symbolic or of a number."""
-    return value.value if isinstance(value, Symbolic) else Symbolic(value).value
-
-
-def symbols(names):
-    """Return SymPy symbols, and an array of them as scalars of the mechanics."""
-    plain = sp.symbols(names, real=True)
-    return (*plain, np.array([Symbolic(symbol) for symbol in plain], dtype=object))
 
 
 def spring_mass_pendulum(M1, M2, L, K):
@@ -99,16 +46,16 @@ def test_spring_mass_pendulum_equals_its_closed_form(engine):
 
 def test_spring_mass_pendulum_equals_its_closed_form_in_symbols():
     values = 2.0, 3.0, 0.5, 40.0
-    q1, q2, q = symbols('q1 q2')
-    u1, u2, u = symbols('u1 u2')
+    (q1, q2), q = symbols(['q1', 'q2'])
+    (u1, u2), u = symbols(['u1', 'u2'])
     model = spring_mass_pendulum(*values)
     exact = [sp.nsimplify(value) for value in values]
     M, right = pendulum_equations(*exact, (q1, q2), (u1, u2), sp)
     M_kane, bias = kane.mass_matrix(model, q), kane.bias_force(model, q, u, friction=False)
     for r in range(2):
-        assert sp.simplify(lifted(bias[r]) + sp.nsimplify(right[r], rational=True)) == 0
+        assert sp.simplify(unwrapped(bias[r]) + sp.nsimplify(right[r], rational=True)) == 0
         for s in range(2):
-            assert sp.simplify(lifted(M_kane[r, s]) - M[r][s]) == 0
+            assert sp.simplify(unwrapped(M_kane[r, s]) - M[r][s]) == 0
 
 
 m, L = 1.3, 0.4

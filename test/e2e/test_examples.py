@@ -1,0 +1,107 @@
+"""The examples run, and print what is known of their mechanisms."""
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
+g = 9.81
+
+
+def numbers(text):
+    """Return the numbers in a text that stand by themselves."""
+    return [float(x) for x in re.findall(r'(?<![\w.^])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?!\w)', text)]
+
+
+def printed(name):
+    """Return the lines that an example prints."""
+    done = subprocess.run([sys.executable, EXAMPLES / f'{name}.py'], capture_output=True,
+                          text=True, check=False, timeout=120)
+    assert done.returncode == 0 and done.stderr == '', done.stderr
+    return done.stdout.splitlines()
+
+
+def test_every_example_is_in_the_table_of_the_readme():
+    rows = re.findall(r'^\| `(\w+)\.py`', (EXAMPLES / 'README.md').read_text(), re.MULTILINE)
+    assert sorted(rows) == sorted(path.stem for path in EXAMPLES.glob('*.py'))
+
+
+def test_spring_mass_pendulum():
+    M, udot, after = printed('spring_mass_pendulum')
+    c, s = np.cos(0.6), np.sin(0.6)
+    expected = np.array([[3.0, 0.5 * c], [0.5 * c, 0.25]])
+    assert numbers(M) == pytest.approx(expected.ravel(), abs=1e-6)
+    right = [-50 * 0.1, -0.5 * g * s]
+    assert numbers(udot) == pytest.approx(np.linalg.solve(expected, right), abs=1e-6)
+    assert abs(float(re.search(r'drift (\S+) J', after)[1])) < 1e-9
+
+
+def test_planar_arm():
+    *_, tip, jacobian = printed('planar_arm')
+    (q1, q2), (u1, u2), l1, l2 = (0.3, 0.7), (1.0, -0.5), 0.5, 0.4
+    assert numbers(tip)[:2] == pytest.approx(
+        [l1 * np.sin(q2) * u1, l1 * np.cos(q2) * u1 + l2 * (u1 + u2)], abs=1e-6)
+    s, c = (f(np.array([q1, q1 + q2])) * [l1, l2] for f in (np.sin, np.cos))
+    assert numbers(jacobian) == pytest.approx([-s.sum(), -s[1], c.sum(), c[1]], abs=1e-6)
+
+
+def test_bearing_torque():
+    udot, torque = printed('bearing_torque')
+    (a1, a2), m, L, q1, q2, u1, u2 = numbers(udot), 1.0, 0.3, 0.4, 0.9, 1.0, -2.0
+    s, c = np.sin(q2), np.cos(q2)
+    inertia = m * L**2 * np.array([[80 / 3 + 4 * s**2 / 3, 4 * c], [4 * c, 4 / 3]])
+    bias = m * L**2 * np.array([8 / 3 * s * c * u1 * u2 - 4 * s * u2**2, -4 / 3 * s * c * u1**2])
+    weight = m * g * L * np.array([8 * np.sin(q1) + np.cos(q1) * s, np.sin(q1) * c])
+    assert inertia @ [a1, a2] + bias == pytest.approx(weight, abs=1e-5)
+    # of rod B: its mass centre's acceleration along a2 and a3, its inertia torque about a1
+    along_2 = L * (a2 * s + u2**2 * c)
+    along_3 = -L * (a1 * s + 2 * u1 * u2 * c + 4 * u1**2)
+    about_1 = m * L**2 / 3 * (u1 * u2 + s * (a1 * c - u1 * u2 * s) + u1 * u2 * c**2)
+    expected = about_1 - m * L * (4 * along_2 + c * along_3) - m * g * L * np.cos(q1) * c
+    assert numbers(torque) == pytest.approx([expected], abs=1e-5)
+
+
+def test_four_bar():
+    closed, torque, pin = printed('four_bar')
+    angles = np.cumsum(numbers(closed))
+    lengths = np.array([0.3, 0.9, 0.7])
+    assert lengths @ np.cos(angles) == pytest.approx(1.0, abs=3e-6)
+    assert lengths @ np.sin(angles) == pytest.approx(0.0, abs=3e-6)
+    assert len(numbers(torque)) == 2 and len(numbers(pin)) == 5
+
+
+def test_rolling_disc():
+    held, circle = printed('rolling_disc')
+    spin, left = numbers(held)
+    assert abs(left) < 1e-9
+    lean, turn, r = -0.4, 2.0, 0.3  # the moment of momentum about the contact turns with it
+    s, c = np.sin(lean), np.cos(lean)
+    assert 1.25 * turn**2 * s * c + 1.5 * turn * spin * c == pytest.approx(-g / r * s, abs=1e-4)
+    assert numbers(circle) == pytest.approx([abs(spin) * r / turn], abs=1e-6)
+
+
+def test_sleigh():
+    """With d from blade to mass centre: v' = d w^2, (I + m d^2) w' = -m d v w."""
+    m, d, w = 3.0, 0.3, 1.0
+    inertia = m / 12 * (1.0 + 0.4**2)
+    for line, v in zip(printed('sleigh'), (2.0, -2.0)):
+        turn = -m * d * v * w / (inertia + m * d * d)
+        _, speed_up, turn_up, side = numbers(line)
+        assert [speed_up, turn_up, side] == pytest.approx(
+            [d * w**2, turn, m * (v * w + d * turn)], abs=1e-6)
+
+
+def test_bicycle():
+    loads, begins = printed('bicycle')
+    front = g * (85 * 0.3 + 4 * 0.9 + 3 * 1.02) / 1.02
+    assert [numbers(loads)[k] for k in (2, 5)] == pytest.approx([94 * g - front, front], abs=1e-5)
+    lean, _, steer = numbers(begins)
+    # M udot = -v C1 (0.1, 0) with the benchmark's matrices; its axes point down
+    M = np.array([[80.81722, 2.31941332208709], [2.31941332208709, 0.29784188199686]])
+    expected = -np.linalg.solve(M, 5.0 * np.array([0.0, -0.85035641456978]) * 0.1)
+    assert abs(lean) == pytest.approx(abs(expected[0]), abs=1e-4)
+    assert abs(steer) == pytest.approx(abs(expected[1]), abs=1e-4)

@@ -1,0 +1,124 @@
+"""
+The Whipple bicycle with the benchmark's parameters, against its published eigenvalues.
+
+Meijaard, Papadopoulos, Ruina & Schwab, Linearized dynamics equations for the balance and steer of
+a bicycle: a benchmark and review, Proc. R. Soc. A 463 (2007), tables 1 and 2.
+"""
+
+from pathlib import Path
+from runpy import run_path
+
+import numpy as np
+import pytest
+from sympy_kane import Ours
+
+WEAVE = (  # real and imaginary part at 0 to 10 m/s; at 0 two real ones
+    (3.13164324790656, 5.53094371765393), (3.52696170990070, 0.80774027519930),
+    (2.68234517512745, 1.68066296590675), (1.70675605663975, 2.31582447384325),
+    (0.41325331521125, 3.07910818603206), (-0.77534188219585, 4.46486771378823),
+    (-1.52644486584142, 5.87673060598709), (-2.13875644258362, 7.19525913329805),
+    (-2.69348683581097, 8.46037971396931), (-3.21675402252485, 9.69377351531791),
+    (-3.72016840437287, 10.90681139476287))
+REAL = (  # castering and capsize; at 0 the mirror images of the two above
+    (-5.53094371765393, -3.13164324790656), (-7.11008014637442, -3.13423125066578),
+    (-8.67387984831735, -3.07158645641514), (-10.35101467245920, -2.63366137253667),
+    (-12.15861426576447, -1.42944427361326), (-14.07838969279822, -0.32286642900409),
+    (-16.08537123098026, -0.00406690076970), (-18.15788466125262, 0.10268170574766),
+    (-20.27940894394569, 0.14327879765713), (-22.43788559040858, 0.15790184030917),
+    (-24.62459635017404, 0.16105338653172))
+
+
+class Tangent:
+    """A number and its derivative along one direction: differentiation without a step."""
+
+    def __init__(self, value, slope=0.0):
+        self.value, self.slope = value, slope
+
+    def __add__(self, other):
+        if not isinstance(other, (Tangent, int, float)):
+            return NotImplemented
+        other = other if isinstance(other, Tangent) else Tangent(other)
+        return Tangent(self.value + other.value, self.slope + other.slope)
+
+    def __mul__(self, other):
+        if not isinstance(other, (Tangent, int, float)):
+            return NotImplemented
+        other = other if isinstance(other, Tangent) else Tangent(other)
+        return Tangent(self.value * other.value,
+                       self.value * other.slope + self.slope * other.value)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __neg__(self):
+        return Tangent(-self.value, -self.slope)
+
+    def __sub__(self, other):
+        return self + -other
+
+    def __rsub__(self, other):
+        return -self + other
+
+    def inverse(self):
+        return Tangent(1 / self.value, -self.slope / self.value**2)
+
+    def __truediv__(self, other):
+        if not isinstance(other, (Tangent, int, float)):
+            return NotImplemented
+        return self * (other.inverse() if isinstance(other, Tangent) else 1 / other)
+
+    def __rtruediv__(self, other):
+        return other * self.inverse()
+
+    def sin(self):
+        return Tangent(np.sin(self.value), np.cos(self.value) * self.slope)
+
+    def cos(self):
+        return Tangent(np.cos(self.value), -np.sin(self.value) * self.slope)
+
+    def sqrt(self):
+        root = np.sqrt(self.value)
+        return Tangent(root, self.slope / (2 * root))
+
+
+@pytest.fixture(scope='module')
+def rolling():
+    """Return the bicycle of the example on its two wheels."""
+    example = run_path(str(Path(__file__).resolve().parents[2] / 'examples' / 'bicycle.py'))
+    return Ours(example['model'], example['wheels'], example['free'])
+
+
+def linearised(bicycle, speed):
+    """Return the matrix of lean, steer and their rates about upright motion."""
+    n = bicycle.model.n
+    lean, steer = (bicycle.model.coordinate_names.index(x) for x in ('frame/rx', 'steer'))
+    place = {name: k for k, name in enumerate(bicycle.mechanism.speed_names)}
+    columns = []
+    for k in range(4):
+        q = np.array([Tangent(0.0) for _ in range(n)], dtype=object)
+        u = np.array([Tangent(0.0) for _ in range(3)], dtype=object)
+        u[place['rear']] = Tangent(speed / 0.3)
+        # Height and pitch change with the square of lean and steer: their slope is zero here.
+        (q if k < 2 else u)[[lean, steer, place['frame/rx'], place['steer']][k]].slope = 1.0
+        udot = bicycle.forward_dynamics(q, u, np.zeros(3))
+        assert abs(udot[place['rear']].value) < 1e-10
+        columns.append([*np.eye(4)[k, 2:], udot[place['frame/rx']].slope,
+                        udot[place['steer']].slope])
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize('speed', range(11))
+def test_eigenvalues_are_the_published_ones(rolling, speed):
+    re, im = WEAVE[speed]
+    pair = (re, im) if speed == 0 else (re + 1j * im, re - 1j * im)
+    expected = np.array([*pair, *REAL[speed]], dtype=complex)
+    found = np.linalg.eigvals(linearised(rolling, float(speed))).astype(complex)
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(expected), rtol=1e-9,
+                               atol=1e-9)
+
+
+def test_upright_bicycle_stands_on_its_wheels_with_the_benchmarks_loads(rolling):
+    q, u = np.zeros(9), np.zeros(3)
+    forces = dict(zip(rolling.mechanism.labels, rolling.constraint_forces(q, u, np.zeros(3))))
+    front = 9.81 * (85 * 0.3 + 4 * 0.9 + 3 * 1.02) / 1.02  # moments about the rear contact
+    assert forces['rolling of front/normal'] == pytest.approx(front, rel=1e-12)
+    assert forces['rolling of rear/normal'] == pytest.approx(94 * 9.81 - front, rel=1e-12)

@@ -1,0 +1,192 @@
+"""Chosen speeds and constraints: the one linear system against Kane's definition."""
+
+from functools import cache
+
+from kane_dynamics import ModelBuilder
+from kane_dynamics.mechanics import nonholonomic
+from kane_dynamics.mechanics.constrained import ConstrainedEquations
+from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
+                                                 PointVelocity, Prescribed, Rolling)
+from kane_dynamics.mechanics.dual import moving, rates
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
+                                            Speeds)
+from kane_dynamics.mechanics.structure import closed_posture, structured
+from kane_dynamics.native.program import trace_program
+from kane_dynamics.shapes import disc, rod
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+T = 0.7  # s: where rheonomic choices are looked at
+
+
+def wavy(n, seed):
+    """Return smooth speeds of everything, u = Y(q, t) q' + Z(q, t), never singular here."""
+    rng = np.random.default_rng(seed)
+    constant, wave = rng.normal(size=(2, n, n)) * 0.2
+
+    def Y(q, t):
+        return np.array([[constant[r, s] + (2.0 if r == s else 0.0)
+                          + wave[r, s] * np.sin(q[s] + 0.3 * t) for s in range(n)]
+                         for r in range(n)])
+
+    def Z(q, t):
+        return np.array([np.cos(t) * q[r] for r in range(n)])
+    return Speeds(Y, Z)
+
+
+def tree_constraints(frame, base):
+    """Return a constraint of each kind that any tree can meet anywhere."""
+    return {
+        'a point in the world': PointVelocity(frame, (1, 2, 3)),
+        'a point in time': PointVelocity(frame, (1, 0, 1), value=lambda t: np.sin(2.0 * t)),
+        'a point seen from a body': PointVelocity(frame, (0, 1, 1), axes=base, relative_to=base),
+        'an angular velocity': PointVelocity(frame, (0, 0, 1), angular=True, value=0.3),
+        'a knife edge': knife_edge(frame, (0, 1, 0)),
+        'a coupling': Coupling('joint0', {'joint1': -2.0}, 0.1),
+        'a prescribed joint': Prescribed('joint1', lambda t: 0.3 * np.sin(2.0 * t)),
+    }
+
+
+KINDS = [*tree_constraints('', ''), 'speeds of others']
+
+
+@cache
+def tree(seed, kind, speeds):
+    """Return a random tree with a constraint, and two of its frames."""
+    model = random_model(seed, 5, branching=0.0, prismatic=0.2)
+    frame, base = model.frames[-1].name, model.frames[1].name
+    chosen = {'rates': None, 'absolute': absolute_rates, 'momenta': momenta,
+              'wavy': wavy(5, seed)}[speeds]
+    if kind == 'speeds of others':
+        names = structured(model, chosen, ()).speed_names
+        constraint = DependentSpeeds(names[3:], lambda q, t: np.array(
+            [[np.sin(q[0]), 0.5, t], [0.2, np.cos(q[1]), 1.0]]), lambda q, t: np.array([t, q[2]]))
+    else:
+        constraint = tree_constraints(frame, base)[kind]
+    return structured(model, chosen, (constraint,))
+
+
+def linkage_of_four_bars():
+    """Return crank, coupler and rocker of a planar four-bar, its loop cut at the last pin."""
+    b = ModelBuilder('four_bar')
+    b.body('crank', 'world', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('coupler', 'crank', axis=(0, 1, 0), at=(1, 0, 0), matter=rod(2.0, (0, 0, 0), (3, 0, 0)))
+    b.body('rocker', 'world', axis=(0, 1, 0), at=(3, 0, 0),
+           matter=rod(1.5, (0, 0, 0), (2.5, 0, 0)))
+    b.frame('pin_coupler', 'coupler', at=(3, 0, 0))
+    b.frame('pin_rocker', 'rocker', at=(2.5, 0, 0))
+    return b.model()
+
+
+def rolling_disc():
+    """Return a thin disc that is free to move anywhere."""
+    b = ModelBuilder('disc')
+    b.body('disc', 'world', 'floating', turns='zxy', matter=disc(1.0, 0.3, axis=(0, 1, 0)))
+    return b.model()
+
+
+def states(mechanism, seed):
+    """Return q, u, udot of a mechanism that moves as it may."""
+    rng = np.random.default_rng(seed)
+    q = closed_posture(mechanism, rng.uniform(-1.0, 1.0, mechanism.model.n), t=T)
+    return q, *rng.uniform(-1.0, 1.0, (2, mechanism.n))
+
+
+def compiled_road(mechanism):
+    """Return the equations that are traced."""
+    return ConstrainedEquations(Equations(mechanism.model), mechanism)
+
+
+def check_roads(mechanism, seed):
+    """Hold inverse dynamics, motion, constraint rows and power of one state to each other."""
+    model, equations = mechanism.model, compiled_road(mechanism)
+    q, u, udot = states(mechanism, seed)
+    tau = equations.inverse_dynamics(q, u, udot, None, model.gravity, T).astype(float)
+    expected = nonholonomic.inverse_dynamics(mechanism, q, u, udot, T)
+    size = 1.0 + np.abs(expected).max()
+    np.testing.assert_allclose(tau, expected, rtol=0.0, atol=1e-10 * size)
+    forward = equations.forward_dynamics(q, u, tau, None, model.gravity, T).astype(float)
+    M = equations.mass_matrix(q, model.gravity, T).astype(float)
+    np.testing.assert_allclose(forward, udot, rtol=0.0,
+                               atol=1e-12 * size * np.linalg.cond(M))
+    motion = mechanism.joint_motion(q, u, udot, T)
+    qdot, qddot = motion.qdot.astype(float), motion.qddot.astype(float)
+    speed = 1.0 + np.abs(qdot).max() ** 2 + np.abs(qddot).max()
+    for value, of_definition in zip((qdot, qddot),
+                                    nonholonomic.joint_motion(mechanism, q, u, udot, T)):
+        np.testing.assert_allclose(value, of_definition, rtol=0.0, atol=1e-9 * speed)
+    rows = mechanism.rows(mechanism.posture(moving(q, qdot), moving(T, 1.0)))
+    here = mechanism.rows(mechanism.posture(q, T))
+    J, b = np.array(here.J, dtype=float), np.array(here.b, dtype=float)
+    np.testing.assert_allclose(J @ qdot, b, rtol=0.0, atol=1e-10 * speed)
+    np.testing.assert_allclose(rates(rows.J) @ qdot + J @ qddot, rates(rows.b), rtol=0.0,
+                               atol=1e-9 * speed)
+    # Constraint forces do no work in any motion that the independent speeds can make.
+    np.testing.assert_allclose(J @ motion.T.astype(float), 0.0, atol=1e-10 * np.abs(J).max())
+    return equations, (q, u, udot)
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
+@pytest.mark.parametrize('kind', KINDS)
+def test_compiled_road_is_kanes_definition_on_trees(kind, speeds, seed):
+    check_roads(tree(seed, kind, speeds), seed)
+
+
+@pytest.mark.parametrize('kind', ['weld', 'revolute', 'spherical'])
+def test_compiled_road_is_kanes_definition_on_a_closed_loop(kind):
+    joined = 'spherical' if kind == 'weld' else kind  # welding the pin would leave no freedom
+    mechanism = structured(linkage_of_four_bars(), None, (
+        Closure('pin_coupler', 'pin_rocker', joined, axis=(0, 1, 0)),))
+    assert mechanism.n == 1
+    assert len(mechanism.kept) == 2  # what points out of the plane follows from the rest
+    check_roads(mechanism, 1)
+
+
+def test_compiled_road_is_kanes_definition_on_a_rolling_disc():
+    for speeds in (None, body_angular_velocity('disc')):
+        mechanism = structured(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
+        assert mechanism.n == 3
+        check_roads(mechanism, 2)
+
+
+def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
+    mechanism = structured(linkage_of_four_bars(), None, (
+        Closure('pin_coupler', 'pin_rocker', 'spherical'),), ('crank',))
+    equations, (q, u, udot) = check_roads(mechanism, 3)
+    g = mechanism.model.gravity
+    tau = equations.inverse_dynamics(q, u, udot, None, g, T).astype(float)
+    motor = np.array([tau[0], 0.0, 0.0])
+    forces = equations.constraint_forces(q, u, udot, None, g, T, motor).astype(float)
+    motion = mechanism.joint_motion(q, u, udot, T)
+    needed = equations.tree.inverse_dynamics(q, motion.qdot, motion.qddot, None, g).astype(float)
+    J = np.array(mechanism.rows(mechanism.posture(q, T)).J, dtype=float)
+    np.testing.assert_allclose(motor + J.T @ forces, needed, rtol=0.0,
+                               atol=1e-10 * np.abs(needed).max())
+
+
+def test_a_constrained_arm_costs_less_than_three_plain_ones():
+    model = random_model(11, 6, branching=0.0, prismatic=0.0)
+    plain, tip = Equations(model), model.frames[-1].name
+
+    def operations(equations, n):
+        def forward(q, u, tau, parameters):
+            return equations.forward_dynamics(q, u, tau, None, parameters)
+        count = trace_program('forward', forward, [('q', (6,)), ('u', (n,)), ('tau', (n,)),
+                                                   ('parameters', (3,))]).operation_count()
+        return count.multiplications + count.additions
+    cost = operations(plain, 6)
+    for speeds, constraints in ((None, (PointVelocity(tip, (0, 0, 1)),)),
+                                (None, (knife_edge(tip, (0, 1, 0)),)), (absolute_rates, ())):
+        mechanism = structured(model, speeds, constraints)
+        bound = ConstrainedEquations(plain, mechanism)
+
+        class AtTimeZero:
+            """The same equations without the argument t."""
+
+            @staticmethod
+            def forward_dynamics(q, u, tau, wrench, parameters, bound=bound):
+                return bound.forward_dynamics(q, u, tau, wrench, parameters, 0.0)
+        assert operations(AtTimeZero, mechanism.n) < 3 * cost

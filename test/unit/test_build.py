@@ -1,0 +1,171 @@
+"""Promises of `ModelBuilder`: what it builds is what a URDF or a hand-made Model says."""
+
+from definition import Definition
+from kane_dynamics import (ball, box, disc, Inertial, load_urdf, ModelBuilder, ModelError,
+                           ModelWarning, point_mass, rod)
+from kane_dynamics.mechanics import kane, kinematics
+from kane_dynamics.resources import resource_path
+from mechanisms import random_inertial, random_state
+import numpy as np
+import pytest
+
+X, Y, Z = np.eye(3)
+FLOATING = """<robot name="drone"><link name="world"/>
+  <link name="hull"><inertial><origin xyz="0.1 0.2 -0.1"/><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0.01"/></inertial></link>
+  <link name="arm"><inertial><mass value="1"/>
+    <inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="free" type="floating"><parent link="world"/><child link="hull"/>
+    <origin xyz="1 0 0.5" rpy="0.3 -0.2 0.7"/></joint>
+  <joint name="slide" type="planar"><parent link="hull"/><child link="arm"/>
+    <origin xyz="0 0.3 0" rpy="1.1 0 0.4"/><axis xyz="0 1 1"/></joint>
+</robot>"""
+
+
+def same(model, other):
+    """Check that two models move alike, coordinate for coordinate."""
+    assert model.coordinate_names == other.coordinate_names
+    one, two = Definition(model), Definition(other)
+    for q, u, udot in random_state(model, 0, 30).reshape(10, 3, -1):
+        expected = two.inverse_dynamics(q, u, udot)
+        np.testing.assert_allclose(one.inverse_dynamics(q, u, udot), expected, rtol=1e-12,
+                                   atol=1e-12 * np.abs(expected).max())
+
+
+def test_joints_of_more_freedoms_are_those_of_a_urdf():
+    b = ModelBuilder()
+    hull = Inertial(2, (0.1, 0.2, -0.1), [[0.1, 0, 0], [0, 0.2, 0.01], [0, 0.01, 0.25]])
+    b.body('hull', 'world', 'floating', joint='free', at=(1, 0, 0.5), rpy=(0.3, -0.2, 0.7),
+           matter=hull)
+    b.body('arm', 'hull', 'planar', joint='slide', at=(0, 0.3, 0), rpy=(1.1, 0, 0.4),
+           axis=(0, 1, 1), matter=Inertial(1, inertia=0.05 * np.eye(3)))
+    with pytest.warns(ModelWarning):
+        same(b.model(), load_urdf(FLOATING))
+
+
+def test_the_spring_mass_pendulum_is_the_shipped_urdf():
+    b = ModelBuilder()
+    b.body('block', 'world', 'prismatic', joint='slider', axis=X, matter=point_mass(2),
+           stiffness=50)
+    b.body('pendulum', 'block', joint='pivot', axis=-Y, matter=point_mass(1, (0, 0, -0.5)))
+    path = resource_path('urdf', 'spring_mass_pendulum.urdf')
+    with pytest.warns(ModelWarning, match='pendulum'):
+        same(b.model(), load_urdf(path, supplement=str(path).replace('.urdf', '.supplement.yaml')))
+
+
+@pytest.mark.parametrize('turns', ['zxy', 'zxz'])
+def test_turns_follow_one_another_about_the_axes_turned_before(turns):
+    b = ModelBuilder()
+    b.body('top', 'world', 'spherical', turns=turns, matter=ball(1, 0.1))
+    b.body('fork', 'top', 'universal', turns='zx', matter=ball(1, 0.1))
+    model = b.model()
+    angles = np.array([0.3, -0.5, 0.9, 1.2, -0.8])
+
+    def about(letter, angle):
+        axis = np.eye(3)['xyz'.index(letter)]
+        return np.eye(3) + np.sin(angle) * (K := np.cross(np.eye(3), -axis).T) + (
+            1 - np.cos(angle)) * K @ K
+    expected = np.linalg.multi_dot([about(s, x) for s, x in zip(turns + 'zx', angles)])
+    R, _ = kinematics.frame_pose(model, model.frame('fork'), angles)
+    np.testing.assert_allclose(R, expected, atol=1e-15)
+    assert model.coordinate_names[:3] == tuple(
+        f'top/r{s}' for s in (turns if turns != 'zxz' else ['z', 'x', 'z2']))
+
+
+@pytest.mark.parametrize('matter, moments, com', [
+    (rod(3, (0, 0, 0), (0, 0, -2)), (1, 1, 0), (0, 0, -1)),
+    (disc(2, 1, X), (1, 0.5, 0.5), (0, 0, 0)),
+    (disc(2, 1, (0, 0, 5), at=Y, thickness=6), (6.5, 6.5, 1), Y),
+    (ball(5, 1, at=X), (2, 2, 2), X),
+    (box(12, (1, 2, 3)), (13, 10, 5), (0, 0, 0)),
+    (point_mass(1, X) + point_mass(1, -X), (0, 2, 2), (0, 0, 0))])
+def test_uniform_shapes_have_the_textbook_moments(matter, moments, com):
+    np.testing.assert_allclose(matter.inertia, np.diag(moments), atol=1e-14)
+    np.testing.assert_allclose(matter.com, com, atol=1e-15)
+
+
+def test_matter_on_a_frame_rides_on_its_body():
+    inertial = random_inertial(np.random.default_rng(3))
+    b, direct = ModelBuilder(), ModelBuilder()
+    for builder in (b, direct):
+        builder.body('link', rpy=(0.1, 0.2, 0.3), axis=Y)
+    b.frame('tool', 'link', at=(0.3, 0, 0.1), rpy=(0, 0, np.pi / 2))
+    b.load('tool', inertial)
+    turned = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    direct.load('link', inertial.moved(turned, (0.3, 0, 0.1)))
+    same(b.model(), direct.model())
+
+
+def test_a_mounted_arm_moves_with_its_carrier_and_as_itself():
+    with pytest.warns(ModelWarning):
+        arm = load_urdf(resource_path('urdf', 'two_rods.urdf'))
+    b = ModelBuilder()
+    b.body('cart', 'world', 'prismatic', axis=X, matter=point_mass(4))
+    b.mount(arm, 'cart', at=(0, 0, 0.2), prefix='left_')
+    b.mount(arm, 'left_rod_b', at=(0, 1, 0), prefix='right_')
+    model = b.model()
+    assert model.coordinate_names == ('cart', 'left_rod_a_joint', 'left_rod_b_joint',
+                                      'right_rod_a_joint', 'right_rod_b_joint')
+    plain = ModelBuilder()
+    plain.body('cart', 'world', 'prismatic', axis=X, matter=point_mass(4))
+    for side, on, at in (('left', 'cart', 0.2 * Z), ('right', 'left_rod_b', Y)):
+        plain.body(f'{side}_rod_a', on, joint=f'{side}_rod_a_joint', axis=Y, at=at,
+                   matter=rod(2, (0, 0, 0), 1.2 * Z))
+        plain.body(f'{side}_rod_b', f'{side}_rod_a', joint=f'{side}_rod_b_joint', axis=Z,
+                   at=1.2 * Z, matter=rod(1, (0, 0, 0), -0.6 * Y))
+    same(model, plain.model())
+    q = random_state(model, 1)[0]
+    for frame in ('left_rod_b', 'right_rod_b'):
+        np.testing.assert_allclose(kane.partial_velocities(model, q, frame),
+                                   kane.partial_velocities(plain.model(), q, frame), atol=1e-14)
+
+
+def test_a_joint_of_more_freedoms_is_sprung_by_the_name_of_one():
+    b = ModelBuilder()
+    b.body('table', 'world', 'planar', matter=box(1, (1, 1, 0.1)))
+    b.joint('table/y', stiffness=7, damping=2)
+    joint = b.model().bodies[1].joint
+    assert (joint.name, joint.stiffness, joint.damping) == ('table/y', 7.0, 2.0)
+
+
+def built(*steps):
+    """Return a builder after some steps on a first body."""
+    b = ModelBuilder('rig')
+    b.body('a')
+    for name, arguments, options in steps:
+        getattr(b, name)(*arguments, **options)
+    return b
+
+
+@pytest.mark.parametrize('name, arguments, options, words', [
+    ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; valid: world, a"),
+    ('body', ('a',), {}, "'a' exists"),
+    ('body', ('b',), {'joint': 'a'}, "joint 'a' exists"),
+    ('body', ('b', 'a', 'fixed'), {}, "kind is 'fixed'; valid: revolute, .*is a frame"),
+    ('body', ('b',), {'axis': (0, 0, 0)}, "joint 'b': axis"),
+    ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns is 'xxy'"),
+    ('body', ('b',), {'stifness': 3}, "no property 'stifness'; valid: .*stiffness"),
+    ('body', ('b', 'a', 'planar'), {'damping': 3}, 'damping by joint\\(\\) to one of b/x, b/y'),
+    ('body', ('b',), {'at': (0, 0)}, "joint 'b': at"),
+    ('body', ('b',), {'matter': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
+    ('joint', ('c',), {'damping': 3}, "no joint 'c'; valid: a"),
+    ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
+    ('load', ('c', point_mass(1)), {}, "no body or frame 'c'"),
+    ('mount', (built().model(), 'a'), {}, "'a' exists")])
+def test_a_mistake_is_told_with_the_names(name, arguments, options, words):
+    with pytest.raises(ModelError, match=words):
+        built((name, arguments, options))
+
+
+def test_a_refused_body_leaves_the_builder_as_it_was():
+    b = built()
+    with pytest.raises(ModelError):
+        b.body('b', 'a', matter=Inertial(1, inertia=np.diag([1, 1, 3])))
+    with pytest.raises(ModelError):
+        b.mount(built().model(), 'a')
+    assert [body.name for body in b.model().bodies] == ['a']
+
+
+def test_nothing_built_is_no_model():
+    with pytest.raises(ModelError, match="'empty' has no body"):
+        ModelBuilder('empty').model()

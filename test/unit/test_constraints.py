@@ -1,0 +1,123 @@
+"""Every misuse of speeds and constraints is refused by name; small inverses are inverses."""
+
+from kane_dynamics import ConstraintError, InputError, ModelBuilder
+from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, PointVelocity,
+                                                 Prescribed, Rolling)
+from kane_dynamics.mechanics.dual import moving, rates, values
+from kane_dynamics.mechanics.linear import inverse
+from kane_dynamics.mechanics.speeds import body_angular_velocity, Speeds
+from kane_dynamics.mechanics.structure import closed_posture, structured
+from kane_dynamics.native.program import trace_program
+from kane_dynamics.shapes import rod
+import numpy as np
+import pytest
+
+
+def arm(n=3):
+    """Return a planar chain of rods with a frame at its tip."""
+    b = ModelBuilder('arm')
+    for k in range(n):
+        b.body(f'rod{k}', f'rod{k - 1}' if k else 'world', axis=(0, 1, 0), joint=f'joint{k}',
+               at=(1.0 if k else 0.0, 0, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.frame('tip', f'rod{n - 1}', at=(1, 0, 0))
+    b.frame('far', 'world', at=(10, 0, 0))
+    b.frame('near', 'world', at=(1.5, 0, 0.3))
+    return b.model()
+
+
+@pytest.mark.parametrize(('constraints', 'words'), [
+    ([PointVelocity('hand', (1, 0, 0))], "'velocity of hand': no frame 'hand'; valid: .*tip"),
+    ([Closure('tip', 'moon')], "'closure of tip and moon': no frame 'moon'"),
+    ([Coupling('joint0', {'elbow': 1.0})],
+     "'coupling of joint0': no coordinate 'elbow'; valid: joint0, joint1, joint2"),
+    ([Closure('tip', 'far', 'spherical')], "closes 'closure of tip and far/x'.* remain"),
+    ([Prescribed('joint0', np.sin), Prescribed('joint0', np.cos, name='again')],
+     "closes '(again|prescribed joint0)'"),
+    ([PointVelocity('tip', (1, 0, 0), value=1.0), PointVelocity('tip', (1, 0, 0), name='b')],
+     "'b' contradicts the others: its velocity is off by 1"),
+    ([Closure('tip', 'near', 'weld')], 'leave no freedom to 3 speeds'),
+    ([PointVelocity('tip', (1, 0, 0)), PointVelocity('tip', (0, 0, 1))], 'different names'),
+    ([DependentSpeeds(('joint2',), lambda q, t: np.zeros((2, 2)))],
+     r"'dependent speeds': A\(q, t\) returns shape \(2, 2\); expected \(1, 2\)"),
+    ([DependentSpeeds(('u9',), lambda q, t: np.zeros((1, 2)))], "no speed 'u9'; valid: joint0"),
+])
+def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
+    with pytest.raises(ConstraintError, match=words):
+        structured(arm(), None, constraints)
+
+
+@pytest.mark.parametrize(('make', 'words'), [
+    (lambda: PointVelocity('tip', (0, 0, 0)), r'direction is \[0.0, 0.0, 0.0\]'),
+    (lambda: Rolling('tip', -1.0), 'radius is -1.0; it must be positive'),
+    (lambda: Closure('tip', 'near', 'glue'), "kind is 'glue'; valid: weld, revolute, spherical")])
+def test_values_that_no_constraint_has_are_refused(make, words):
+    with pytest.raises(ConstraintError, match=words):
+        make()
+
+
+@pytest.mark.parametrize(('speeds', 'error', 'words'), [
+    (Speeds(lambda q, t: np.eye(2)), ConstraintError,
+     r'Y\(q, t\) returns shape \(2, 2\); expected \(3, 3\)'),
+    (Speeds(lambda q, t: np.eye(3), lambda q, t: np.zeros(2)), ConstraintError,
+     r'Z\(q, t\) returns shape \(2,\); expected \(3,\)'),
+    (Speeds(lambda q, t: np.diag([1.0, 1.0, 0.0])), ConstraintError, r'Y is singular at q = \['),
+    (Speeds(lambda q, t: np.eye(3), names=('a', 'b')), InputError, 'expected 3 different ones'),
+    ('rates', InputError, 'speeds is a str; expected Speeds, or a function'),
+    (body_angular_velocity('rod1'), ConstraintError, r'turned by 2 joints \(joint0, joint1\)')])
+def test_speeds_that_cannot_be_are_refused_by_name(speeds, error, words):
+    with pytest.raises(error, match=words):
+        structured(arm(), speeds, (PointVelocity('tip', (1, 0, 0)),))
+
+
+def test_independent_speeds_that_do_not_fit_are_refused():
+    constraints = (Coupling('joint1', {'joint0': 2.0}),)
+    assert structured(arm(), None, constraints, ('joint0', 'joint2')).speed_names == (
+        'joint0', 'joint2')
+    with pytest.raises(ConstraintError, match='leave exactly 2 of joint0, joint1, joint2'):
+        structured(arm(), None, constraints, ('joint0',))
+    with pytest.raises(ConstraintError, match='joint0, joint1 do not determine the others'):
+        structured(arm(), None, constraints, ('joint0', 'joint1'))
+
+
+def test_a_closed_posture_is_near_closed_and_leaves_what_is_fixed():
+    mechanism = structured(arm(), None, (Closure('tip', 'near', 'spherical'),))
+    q = closed_posture(mechanism, [0.5, 1.0, 1.0], fixed=['joint0'])
+    assert q[0] == 0.5
+    np.testing.assert_allclose(mechanism.posture(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)
+    with pytest.raises(ConstraintError, match="no coordinate 'elbow'"):
+        closed_posture(mechanism, q, fixed=['elbow'])
+
+
+@pytest.mark.parametrize('n', range(1, 8))
+def test_inverses_of_numbers_and_of_traced_blocks(n):
+    rng = np.random.default_rng(n)
+    A = rng.normal(size=(n, n)) + 2.0 * np.eye(n)
+    np.testing.assert_allclose(inverse(A).astype(float), np.linalg.inv(A), rtol=0.0, atol=1e-11)
+    for known in (0, 2):  # rows of the unit matrix above: what is constant goes first
+        whole = np.block([[np.eye(known), np.zeros((known, n))], [rng.normal(size=(n, known)), A]])
+
+        def of(block, whole=whole, known=known):
+            matrix = whole.astype(object)
+            matrix[known:, known:] = block
+            return inverse(matrix)
+        traced = trace_program('inverse', of, [('A', (n, n))])
+        assert traced.shape == whole.shape
+        np.testing.assert_allclose(of(A).astype(float) @ whole, np.eye(n + known), atol=1e-10)
+
+
+def test_what_is_singular_by_structure_is_told():
+    with pytest.raises(ZeroDivisionError) as told:
+        inverse(np.array([[1.0, 2.0], [2.0, 4.0]]))
+    assert told.value.args[0] in (0, 1)
+
+
+def test_rates_follow_the_rules_of_differentiation():
+    t, h = 0.4, 1e-6
+
+    def f(t):
+        x = np.sin(3.0 * t) + 2.0
+        return np.array([x * np.cos(t) / x ** 2, np.sqrt(x) - np.tanh(t), 1.0 / x, -x + 1.0])
+    answer = f(moving(t, 1.0))
+    np.testing.assert_allclose(values(answer), f(t), rtol=1e-15)
+    np.testing.assert_allclose(rates(answer), (f(t + h) - f(t - h)) / (2.0 * h), rtol=1e-8)
+    assert rates(np.array([1.0, moving(2.0, 0.0)], dtype=object)).tolist() == [0.0, 0.0]
