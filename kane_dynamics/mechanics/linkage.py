@@ -8,7 +8,7 @@ numbers 0 or 1, which tracing then folds away:
 
 * `denavit_hartenberg`: each revolute link's frame slid along its own axis to the common normal
   with its parent's, and turned about it so that the way to its (largest) child is an offset along
-  its z, one along its x, and a turn about x; where that is less arithmetic;
+  its z, one along its x, and a turn about x, where that is less arithmetic;
 * `regrouped`: matter on a revolute joint's axis moves the same in the parent, and so does the
   second moment of a prismatic link: both are handed to the parent. What stays are the base
   inertial parameters (Khalil & Dombre, Modeling, Identification and Control of Robots, ch. 9).
@@ -17,7 +17,7 @@ numbers 0 or 1, which tracing then folds away:
 Pseudo-inertias may hold traced values (a payload); everything else here is numbers.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import Any, Literal
@@ -162,7 +162,7 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     """
     Slide and turn revolute links' frames about their own z (see the module).
 
-    A link keeps its frame where the move would leave more constants than it clears.
+    Of both, either and neither, a link takes what leaves the fewest constants near it.
     """
     result = list(links)
     children = [[k for k, link in enumerate(links) if link.parent == i]
@@ -174,33 +174,33 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     for i, link in enumerate(links):
         if link.kind != 'revolute':
             continue
-        trial = list(result)
-        if link.parent != WORLD:
-            _move(trial, i, homogeneous(None, _slide(trial[i]) * Z), children[i])
+        shift, angle = (_slide(result[i]) if link.parent != WORLD else 0.0), 0.0
         if children[i]:
-            child = trial[max(children[i], key=lambda k: size[k])]
-            _move(trial, i, about_z(_turn_to_normal(child)), children[i])
+            child = result[max(children[i], key=lambda k: size[k])]
+            angle = _turn_to_normal(child)
             if link.parent == WORLD and child.kind == 'revolute':
-                foot = child.translation + _slide(child) * child.rotation[:, 2]
-                _move(trial, i, homogeneous(None, foot[2] * Z), children[i])
-        near = [i, *children[i]]
-        if _constants(trial[k] for k in near) <= _constants(result[k] for k in near):
-            result = trial
+                shift = float((child.translation + _slide(child) * child.rotation[:, 2])[2])
+        near = [result[k] for k in (i, *children[i])]
+        choices = [_changed(near, turn, rise) for turn in (angle, 0.0) for rise in (shift, 0.0)]
+        best = min(choices, key=_constants)
+        for k, chosen in zip((i, *children[i]), best):
+            result[k] = chosen
     return tuple(_untwisted(link) for link in result)
 
 
-def _constants(links: Iterable[Link]) -> int:
+def _changed(near: Sequence[Link], angle: float, shift: float) -> list[Link]:
+    """Turn a link's frame about its z and slide it along; its children, which follow, stay."""
+    G = about_z(angle)
+    G[2, 3] = shift
+    return [_moved(near[0], G), *(replace(child, pose=_clean(inverse(G) @ child.pose))
+                                  for child in near[1:])]
+
+
+def _constants(links: Sequence[Link]) -> int:
     """Count the entries of the ways to links that cost a multiplication each time."""
     poses = [_untwisted(link).pose[:3] for link in links]
     return sum(int(np.sum(~np.isin(pose[:, :3], (0.0, 1.0, -1.0))) + np.sum(pose[:, 3] != 0.0))
                for pose in poses)
-
-
-def _move(links: list[Link], i: int, G: Array, children: Sequence[int]) -> None:
-    """Change the frame of link i by the pose G on it, a screw about z, and leave its children."""
-    links[i] = _moved(links[i], G)
-    for k in children:
-        links[k] = replace(links[k], pose=_clean(inverse(G) @ links[k].pose))
 
 
 def _turn_to_normal(child: Link) -> float:
@@ -266,10 +266,13 @@ def _turned_to_matter(link: Link) -> Link:
     P = _without_rounding(link.pseudo_inertia)
     if link.kind != 'revolute' or P.dtype == object:
         return link
-    x, y = P[0, 3], P[1, 3]
-    if x == y == 0.0:
-        return _moved(link, about_z(0.5 * math.atan2(2.0 * P[0, 1], P[0, 0] - P[1, 1])))
-    return _moved(link, about_z(math.atan2(y, x)))
+    x, y, xy = P[0, 3], P[1, 3], P[0, 1]
+    angle = 0.0
+    if x != 0.0 and y != 0.0:
+        angle = math.atan2(y, x)
+    elif x == y == 0.0 != xy:
+        angle = 0.5 * math.atan2(2.0 * xy, P[0, 0] - P[1, 1])
+    return _moved(link, about_z(angle))
 
 
 def _clean(pose: Array) -> Array:
