@@ -76,11 +76,16 @@ $(VENV)/.project: $(VENV)/.dependencies $(VENV)/.interfaces $(VENV)/.files $(MET
 demo: install
 	$(ROS_ENV) $(BIN)/kane-dynamics demo
 
+# What only computes shares the processors; what runs nodes in real time has them to itself.
 test: install
-	$(ROS_ENV) $(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal test/unit test/property test/peer \
+	  $(PYTEST_ARGS)
+	$(ROS_ENV) $(BIN)/python -m pytest test/e2e $(PYTEST_ARGS)
 
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
+	$(ROS_ENV) HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n auto --dist worksteal \
+	  --timeout 3600 test/property $(PYTEST_ARGS)
 
 $(VENV)/.bench: $(VENV)/.dependencies
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py --extra bench
@@ -124,7 +129,7 @@ COLCON_ENV = VIRTUAL_ENV='$(CURDIR)/$(COLCON_VENV)' PATH="$(CURDIR)/$(COLCON_VEN
   $(ROS_ISOLATION) \
   COLCON_DEFAULTS_FILE='$(CURDIR)/colcon_defaults.yaml' COLCON_LOG_PATH=$(COLCON_BASE)/log
 COLCON_FOLDERS = --build-base $(COLCON_BASE)/build --install-base $(COLCON_BASE)/install
-COLCON_TESTS ?= test/unit test/e2e
+COLCON_TESTS ?= test/unit/test_resources.py test/unit/test_launch.py test/e2e
 
 # The Python package is built anew, since colcon leaves deleted modules where they were. The results
 # are looked for by name: a package without any would pass.

@@ -13,8 +13,9 @@ ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
 equations = ['sympy>=1.12']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
-test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1',
-        'mpmath>=1.3', 'scipy>=1.11', 'example-robot-data>=4.1', *equations,
+test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
+        'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3', 'scipy>=1.11',
+        'example-robot-data>=4.1', *equations,
         'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
         *plot]
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.

@@ -40,7 +40,9 @@ def test_products_with_the_inverse_mass_matrix_undo_inverse_dynamics(robot, stat
         assert np.abs(M @ W - np.eye(robot.n)).max() < tolerance
 
 
-def test_a_batch_takes_shared_parts_along(robot, states):
+def test_a_batch_takes_shared_parts_along():
+    robot = Robot(human_hand())
+    states = np.random.default_rng(5).uniform(-1.0, 1.0, (3, 3, robot.n))
     for name in ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives'):
         together = getattr(robot, name)(*states.transpose(1, 0, 2))
         for k, state in enumerate(states):
