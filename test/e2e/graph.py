@@ -17,7 +17,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -139,7 +139,7 @@ class Client(Node):
         while not self._ended:
             try:
                 self.spinner.spin_once(timeout_sec=0.5)
-            except ShutdownException:
+            except (ExternalShutdownException, ShutdownException):
                 return
             except InvalidHandle:  # of something that was destroyed at that moment
                 continue
