@@ -76,11 +76,13 @@ $(VENV)/.project: $(VENV)/.dependencies $(VENV)/.interfaces $(VENV)/.files $(MET
 demo: install
 	$(ROS_ENV) $(BIN)/kane-dynamics demo
 
-# What only computes shares the processors; what runs nodes in real time has them to itself.
+# What runs nodes in real time has the processors to itself; all else shares them.
+REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
+
 test: install
-	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal test/unit test/property test/peer \
+	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal $(REAL_TIME:%=--ignore=%) \
 	  $(PYTEST_ARGS)
-	$(ROS_ENV) $(BIN)/python -m pytest test/e2e $(PYTEST_ARGS)
+	$(ROS_ENV) $(BIN)/python -m pytest $(REAL_TIME) $(PYTEST_ARGS)
 
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
