@@ -87,7 +87,8 @@ class Workspace:
         Parameters
         ----------
         name : str
-            'frame_pose', 'frame_velocity', 'frame_acceleration' or 'partial_velocities'.
+            One of `FRAME_QUANTITIES`: frame_pose, frame_velocity, frame_acceleration,
+            partial_velocities, partial_velocity_rates.
         frame : str
             Of the robot's model.
 
