@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.dual import moving, rates
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.mechanism import JointMotion, Mechanism, Released
@@ -108,6 +109,8 @@ class ConstrainedEquations:
     def state_rates(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                     t: Any = 0.0) -> Any:
         """Return q' then udot, (n_q + n,): the system that is integrated."""
+        if self.n == self.n_q:
+            return np.concatenate(self._free(q, u, tau, wrench, parameters, t))
         motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
         return np.concatenate([motion.qdot, udot])
 
@@ -135,7 +138,23 @@ class ConstrainedEquations:
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                          t: Any = 0.0) -> Any:
         """Return udot = M^-1 (tau + external - bias), (n,)."""
+        if self.n == self.n_q:
+            return self._free(q, u, tau, wrench, parameters, t)[1]
         return self._forward(q, u, tau, wrench, parameters, t)[2]
+
+    def _free(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+              t: Any) -> tuple[Any, Any]:
+        """Return q' and udot without constraints: the tree's own forward dynamics, re-spoken."""
+        Y, negative_Z = self.mechanism.system(self.mechanism.posture(q, t, self.tree.geometry))
+        if self.mechanism.speeds.definite:
+            order = self.tree.order
+            qdot = solve(factorize(Y, order), order, u + negative_Z)
+        else:
+            qdot = self.mechanism.solved(Y, u + negative_Z)
+        qddot = self.tree.forward_dynamics(q, qdot, Y.T @ tau, wrench, parameters)
+        Y_moving, negative_Z_moving = self.mechanism.system(self.mechanism.posture(
+            moving(q, qdot), moving(t, 1.0), self.tree.geometry))
+        return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
     def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
         """Return the joint torques, (n_q,), that are tau to the independent speeds."""

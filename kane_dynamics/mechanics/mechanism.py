@@ -191,14 +191,7 @@ class Mechanism:
 
         """
         S, s = self.system(self.posture(q, t, links))
-        try:
-            inverse = linear.inverse(S)
-        except ZeroDivisionError as error:
-            row = error.args[0]
-            names = (*self.speed_names, *(self.labels[k] for k in self.kept))
-            raise ConstraintError(f"speeds and constraints do not determine the motion: '"
-                                  f"{names[row]}' depends on the others in every posture"
-                                  ) from None
+        inverse = self.solved(S, np.eye(len(S)))
         none = np.zeros(len(self.kept)).astype(object)
         qdot = inverse @ (np.concatenate([u, none]) + s)
         S_moving, s_moving = self.system(
@@ -207,6 +200,17 @@ class Mechanism:
         qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
         T = inverse[:, :self.n]
         return JointMotion(qdot, qddot, T, inverse[:, self.n:], -(inverse @ (S_rate @ T)))
+
+    def solved(self, S: Any, right: Any) -> Any:
+        """Return S^-1 times a vector or a matrix; ConstraintError where S is never regular."""
+        try:
+            return linear.solution(S, right.reshape(len(S), -1)).reshape(right.shape)
+        except ZeroDivisionError as error:
+            row = error.args[0]
+            names = (*self.speed_names, *(self.labels[k] for k in self.kept))
+            raise ConstraintError(f"speeds and constraints do not determine the motion: '"
+                                  f"{names[row]}' depends on the others in every posture"
+                                  ) from None
 
 
 class Released(Posture):
