@@ -106,6 +106,13 @@ class Dynamics(Calls):
         """Return (n_bodies, n): what each body's inertia and weight ask of every joint."""
         return self._call('body_torques', (q, u, udot), out, t)
 
+    @compiled
+    def joint_reactions(self, q: Any, u: Any, udot: Any, *, wrench: Any = None, t: Any = 0.0,
+                        out: Array | None = None) -> Array:
+        """Return (n_bodies, 6): `joint_reaction` of every body's joint, in the order of bodies."""
+        return self._loaded(self.kernels.quantity('joint_reactions'), (q, u, udot), wrench, out,
+                            t)
+
     def explain(self, q: Any, u: Any, udot: Any, *, wrench: Any = None,
                 t: Any = 0.0) -> Explanation:
         """Return inverse dynamics by source and by body; arguments as `inverse_dynamics`."""

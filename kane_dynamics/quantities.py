@@ -84,6 +84,7 @@ QUANTITIES = {
     'external_force': Quantity(('q',), _vector, wrench=True, parameters=False),
     'torque_terms': Quantity(MOTION, lambda size: (len(TORQUE_TERMS), size.n)),
     'body_torques': Quantity(MOTION, lambda size: (size.bodies, size.n)),
+    'joint_reactions': Quantity(MOTION, lambda size: (size.bodies, 6), wrench=True),
     'kinetic_energy': Quantity(STATE, _scalar),
     'potential_energy': Quantity(('q',), _scalar),
     'inverse_dynamics_derivatives': Quantity(MOTION, _three_matrices),
@@ -99,8 +100,8 @@ CONSTRAINED = {
 }
 # What control and simulation call: a node compiles these before it serves.
 IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
-            'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'kinetic_energy',
-            'potential_energy')
+            'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'joint_reactions',
+            'kinetic_energy', 'potential_energy')
 FRAME_QUANTITIES = {
     'frame_pose': Quantity(('q',), lambda size: (4, 4), parameters=False),
     'frame_velocity': Quantity(STATE, _wrench, parameters=False),

@@ -188,15 +188,23 @@ class ConstrainedEquations:
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                        t: Any = 0.0) -> Any:
-        """Return the wrench of parent on child number `body` at the joint, (6,), world axes."""
+        """Return that of body number `body` alone, (6,)."""
+        return self.joint_reactions(q, u, udot, wrench, parameters, t)[body]
+
+    def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
+                        t: Any = 0.0) -> Any:
+        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
         motion = self.joint_motion(q, u, udot, t)
         force = self._joint_forces(q, motion, wrench, parameters)
         applied = self.joint_torques(q, motion.T.T @ force, t)
+        held = motion.N.T @ (force - applied)
         here = self.mechanism.posture(q, t, self.tree.geometry)
-        origin = self.tree.joint_origin(body, q)
-        pushed = self.mechanism.rows(Released(here, body, origin)).J[self.mechanism.kept]
-        whole = self.tree.joint_reaction(body, q, motion.qdot, motion.qddot, wrench, parameters)
-        return whole - pushed.T @ (motion.N.T @ (force - applied))
+        of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
+        result = []
+        for body, (origin, whole) in enumerate(zip(self.tree.joint_origins(q), of_tree)):
+            rows = self.mechanism.rows(Released(here, body, origin))
+            result.append(whole - rows.J[self.mechanism.kept].T @ held)
+        return np.array(result)
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""

@@ -157,12 +157,17 @@ class Equations:
         """Return (n_bodies, n): what each body, with what it carries, asks of every joint."""
         return reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
 
+    def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
+        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
+        found = reactions.joint_reactions(self._loaded(self._raw_links, parameters), q, u, udot,
+                                          parameters[:3], pushes)
+        return np.array(found).reshape(len(found), 6)
+
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
                        parameters: Any) -> Any:
-        """Return the wrench of parent on child number `body` at the joint, (6,), world axes."""
-        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        return reactions.joint_reaction(self._loaded(self._raw_links, parameters), body, q, u,
-                                        udot, parameters[:3], pushes)
+        """Return that of body number `body` alone, (6,)."""
+        return self.joint_reactions(q, u, udot, wrench, parameters)[body]
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
@@ -206,9 +211,9 @@ class Equations:
         """Return the time derivative of the partial velocities along the motion, (6, n)."""
         return frames.partial_velocity_rates(self._links, frame, q, u)
 
-    def joint_origin(self, body: int, q: Any) -> Any:
-        """Return where the joint of body number `body` is on it, (3,), m, world axes."""
-        return frames.link_poses(self._raw_links, q)[body][1]
+    def joint_origins(self, q: Any) -> list[Any]:
+        """Return where each body has its joint, (3,), m, world axes."""
+        return [origin for _, origin in frames.link_poses(self._raw_links, q)]
 
     def armature(self, x: Any) -> Any:
         """Return the rotor inertias' diagonal times x, (n,)."""

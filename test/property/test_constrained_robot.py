@@ -160,9 +160,11 @@ def test_joints_carry_what_constraints_exert(kind):
     J = np.array(robot.mechanism.rows(here).J, dtype=float)
     supplied = robot.joint_torques(tau, q, t=T) + J.T @ forces
     np.testing.assert_allclose(supplied, needed, atol=1e-5 * (1.0 + np.abs(needed).max()))
+    together = robot.joint_reactions(q, u, udot, t=T)
     for k, body in enumerate(robot.model.bodies):
         axis = kinematics.configurations(robot.model, q)[k].axis
         reaction = robot.joint_reaction(body.joint.name, q, u, udot, t=T)
+        np.testing.assert_allclose(together[k], reaction, rtol=1e-9, atol=1e-9)
         along = (reaction[3:] if body.joint.kind == 'revolute' else reaction[:3]) @ axis
         # What a coupling or a drive exerts, it exerts at the joint itself.
         own = kind in ('coupling', 'prescribed')
