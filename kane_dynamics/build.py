@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating')
-PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'armature', 'stiffness', 'rest')
+PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
+              'stiffness', 'rest')
 ORIGIN = (0.0, 0.0, 0.0)
 NOTHING = Inertial()
 
@@ -82,8 +83,8 @@ class ModelBuilder:
         turns : str
             Axes of successive turns, each about axes that the one before has turned.
         **properties
-            Of a `Joint` of one freedom: limits, damping, friction, friction_speed, armature,
-            stiffness, rest; for joints of more freedoms see `joint`.
+            Of a `Joint` of one freedom: limits, damping, friction, friction_speed,
+            friction_offset, armature, stiffness, rest; for joints of more freedoms see `joint`.
 
         Raises
         ------

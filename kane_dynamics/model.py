@@ -60,6 +60,9 @@ class Joint:
         Coulomb friction, N m or N, smoothed as ``friction * tanh(rate / friction_speed)``.
     friction_speed : float
         rad/s or m/s, positive.
+    friction_offset : float
+        What friction asks for at rest, N m or N: Coulomb friction that differs by direction, or
+        the zero of a torque sensor.
     armature : float
         Rotor inertia seen through the gear, kg m^2 or kg.
     stiffness, rest : float
@@ -84,6 +87,7 @@ class Joint:
     damping: float = 0.0
     friction: float = 0.0
     friction_speed: float = 0.05
+    friction_offset: float = 0.0
     armature: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
@@ -104,7 +108,7 @@ class Joint:
             raise ModelError(f'{what}: rotation is {R.tolist()}; expected a rotation matrix')
         freeze(self, 'rotation', R)
         freeze(self, 'translation', constant(self.translation, (3,), f'{what}: translation'))
-        for name in ('multiplier', 'offset', 'rest'):
+        for name in ('multiplier', 'offset', 'rest', 'friction_offset'):
             freeze(self, name, float(constant(getattr(self, name), (), f'{what}: {name}')))
         for name in ('damping', 'friction', 'friction_speed', 'armature', 'stiffness'):
             value = float(constant(getattr(self, name), (), f'{what}: {name}'))

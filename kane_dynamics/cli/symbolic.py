@@ -179,6 +179,7 @@ def _joint(given: Parameters, k: int, joint: Joint) -> Any:
         'rest': ('s', length, ('minus the ' if joint.rest < 0.0 else '') + "spring's rest at"),
         'damping': ('d', f'{force} s/{length}', 'damping at'),
         'friction': ('f', force, 'Coulomb friction at'),
+        'friction_offset': ('b', force, 'friction at rest at'),
         'armature': ('J', inertia, 'armature at')}
     values = {name: given.scalar(f'{letter}{k}', getattr(joint, name), unit,
                                  f'{meaning} {joint.name}')

@@ -127,13 +127,14 @@ def friction_force(model: Model, u: Array) -> Array:
     """
     Return the generalized active force of damping and Coulomb friction, (n,), N m or N.
 
-    A joint's virtual power is -(d x' + mu tanh(x'/x_s')) times the variation of its rate x'.
+    A joint's virtual power is -(d x' + mu tanh(x'/x_s') + offset) times the variation of its rate x'.
     """
     force = np.zeros(model.n)
     for body in model.bodies:
         joint = body.joint
         rate = joint.multiplier * u[joint.coordinate]
-        held = joint.damping * rate + joint.friction * math.tanh(rate / joint.friction_speed)
+        held = (joint.damping * rate + joint.friction * math.tanh(rate / joint.friction_speed)
+                + joint.friction_offset)
         force[joint.coordinate] -= held * joint.multiplier
     return force
 

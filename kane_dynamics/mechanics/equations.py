@@ -220,7 +220,7 @@ class Equations:
         return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
 
     def friction_force(self, u: Any) -> Any:
-        """Return damping d u + mu tanh(u / u_s) of every joint, (n,): what torque overcomes."""
+        """Return d u + mu tanh(u / u_s) + offset of every joint, (n,): what torque overcomes."""
         if not self.friction:
             return self.zeros
 
@@ -229,6 +229,8 @@ class Equations:
             total = joint.damping * rate
             if joint.friction:
                 total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
+            if joint.friction_offset:
+                total = total + joint.friction_offset
             return joint.multiplier * total
         return self._by_coordinate(force)
 

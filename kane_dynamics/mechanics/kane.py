@@ -170,9 +170,10 @@ def spring_torque(joint: Joint, q: Any) -> Any:
 
 
 def friction_torque(joint: Joint, u: Any) -> Any:
-    """Return what overcomes damping and smoothed Coulomb friction, N m or N."""
+    """Return what overcomes damping, smoothed Coulomb friction and its offset, N m or N."""
     speed = rate(joint, u)
-    return joint.damping * speed + joint.friction * np.tanh(speed / joint.friction_speed)
+    return (joint.damping * speed + joint.friction * np.tanh(speed / joint.friction_speed)
+            + joint.friction_offset)
 
 
 def on_coordinate(model: Model, joint: Joint, torque: Any) -> Any:

@@ -11,6 +11,7 @@ Schema, every key optional::
         damping: 0.5            # viscous friction in place of the URDF's, N m s/rad or N s/m, >= 0
         friction: 1.2           # Coulomb friction in place of the URDF's, N m or N, >= 0
         friction_speed: 0.05    # friction * tanh(rate / friction_speed); rad/s or m/s, > 0
+        friction_offset: 0.1    # added to it whatever the rate, N m or N
     payload:
       link: tool0               # required: the link that carries it
       mass: 2.0                 # required: kg, >= 0
@@ -37,7 +38,8 @@ from kane_dynamics.urdf.tree import listing
 import numpy as np
 import yaml
 
-JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed')
+JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
+              'friction_offset')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
 SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
 SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
@@ -72,7 +74,7 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
     values = {}
     for name, entry in joints.items():
         what = f"supplement: joint '{name}'"
-        values[name] = {key: _number(value, f'{what}: {key}', signed=key == 'rest',
+        values[name] = {key: _number(value, f'{what}: {key}', signed=key in ('rest', 'friction_offset'),
                                      positive=key == 'friction_speed')
                         for key, value in _mapping(entry, what, JOINT_KEYS).items()}
     payload = top.get('payload')

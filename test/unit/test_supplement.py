@@ -13,7 +13,8 @@ ARM = robot(link('a'), link('b'), link('c'), link('tool', None),
             joint('k', 'b', 'c'), joint('f', 'c', 'tool', 'fixed', xyz='0 0 1'))
 FULL = """
 joints:
-  j: {armature: 0.1, stiffness: 5, rest: -0.2, damping: 0.5, friction: 1.2, friction_speed: 1e-3}
+  j: {armature: 0.1, stiffness: 5, rest: -0.2, damping: 0.5, friction: 1.2, friction_speed: 1e-3,
+      friction_offset: -0.3}
   k:
     stiffness: 2.5
 payload:
@@ -29,7 +30,8 @@ def test_every_key_reaches_the_model(tmp_path):
     path.write_text(FULL)
     model = load(ARM, supplement=path)
     first, second = (body.joint for body in model.bodies)
-    assert [getattr(first, key) for key in JOINT_KEYS] == [0.1, 5.0, -0.2, 0.5, 1.2, 1e-3]
+    assert [getattr(first, key) for key in JOINT_KEYS] == [
+        0.1, 5.0, -0.2, 0.5, 1.2, 1e-3, -0.3]
     assert (second.stiffness, second.rest, second.armature) == (2.5, 0.0, 0.0)
     carrier = model.bodies[1].inertial
     assert carrier.mass == 3.0
