@@ -10,7 +10,7 @@ import time
 from typing import Any
 import warnings
 
-from kane_dynamics.cli import inspection
+from kane_dynamics.cli import identification, inspection
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
@@ -128,6 +128,16 @@ def equations(options: Namespace) -> None:
         with open(options.out, 'w', encoding='utf-8') as stream:
             stream.write(text)
     print(f'wrote {options.out}' if options.out else text, end='\n' if options.out else '')
+
+
+def identify(options: Namespace) -> None:
+    """Identify friction and inertials from a recording; print, and write on request."""
+    model, _ = _load(options)
+    data = identification.run(options, _source(options), model)
+    if options.json:
+        _print_json(data)
+    else:
+        identification.print_data(data)
 
 
 def demo(options: Namespace) -> int:

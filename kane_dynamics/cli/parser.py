@@ -8,6 +8,7 @@ from typing import Any
 from kane_dynamics.cli import commands
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
+from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
 
 EXAMPLES = {
@@ -51,6 +52,16 @@ examples:
 Up to four coordinates. m1, r1, I1 are mass, place of the mass centre and moment of inertia of the
 first body, l1 the place of its joint; --markdown and --csv print the table of partial velocities.
 Operations are counted with common subexpressions shared, beside those of the compiled kernels.""",
+    'identify': """
+examples:
+  kane-dynamics identify arm.urdf recording.csv
+  kane-dynamics identify arm.urdf recording.npz --cutoff 8 --out identified.urdf
+  kane-dynamics identify arm.urdf recording.csv --friction-only --json
+
+A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
+the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
+then should be filtered with --cutoff. The first half is fitted, the second half judges.
+--out arm.urdf also writes arm.supplement.yaml: load both.""",
     'demo': '',
 }
 
@@ -140,6 +151,18 @@ def _parser() -> argparse.ArgumentParser:
         form.add_argument(f'--{name}', dest='format', action='store_const', const=name)
     sub.set_defaults(format='text')
     sub.add_argument('-o', '--out', metavar='FILE', help='write there instead of printing')
+    sub = command('identify', commands.identify, 'Friction and inertials from a recording')
+    _add_model(sub)
+    sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file')
+    sub.add_argument('--friction-only', action='store_true',
+                     help='leave the inertials as they are')
+    sub.add_argument('--cutoff', type=float, metavar='HZ',
+                     help='filter q and tau without delay, and make u and udot from q')
+    sub.add_argument('--standstill', type=float, default=STANDSTILL, metavar='SPEED',
+                     help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
+    sub.add_argument('--weight', type=float, metavar='W',
+                     help="of the URDF's inertials as a prior (default: by cross-validation)")
+    sub.add_argument('-o', '--out', metavar='URDF', help='write the identified model')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

@@ -127,7 +127,8 @@ def friction_force(model: Model, u: Array) -> Array:
     """
     Return the generalized active force of damping and Coulomb friction, (n,), N m or N.
 
-    A joint's virtual power is -(d x' + mu tanh(x'/x_s') + offset) times the variation of its rate x'.
+    A joint's virtual power is -(d x' + mu tanh(x'/x_s') + offset) times the variation of its
+    rate x'.
     """
     force = np.zeros(model.n)
     for body in model.bodies:

@@ -40,6 +40,7 @@ import yaml
 
 JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
               'friction_offset')
+SIGNED_KEYS = ('rest', 'friction_offset')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
 SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
 SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
@@ -74,7 +75,7 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
     values = {}
     for name, entry in joints.items():
         what = f"supplement: joint '{name}'"
-        values[name] = {key: _number(value, f'{what}: {key}', signed=key in ('rest', 'friction_offset'),
+        values[name] = {key: _number(value, f'{what}: {key}', signed=key in SIGNED_KEYS,
                                      positive=key == 'friction_speed')
                         for key, value in _mapping(entry, what, JOINT_KEYS).items()}
     payload = top.get('payload')

@@ -163,7 +163,8 @@ def test_friction_is_viscous_plus_smoothed_coulomb_at_the_joints_own_rate():
     follow = mimic.multiplier * rate
 
     def held(joint, speed):
-        return joint.damping * speed + joint.friction * np.tanh(speed / joint.friction_speed)
+        return (joint.damping * speed + joint.friction * np.tanh(speed / joint.friction_speed)
+                + joint.friction_offset)
     by_hand = held(own, rate) + mimic.multiplier * held(mimic, follow)
     q, u = np.zeros(1), np.array([rate])
     for engine in (Definition, Robot):

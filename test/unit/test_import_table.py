@@ -26,7 +26,7 @@ TABLE = (
     'robot',
     'control stepping trajectory',
     'limit_watch torque_source',
-    'plot simulation',
+    'identification plot simulation',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
@@ -43,7 +43,7 @@ DOORS = {
     'pinocchio': ('cli/inspection.py',),
     'rclpy': ('demo', 'ros'),
     'rich': ('demo', 'progress.py'),
-    'scipy': (),
+    'scipy': ('identification',),
     'sympy': ('cli',),
     'yourdfpy': ('urdf/load.py',),
 }

@@ -1,0 +1,10 @@
+"""What a robot is really made of, from recordings of its motion: extra `identify`."""
+
+from kane_dynamics.identification.base import (base_parameters, BaseFit, BaseParameters,
+                                               fit_base)
+from kane_dynamics.identification.equations import friction_speeds, rows
+from kane_dynamics.identification.fit import Identification, identify
+from kane_dynamics.identification.recording import read_recording, Recording
+
+__all__ = ['BaseFit', 'BaseParameters', 'Identification', 'Recording', 'base_parameters',
+           'fit_base', 'friction_speeds', 'identify', 'read_recording', 'rows']

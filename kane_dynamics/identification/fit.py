@@ -1,0 +1,200 @@
+"""From a model and a recording to a better model, with what it is worth on unseen rows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.base import true_unknowns
+from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
+                                                    friction_speeds, full_regressor, Rows, rows,
+                                                    STANDSTILL, stacked, triangle, weights)
+from kane_dynamics.identification.physical import (physical, prior_metric,
+                                                   pseudo_inertia_of)
+from kane_dynamics.identification.recording import Recording
+from kane_dynamics.model import Array, Inertial, Model
+from kane_dynamics.robot import Robot
+import numpy as np
+
+ROUNDS = 3  # of reweighting
+FOLDS = 4  # stretches of the fit, each once left out to choose the weight
+WEIGHTS = 10.0 ** np.arange(1, 7)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """
+    An identified model and its worth; arrays of joints stand in the model's order.
+
+    Attributes
+    ----------
+    model : Model
+        With the identified friction, armature and, unless friction alone was asked for, inertials.
+    before, fitted, held_out : (n,) arrays
+        RMS of torque error, N m or N: of the given model on the second half, of the identified
+        one on the first half, to which it was fitted, and on the second, which it has not seen.
+    deviations : (n, 4) array
+        Standard deviations of damping, friction, armature and offset, if residuals of different
+        rows are independent; those of a smooth recording are not, and these are too small.
+    condition : float
+        Condition number of the equations with the prior, columns scaled to unit length.
+    weight : float
+        Of the prior on inertials; infinite if friction alone was identified.
+
+    """
+
+    model: Model
+    before: Array
+    fitted: Array
+    held_out: Array
+    deviations: Array
+    condition: float
+    weight: float
+
+
+def identify(model: Model, recording: Recording, *, friction_only: bool = False,
+             weight: float | None = None, standstill: float = STANDSTILL,
+             progress: Callable[[float], object] = lambda done: None) -> Identification:
+    """
+    Return the model that explains the first half of a recording, judged on the second half.
+
+    Parameters
+    ----------
+    model : Model
+        To begin with: its inertials are the prior of what torques cannot tell.
+    recording : Recording
+        Of the model's joints, in their order; filtered, if it needs that.
+    friction_only : bool
+        Leave the inertials as they are.
+    weight : float, optional
+        Of the prior; chosen by leaving stretches of the first half out if not given.
+    standstill : float
+        Rows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
+        in the errors reported all rows count.
+    progress : callable
+        Called with the share of the work that is done.
+
+    Raises
+    ------
+    InputError
+        The recording does not fit the model, or moves too little; an argument is out of range.
+
+    """
+    if weight is not None and not 0.0 < weight < np.inf:
+        raise InputError(f'weight is {weight:g}; expected a positive, finite number')
+    if not standstill >= 0.0:
+        raise InputError(f'standstill is {standstill:g}; expected a number not below 0')
+    data = rows(model, recording, standstill)
+    first, second = data.half(second=False), data.half(second=True)
+    speeds = friction_speeds(first)
+    x = _friction_alone(model, first, speeds)
+    A, _, sigma = _weighted(first, speeds, x)
+    bodies = len(model.bodies)
+    if friction_only:
+        weight = np.inf
+        A = A[:, 10 * bodies:]
+    else:
+        if weight is None:
+            weight = _chosen_weight(model, first, speeds, x, sigma, progress)
+        for _ in range(ROUNDS):
+            A, b, _ = _weighted(first, speeds, x)
+            x = physical(A, b, [body.inertial for body in model.bodies], model.n, weight)
+        A, _, sigma = _weighted(first, speeds, x)
+    progress(1.0)
+    information = A.T @ A
+    if not friction_only:
+        information[:10 * bodies, :10 * bodies] += weight * _prior_information(model)
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    covariance = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))[-4 * model.n:]
+    return Identification(
+        identified(model, x, speeds, inertials=not friction_only),
+        _rms(recording_error(model, second.recording)), _rms(_error(first, speeds, x)),
+        _rms(_error(second, speeds, x)), deviations.reshape(-1, 4),
+        float(np.sqrt(np.linalg.cond(information / np.outer(scale, scale)))), float(weight))
+
+
+def identified(model: Model, x: Array, speeds: Array, *, inertials: bool = True) -> Model:
+    """Return the model with the unknowns' values put in its place."""
+    losses = {name: dict(zip(FRICTION, row.tolist(), strict=True), friction_speed=float(speed))
+              for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4),
+                                          speeds, strict=True)}
+    bodies = []
+    for k, body in enumerate(model.bodies):
+        inertial = (Inertial.from_pseudo_inertia(pseudo_inertia_of(x[10 * k:10 * k + 10]))
+                    if inertials else body.inertial)
+        bodies.append(replace(body, inertial=inertial, joint=replace(
+            body.joint, **losses.get(body.joint.name, {}))))
+    return replace(model, bodies=tuple(bodies))
+
+
+def recording_error(model: Model, recording: Recording) -> Array:
+    """Return measured less modelled torque, (N, n), N m or N."""
+    return recording.tau - Robot(model).inverse_dynamics(recording.q, recording.u,
+                                                         recording.udot)
+
+
+def _friction_alone(model: Model, data: Rows, speeds: Array) -> Array:
+    """Return the unknowns with the model's inertials and fitted friction."""
+    x = true_unknowns(model)
+    for j, speed in enumerate(speeds):
+        start = 10 * len(model.bodies) + 4 * j
+        x[start:start + 4] = fit_friction(data, j, float(speed))[0]
+    return x
+
+
+def _weighted(data: Rows, speeds: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Return the equations by the residuals' deviations at x, and these."""
+    equations, floor, counts = compressed(data, speeds)
+    sigma = weights(equations, floor, counts, x)
+    return *stacked(equations, sigma), sigma
+
+
+def _chosen_weight(model: Model, data: Rows, speeds: Array, x: Array, sigma: Array,
+                   progress: Callable[[float], object]) -> float:
+    """
+    Return the largest weight whose error on stretches left out is near the least.
+
+    Errors count in units of sigma. Near is within one standard error, the usual guard against
+    taking what one stretch says for what all would say (Hastie, Tibshirani & Friedman, The
+    Elements of Statistical Learning, section 7.10).
+    """
+    X = full_regressor(data, speeds)
+    tau = data.recording.tau - data.rest
+    stretches = np.array_split(np.arange(len(tau)), FOLDS)
+    prior = [body.inertial for body in model.bodies]
+    missed = np.zeros((FOLDS, len(WEIGHTS)))
+    for k, stretch in enumerate(stretches):
+        used = data.moving.copy()
+        used[stretch] = False
+        R = triangle(np.column_stack([(X / sigma[:, None])[used], (tau / sigma)[used]]))
+        judged = data.moving[stretch]
+        for i, weight in enumerate(WEIGHTS):
+            found = physical(R[:-1, :-1], R[:-1, -1], prior, model.n,
+                             float(weight) * (1.0 - 1.0 / FOLDS))
+            error = ((tau[stretch] - X[stretch] @ found) / sigma)[judged]
+            missed[k, i] = error @ error / judged.sum()
+            progress((k * len(WEIGHTS) + i + 1) / (FOLDS * len(WEIGHTS) + ROUNDS))
+    mean = missed.mean(axis=0)
+    best = int(np.argmin(mean))
+    spread = missed[:, best].std(ddof=1) / np.sqrt(FOLDS)
+    return float(WEIGHTS[mean <= mean[best] + spread][-1])
+
+
+def _prior_information(model: Model) -> Array:
+    """Return the Hessian of half the prior's distance by the inertial parameters."""
+    size = 10 * len(model.bodies)
+    total = np.zeros((size, size))
+    for k, body in enumerate(model.bodies):
+        block = slice(10 * k, 10 * k + 10)
+        total[block, block] = prior_metric(body.inertial)
+    return total
+
+
+def _error(data: Rows, speeds: Array, x: Array) -> Array:
+    """Return measured torque less that of the unknowns' values, (N, n)."""
+    return np.asarray(data.recording.tau - data.rest - full_regressor(data, speeds) @ x)
+
+
+def _rms(error: Array) -> Array:
+    """Return the root of the mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

@@ -1,0 +1,72 @@
+"""A URDF with other inertials and friction; everything else of it stays as it was."""
+
+from collections.abc import Collection, Mapping
+import os
+from xml.etree import ElementTree
+
+from kane_dynamics.errors import UrdfError
+from kane_dynamics.inertial import Inertial
+from kane_dynamics.urdf.document import parse, read_source
+from kane_dynamics.urdf.supplement import INERTIA_KEYS
+from kane_dynamics.urdf.tree import listing
+
+
+def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, Inertial],
+              emptied: Collection[str], friction: Mapping[str, tuple[float, float]]) -> str:
+    """
+    Return the text of a URDF with some of its numbers replaced; comments stay.
+
+    Parameters
+    ----------
+    source : path, or str or bytes of XML
+    inertials : mapping of link to Inertial
+        What the links weigh from now on.
+    emptied : collection of str
+        Links that lose their inertial, because others carry it now.
+    friction : mapping of joint to (damping, friction)
+        N m s/rad and N m, or N s/m and N.
+
+    Raises
+    ------
+    UrdfError
+        The XML cannot be read, or lacks a link or joint.
+
+    """
+    text = read_source(source)
+    parse(text)  # refuses what is dangerous
+    builder = ElementTree.TreeBuilder(insert_comments=True)
+    try:
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=builder))
+    except ElementTree.ParseError as error:
+        raise UrdfError(f'the URDF cannot be rewritten: {error}') from None
+    links = {link.get('name'): link for link in root.findall('link')}
+    joints = {joint.get('name'): joint for joint in root.findall('joint')}
+    for kind, wanted, there in (('link', [*inertials, *emptied], links),
+                                ('joint', [*friction], joints)):
+        lacking = [name for name in wanted if name not in there]
+        if lacking:
+            raise UrdfError(f'the URDF has no {kind} {listing(lacking)}, which the model has')
+    for name in [*inertials, *emptied]:
+        for old in links[name].findall('inertial'):
+            links[name].remove(old)
+    for name, inertial in inertials.items():
+        links[name].insert(0, _inertial(inertial))
+    for name, (damping, coulomb) in friction.items():
+        dynamics = joints[name].find('dynamics')
+        if dynamics is None:
+            dynamics = ElementTree.SubElement(joints[name], 'dynamics')
+        dynamics.attrib.update(damping=repr(damping), friction=repr(coulomb))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding='unicode') + '\n'
+
+
+def _inertial(inertial: Inertial) -> ElementTree.Element:
+    """Return an <inertial> in the link's axes, exact to the last digit."""
+    element = ElementTree.Element('inertial')
+    ElementTree.SubElement(element, 'origin', xyz=' '.join(map(repr, inertial.com.tolist())),
+                           rpy='0 0 0')
+    ElementTree.SubElement(element, 'mass', value=repr(inertial.mass))
+    ElementTree.SubElement(element, 'inertia', {
+        key: repr(float(inertial.inertia['xyz'.index(key[1]), 'xyz'.index(key[2])]))
+        for key in INERTIA_KEYS})
+    return element

@@ -1,0 +1,46 @@
+"""Promises of `kane-dynamics identify`, run as a process."""
+
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from kane_dynamics import load_urdf, Robot
+import numpy as np
+from recordings import simulated
+
+URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
+
+
+def process(*arguments):
+    """Run the command."""
+    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'identify', *arguments],
+                          capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_identify_finds_friction_and_writes_files_that_load(tmp_path):
+    names = load_urdf(URDF).joint_names
+    truth = load_urdf(URDF, supplement={'joints': {names[0]: {
+        'damping': 1.5, 'friction': 2.0, 'friction_offset': -0.3}}})
+    recording = simulated(truth, 1, 0.01)
+    path, out = tmp_path / 'run.npz', tmp_path / 'better.urdf'
+    np.savez(path, t=recording.t, q=recording.q, u=recording.u, tau=recording.tau)
+    done = process(str(URDF), str(path), '--json', '--out', str(out))
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert abs(data['friction']['damping'][0] - 1.5) < 0.1
+    assert abs(data['friction']['friction'][0] - 2.0) < 0.1
+    assert abs(data['friction']['friction_offset'][0] + 0.3) < 0.02
+    assert max(data['rms_held_out']) < 0.02 < max(data['rms_before'])
+    better = load_urdf(out, supplement=tmp_path / 'better.supplement.yaml')
+    tau = Robot(better).inverse_dynamics(recording.q, recording.u, recording.udot)
+    assert np.sqrt(np.mean((tau - recording.tau)**2)) < 0.02
+    table = process(str(URDF), str(path), '--friction-only')
+    assert table.returncode == 0, table.stderr
+    assert all(word in table.stdout for word in ('held out', '+-', 'condition number', names[1]))
+
+
+def test_identify_refuses_what_is_no_recording(tmp_path):
+    done = process(str(URDF), str(tmp_path / 'none.csv'))
+    assert done.returncode == 2
+    assert 'none.csv' in done.stderr

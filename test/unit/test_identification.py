@@ -1,0 +1,170 @@
+"""Promises of identification: on simulated arms, whose truth is known, and on real ones."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from kane_dynamics import Inertial, InputError, load_urdf, Robot
+from kane_dynamics.identification import (fit_base, friction_speeds, identify, read_recording,
+                                          Recording, rows)
+from kane_dynamics.identification.base import true_unknowns
+from kane_dynamics.identification.equations import full_regressor
+from kane_dynamics.identification.files import written
+import numpy as np
+import pytest
+from recordings import exciting, quiet, real, simulated
+
+URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'ur10e.urdf'
+SUPPLEMENT = {'joints': {joint: {
+    'armature': 0.2, 'damping': 3.0, 'friction': 4.0, 'friction_speed': 0.05,
+    'friction_offset': 0.5} for joint in load_urdf(URDF).joint_names}}
+REAL = {'panda': (('panda_unisa.csv', 'fer_hand.urdf', 7),
+                  [.29, .79, .28, .22, .40, .20, .06]),
+        'ur10': (('ur10_unisa.csv', 'ur10.urdf', 6), [3.0, 2.6, 2.0, .57, .34, 1.9])}
+
+
+@cache
+def arm():
+    """Return a six-axis arm with friction and armature."""
+    return load_urdf(URDF, supplement=SUPPLEMENT)
+
+
+@cache
+def wrong():
+    """Return the arm as a poor URDF would have it: other masses, no friction."""
+    rng = np.random.default_rng(3)
+    plain = load_urdf(URDF)
+    return replace(plain, bodies=tuple(
+        replace(body, inertial=Inertial(
+            body.inertial.mass * rng.uniform(0.6, 1.5),
+            body.inertial.com + rng.normal(size=3) * 0.02,
+            body.inertial.inertia * rng.uniform(0.5, 2.0))) for body in plain.bodies))
+
+
+@cache
+def noisy():
+    """Return a recording of the arm, its torques with noise of 0.5 N m."""
+    return simulated(arm(), 0, 0.5)
+
+
+@cache
+def recorded(name):
+    """Return model, recording and its reference torques of a real arm."""
+    path, urdf, joints = real(*REAL[name][0])
+    model = quiet(urdf, joints)
+    return urdf, path, model, read_recording(path, joints)
+
+
+@pytest.mark.parametrize('weighted', [True, False])
+def test_base_parameters_of_a_noisy_arm_are_within_three_deviations(weighted):
+    data, speeds = rows(wrong(), noisy()), np.full(6, 0.05)
+    fit = fit_base(data, wrong(), speeds, weighted=weighted)
+    truth = fit.base.B @ true_unknowns(arm())
+    off = (fit.values - truth) / fit.deviations
+    assert np.abs(off).max() < 3.0
+    assert 0.7 < off.std() < 1.3  # neither boasting nor timid
+    assert np.allclose(fit.sigma, 0.5, rtol=0.1)
+    assert len(fit.base.names) == len(set(fit.base.names)) == len(fit.values)
+
+
+def test_base_parameters_reproduce_every_torque():
+    fit = fit_base(rows(wrong(), simulated(arm(), 4)), wrong(), np.full(6, 0.05))
+    other = simulated(arm(), 5, duration=2.0)
+    X = full_regressor(rows(wrong(), other), np.full(6, 0.05))[:, :, fit.base.columns]
+    assert np.abs(X @ fit.values - other.tau).max() < 1e-8 * np.abs(other.tau).max()
+
+
+def test_friction_sets_in_where_it_did():
+    data = rows(load_urdf(URDF), simulated(arm(), 6))
+    assert np.allclose(friction_speeds(data), 0.05, rtol=0.15)
+
+
+def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_path):
+    short = noisy().rows(slice(0, 400))  # too short a motion to tell much
+    found = identify(wrong(), short, weight=1e-3)
+    for body in found.model.bodies:
+        assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
+    for joint in found.model.coordinate_joints:
+        assert min(joint.damping, joint.friction, joint.armature) >= 0.0
+    urdf, supplement = written(URDF, found.model)
+    path = tmp_path / 'arm.supplement.yaml'
+    path.write_text(supplement)
+    again = load_urdf(urdf, supplement=path)
+    _, *state = exciting(6, 7, duration=0.2)
+    tau = Robot(found.model).inverse_dynamics(*state)
+    assert np.abs(Robot(again).inverse_dynamics(*state) - tau).max() < 1e-12 * np.abs(tau).max()
+
+
+def test_identified_arm_predicts_what_it_has_not_seen():
+    found = identify(wrong(), noisy())
+    assert (found.held_out < 0.55).all()  # of which 0.5 is noise
+    assert (found.before > 2.0).all()
+
+
+@pytest.mark.parametrize('name', REAL)
+def test_rigid_body_torque_of_a_recording_is_the_references(name):
+    urdf, path, model, recording = recorded(name)
+    columns = np.genfromtxt(path, delimiter=',', names=True)
+    reference = np.column_stack([columns[f'tau_pin_{urdf.stem}_{k + 1}'] for k in range(model.n)])
+    tau = Robot(model, friction=False).inverse_dynamics(recording.q, recording.u, recording.udot)
+    assert np.abs(tau - reference).max() < 1e-8
+
+
+@pytest.mark.parametrize('name', REAL)
+def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
+    _, _, model, recording = recorded(name)
+    assert (identify(model, recording).held_out < REAL[name][1]).all()
+
+
+@pytest.mark.parametrize(('name', 'but'), [('ur10', []), ('panda', [3])])
+def test_friction_alone_beats_the_reference_residuals_of_a_real_recording(name, but):
+    # The reference lets a joint's viscous friction drive it; the Panda's fourth needs that.
+    _, _, model, recording = recorded(name)
+    held_out = identify(model, recording, friction_only=True).held_out
+    assert (np.delete(held_out.round(2) - REAL[name][1], but) <= 0.0).all()
+
+
+def test_filter_neither_delays_nor_weakens_slow_motion():
+    t, q, u, udot = exciting(2, 8, rate=200.0)
+    rng = np.random.default_rng(9)
+    raw = Recording(t, q + 1e-4 * rng.normal(size=q.shape), u, udot, q)
+    clean = raw.filtered(8.0)
+    inner = slice(100, -100)
+    assert np.abs(clean.u - u)[inner].max() < 0.01
+    assert np.abs(clean.udot - udot)[inner].max() < 0.3
+    assert np.abs(clean.tau - q)[inner].max() < 1e-3
+
+
+def test_recording_reads_alike_from_csv_and_npz(tmp_path):
+    given = noisy().rows(slice(0, 50))
+    names = arm().joint_names
+    arrays = {name: getattr(given, name) for name in ('q', 'u', 'udot', 'tau')}
+    np.savez(tmp_path / 'a.npz', t=given.t, **arrays)
+    header = ['t', *(f'{name}.{joint}' for name in arrays for joint in names)]
+    np.savetxt(tmp_path / 'a.csv', np.column_stack([given.t, *arrays.values()]), fmt='%.17g',
+               delimiter=',', header=','.join(header), comments='')
+    for path in (tmp_path / 'a.npz', tmp_path / 'a.csv'):
+        read = read_recording(path, names)
+        for name in ('t', *arrays):
+            assert np.array_equal(getattr(read, name), getattr(given, name))
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('q1,tau1\n1,2\n', "no column 't'"),
+    ('t,q1\n1,2\n2,3\n3,4\n', "no 'tau'"),
+    ('t,q1,tau1\n1,2,x\n', 'expected named columns of numbers'),
+    ('t,q1,tau1\n1,2,0\n1,2,0\n2,1,0\n', 'does not increase at row'),
+    ('t,q1,tau1\n1,2,0\n2,nan,0\n3,1,0\n', 'not finite in row 2'),
+])
+def test_bad_recording_is_named(tmp_path, text, words):
+    path = tmp_path / 'bad.csv'
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_recording(path, ['joint'])
+    assert 'bad.csv' in str(caught.value)
+
+
+def test_joint_that_never_moves_is_an_error():
+    still = replace(noisy(), u=np.zeros_like(noisy().u))
+    with pytest.raises(InputError, match='moves in 0 rows'):
+        identify(arm(), still)
