@@ -13,7 +13,8 @@ ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
 equations = ['sympy>=1.12']
 # Least squares and filters; physical consistency, a semidefinite program.
-identify = ['scipy>=1.11', 'cvxpy>=1.5', 'clarabel>=0.9']
+# Bags are read without ROS.
+identify = ['scipy>=1.11', 'cvxpy>=1.5', 'clarabel>=0.9', 'rosbags>=0.10']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',

@@ -182,6 +182,46 @@ def plot_torque_sources(t: Array, terms: Array, joint_names: Sequence[str],
         return _finish(figure, panels, title, path)
 
 
+def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequence[str],
+                path: Path | None = None, *, prismatic: Collection[str] = (),
+                title: str = 'Measured and computed torque') -> Figure:
+    """
+    Draw each joint's measured torque, the one computed for the same motion, and the difference.
+
+    Parameters
+    ----------
+    t : (K,) array
+        s.
+    measured, computed : (K, n) arrays
+        N m or N.
+    joint_names : sequence of str
+        In the order of the columns.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    prismatic : collection of str
+        Names of the joints that slide, whose unit is N.
+    title : str
+        Above the picture.
+
+    """
+    names = list(joint_names)
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(10.0, 1.3 + 1.55 * len(names)), layout='constrained')
+        panels = figure.subplots(len(names), 2, sharex=True, squeeze=False)
+        for name, (whole, rest), a, b in zip(names, panels, measured.T, computed.T, strict=True):
+            whole.plot(t, a, color=ORANGE, linewidth=0.8, label='measured')
+            whole.plot(t, b, color=INK, linewidth=1.0, label='computed')
+            whole.set_ylabel(f'{name}\n[{_unit("Torque", [name], prismatic)}]')
+            rest.plot(t, a - b, color=SKY, linewidth=0.8)
+            rest.axhline(0.0, color=GREY, linewidth=0.8, zorder=0.5)
+            rest.text(1.02, 0.8, f'RMS {np.sqrt(np.mean((a - b) ** 2)):.3g}',
+                      transform=rest.transAxes, va='top', fontsize=9.0)
+        for axes, text in zip(panels[0], ('Torque', 'Measured less computed'), strict=True):
+            axes.set_title(text)
+        _legend(figure, panels[0, :1])
+        return _finish(figure, panels, title, path)
+
+
 def _stack(axes: Axes, t: Array, terms: Array) -> None:
     """Draw (K, 5) terms: the positive parts stacked up from zero, the negative ones down."""
     for sign in (np.maximum, np.minimum):

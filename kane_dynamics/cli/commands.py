@@ -10,7 +10,7 @@ import time
 from typing import Any
 import warnings
 
-from kane_dynamics.cli import identification, inspection
+from kane_dynamics.cli import identification, inspection, replay as replaying
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
@@ -138,6 +138,27 @@ def identify(options: Namespace) -> None:
         _print_json(data)
     else:
         identification.print_data(data)
+
+
+def replay(options: Namespace) -> None:
+    """Compare a recording's measured torques with those of the equations of motion."""
+    plot = _extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    model, robot = _load(options)
+    recording = identification.recorded(options, model)
+    data = replaying.compared(robot, recording)
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, recording.t, {
+                'q': recording.q, 'u': recording.u, 'udot': recording.udot,
+                'tau': data['computed']}, robot.joint_names)
+    if plot is not None:
+        plot.plot_replay(recording.t, recording.tau, data['computed'], robot.joint_names,
+                         options.plot, prismatic=_sliding(model))
+    files = [path for path in (options.out, options.plot) if path]
+    if options.json:
+        _print_json({**data, 'files': files})
+    else:
+        replaying.print_comparison(data, files)
 
 
 def demo(options: Namespace) -> int:

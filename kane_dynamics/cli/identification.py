@@ -15,11 +15,15 @@ from kane_dynamics.model import Model
 from kane_dynamics.progress import progress_bar
 
 
+def recorded(options: Namespace, model: Model) -> Recording:
+    """Return the recording that the arguments name, filtered if they say so."""
+    recording = read_recording(options.recording, model.joint_names, options.topic)
+    return recording if options.cutoff is None else recording.filtered(options.cutoff)
+
+
 def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
     """Identify, write what --out asks for, and return the result as plain data."""
-    recording = read_recording(options.recording, model.joint_names)
-    if options.cutoff is not None:
-        recording = recording.filtered(options.cutoff)
+    recording = recorded(options, model)
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
                          weight=options.weight, standstill=options.standstill,

@@ -62,6 +62,15 @@ A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, 
 the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
 then should be filtered with --cutoff. The first half is fitted, the second half judges.
 --out arm.urdf also writes arm.supplement.yaml: load both.""",
+    'replay': """
+examples:
+  kane-dynamics replay arm.urdf recording.csv --plot torques.png
+  kane-dynamics replay arm.urdf bag_folder --topic /joint_states --cutoff 10
+  kane-dynamics replay arm.urdf run.mcap --supplement identified.supplement.yaml --json
+
+A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
+hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
+with --cutoff.""",
     'demo': '',
 }
 
@@ -153,18 +162,28 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('-o', '--out', metavar='FILE', help='write there instead of printing')
     sub = command('identify', commands.identify, 'Friction and inertials from a recording')
     _add_model(sub)
-    sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file')
+    _add_recording(sub)
     sub.add_argument('--friction-only', action='store_true',
                      help='leave the inertials as they are')
-    sub.add_argument('--cutoff', type=float, metavar='HZ',
-                     help='filter q and tau without delay, and make u and udot from q')
     sub.add_argument('--standstill', type=float, default=STANDSTILL, metavar='SPEED',
                      help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
                      help="of the URDF's inertials as a prior (default: by cross-validation)")
     sub.add_argument('-o', '--out', metavar='URDF', help='write the identified model')
+    sub = command('replay', commands.replay, 'Torques along a recording, beside those measured')
+    _add_model(sub)
+    _add_recording(sub)
+    sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
+    sub.add_argument('--plot', metavar='FILE', help='draw measured and computed torques')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
+
+
+def _add_recording(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
+    parser.add_argument('--topic', help='of the joint states in a bag (default: its only one)')
+    parser.add_argument('--cutoff', type=float, metavar='HZ',
+                        help='filter q and tau without delay, and make u and udot from q')
 
 
 def _add_model(sub: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import zipfile
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.bag import is_bag, read_bag
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.model import Array
 import numpy as np
@@ -99,13 +100,15 @@ class Recording:
         return replace(self, q=q, u=u, udot=np.gradient(u, mean, axis=0), tau=tau)
 
 
-def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str]) -> Recording:
+def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
+                   topic: str | None = None) -> Recording:
     """
-    Return the recording in a CSV file with a header, or in an npz file.
+    Return the recording in a CSV file with a header, in an npz file, or in a ROS 2 bag.
 
     Columns (in npz: arrays) are `t`, and for each joint `q`, `u` or `v`, `udot` or `a`, and
     `tau`, either as `q.<joint>` or numbered from the base as `q1`; an npz may also hold (N, n)
-    arrays `q` and so on. Speeds and accelerations that are missing are central differences.
+    arrays `q` and so on. Speeds and accelerations that are missing are central differences. Of a
+    bag (MCAP or SQLite) the joint states are read, on `topic` if it has them on several.
 
     Raises
     ------
@@ -113,7 +116,8 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str]) -> 
         Names the file and the column that is missing or not numeric.
 
     """
-    columns = _columns(Path(path))
+    file = Path(path)
+    columns = read_bag(file, joint_names, topic) if is_bag(file) else _columns(file)
     if 't' not in columns:
         raise InputError(f"{path}: has no column 't'; it has {sorted(columns)[:20]}")
     found = {name: _quantity(columns, name, joint_names, path) for name in NAMES}

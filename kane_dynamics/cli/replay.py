@@ -1,0 +1,54 @@
+"""The command `replay`: torques along a recording, beside those that were measured."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.cli import inspection
+from kane_dynamics.identification.recording import Recording
+from kane_dynamics.model import Array
+from kane_dynamics.robot import Robot
+import numpy as np
+
+CLEARLY = 0.5  # of the error with gravity, or with the other sign: so much better is a finding
+
+
+def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
+    """Return computed torques, their difference from the measured ones, and what that tells."""
+    tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
+    error = recording.tau - tau
+    return {'joint_names': list(robot.joint_names), 'rows': len(recording), 't': recording.t,
+            'computed': tau, 'measured': recording.tau, 'rms_measured': rms(recording.tau),
+            'rms_error': rms(error), 'mean_error': error.mean(axis=0),
+            'largest_error': np.abs(error).max(axis=0),
+            'remarks': remarks(recording.tau, tau, robot.gravity_force(recording.q))}
+
+
+def remarks(measured: Array, computed: Array, gravity: Array) -> list[str]:
+    """Return what whole arms get wrong: the sign of efforts, gravity left to the arm itself."""
+    error = np.linalg.norm(measured - computed)
+    found = []
+    if np.linalg.norm(-measured - computed) < CLEARLY * error:
+        found.append('the measured efforts have the opposite sign of torques on the joints')
+    elif np.linalg.norm(measured - (computed - gravity)) < CLEARLY * error:
+        found.append('the measured efforts fit the torques without gravity: the arm holds its '
+                     'weight by itself, or reports efforts without it')
+    return found
+
+
+def rms(values: Array) -> Array:
+    """Return the root mean square of each column."""
+    result: Array = np.sqrt(np.mean(values * values, axis=0))
+    return result
+
+
+def print_comparison(data: dict[str, Any], files: Sequence[str]) -> None:
+    """Print what `compared` returned, and the files that were written."""
+    print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
+    inspection.print_table(
+        ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
+        zip(data['joint_names'], data['rms_measured'], data['rms_error'], data['mean_error'],
+            data['largest_error'], strict=True))
+    for remark in data['remarks']:
+        print(f'\nremark: {remark}')
+    for path in files:
+        print(f'wrote {path}')

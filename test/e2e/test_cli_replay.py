@@ -1,0 +1,89 @@
+"""Promises of `kane-dynamics replay`, run as a process on files and bags."""
+
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from kane_dynamics import load_urdf, Robot
+import numpy as np
+import pytest
+from recordings import simulated
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
+URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+
+
+def process(*arguments):
+    """Run the command."""
+    return subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'replay', *arguments],
+                          capture_output=True, text=True, check=False, timeout=120)
+
+
+def bag(path, recording, names, effort, storage=StoragePlugin.MCAP):
+    """Write joint states, with a joint more than the arm has, in another order."""
+    kind = 'sensor_msgs/msg/JointState'
+    State, Header, Time = (TYPES.types[name] for name in (
+        kind, 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'))
+    order = ['gripper', *reversed(names)]
+
+    def laid_out(row):
+        return np.concatenate([[0.25], row[::-1]])
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        connection = writer.add_connection('/arm/joint_states', kind, typestore=TYPES)
+        for k, t in enumerate(recording.t):
+            stamp = 10**18 + round(t * 1e9)
+            message = State(Header(Time(stamp // 10**9, stamp % 10**9), ''), order,
+                            laid_out(recording.q[k]), laid_out(recording.u[k]),
+                            laid_out(effort[k]) if effort is not None else np.zeros(0))
+            writer.write(connection, stamp, TYPES.serialize_cdr(message, kind))
+
+
+@pytest.fixture(scope='module')
+def recording():
+    return simulated(load_urdf(URDF), 3, 0.01, duration=5.0)
+
+
+@pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_replay_of_a_bag_finds_the_torques_that_were_measured(tmp_path, recording, storage):
+    names = load_urdf(URDF).joint_names
+    bag(tmp_path / 'run', recording, names, recording.tau, storage)
+    done = process(str(URDF), str(tmp_path / 'run'), '--json')
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert data['joint_names'] == list(names)
+    assert max(data['rms_error']) < 0.05 < min(data['rms_measured'])
+    assert data['remarks'] == []
+
+
+def test_replay_writes_draws_and_tells_what_efforts_lack(tmp_path, recording):
+    robot = Robot(load_urdf(URDF))
+    bag(tmp_path / 'run', recording, robot.joint_names,
+        recording.tau - robot.gravity_force(recording.q))
+    picture, table = tmp_path / 'torques.png', tmp_path / 'torques.csv'
+    done = process(str(URDF), str(tmp_path / 'run' / 'run.mcap'), '--plot', str(picture),
+                   '--out', str(table))
+    assert done.returncode == 0, done.stderr
+    assert 'fit the torques without gravity' in done.stdout
+    assert picture.stat().st_size > 10_000
+    assert f'tau.{robot.joint_names[0]}' in table.read_text().splitlines()[0]
+    np.savez(tmp_path / 'run.npz', t=recording.t, q=recording.q, u=recording.u,
+             udot=recording.udot, tau=-recording.tau)
+    done = process(str(URDF), str(tmp_path / 'run.npz'))
+    assert 'opposite sign' in done.stdout
+
+
+def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
+    bag(tmp_path / 'run', recording, load_urdf(URDF).joint_names, None)
+    for arguments, words in (
+            ([], 'joint states without effort'),
+            (['--topic', '/joint_states'], "no topic '/joint_states' of sensor_msgs/msg/JointS"),
+            (['--joints', 'nobody'], 'nobody')):
+        done = process(str(URDF), str(tmp_path / 'run'), *arguments)
+        assert done.returncode == 2
+        assert words in done.stderr
+    done = process(str(URDF), str(tmp_path / 'alone.mcap'))
+    assert done.returncode == 2
+    assert 'no bag' in done.stderr
