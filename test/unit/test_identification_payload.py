@@ -1,0 +1,80 @@
+"""Promises of payload identification, on a simulated arm that carries 2 kg."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from kane_dynamics import Inertial, InputError, load_urdf
+from kane_dynamics.identification import identify_payload, PayloadEstimator
+import numpy as np
+import pytest
+from recordings import simulated
+
+URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'ur10e.urdf'
+LOAD = Inertial(2.0, np.array([0.03, -0.02, 0.08]), np.diag([0.02, 0.015, 0.01]))
+FRICTION = {joint: {'damping': 3.0, 'friction': 4.0} for joint in load_urdf(URDF).joint_names}
+PAYLOAD = {'link': 'tool0', 'mass': LOAD.mass, 'com': LOAD.com.tolist(), 'inertia': dict(
+    zip(('ixx', 'iyy', 'izz'), np.diag(LOAD.inertia).tolist()))}
+
+
+@cache
+def bare():
+    """Return the arm without its load."""
+    return load_urdf(URDF, supplement={'joints': FRICTION})
+
+
+@cache
+def recording():
+    """Return ten seconds of the arm with its load, torques with noise of 0.5 N m."""
+    return simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2, 0.5,
+                     duration=10.0)
+
+
+def test_payload_is_found_to_2_percent_and_5_mm_within_three_deviations():
+    found = identify_payload(bare(), recording(), 'tool0')
+    assert abs(found.inertial.mass - LOAD.mass) < min(0.04, 3.0 * found.mass_deviation)
+    off = np.abs(found.inertial.com - LOAD.com)
+    assert np.linalg.norm(off) < 0.005
+    assert (off < 3.0 * found.com_deviation).all()
+    assert np.abs(found.inertial.inertia - LOAD.inertia).max() < 0.01
+    assert np.linalg.eigvalsh(found.inertial.pseudo_inertia)[0] > 0.0
+    assert np.allclose(found.residual, 0.5, rtol=0.1)
+
+
+def test_payload_is_exact_without_noise():
+    clean = simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2,
+                      duration=4.0)
+    found = identify_payload(bare(), clean, 'tool0').inertial
+    assert found.mass == pytest.approx(LOAD.mass, rel=1e-4)
+    assert np.abs(found.com - LOAD.com).max() < 1e-4
+    assert np.abs(found.inertia - LOAD.inertia).max() < 1e-4
+
+
+def test_payload_is_known_within_ten_seconds_of_motion_and_its_loss_is_noticed():
+    estimator = PayloadEstimator(bare(), 'tool0', np.full(6, 0.5), memory=500.0)
+    assert np.isnan(estimator.com).all()
+    given = recording()
+    for k in range(len(given)):
+        estimator.update(given.q[k], given.u[k], given.udot[k], given.tau[k])
+    assert abs(estimator.mass - 2.0) < min(0.04, 3.0 * estimator.mass_deviation)
+    assert np.linalg.norm(estimator.com - LOAD.com) < 0.005
+    assert (np.abs(estimator.com - LOAD.com) < 3.0 * estimator.com_deviation).all()
+    empty = simulated(bare(), 2, 0.5, duration=20.0)
+    for k in range(len(empty)):
+        estimator.update(empty.q[k], empty.u[k], empty.udot[k], empty.tau[k])
+    assert abs(estimator.mass) < 0.1
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'frame': 'base_link'}, 'fixed in the world'), ({'frame': 'none'}, 'no frame'),
+    ({'sigma': [1.0]}, 'expected 6 positive numbers'), ({'memory': 0.5}, 'more than 1 sample')])
+def test_estimator_refuses_what_cannot_be(change, words):
+    with pytest.raises(InputError, match=words):
+        PayloadEstimator(**{'model': bare(), 'frame': 'tool0', 'sigma': np.ones(6), **change})
+
+
+def test_recording_of_other_joints_is_refused():
+    other = replace(recording(), **{name: getattr(recording(), name)[:, :5]
+                                    for name in ('q', 'u', 'udot', 'tau')})
+    with pytest.raises(InputError, match='of 5 joints, the model has 6'):
+        identify_payload(bare(), other, 'tool0')
