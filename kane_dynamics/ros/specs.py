@@ -42,7 +42,8 @@ class Spec:
         """Say in words which values are valid."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
-        number = 'positive' if self.positive else f'at least {self.low:g}'
+        number = ('positive' if self.positive else 'finite' if self.low == -math.inf else
+                  f'at least {self.low:g}')
         if self.high < math.inf:
             number += f', at most {self.high:g}'
         number += ' or infinite' if self.infinite else ''

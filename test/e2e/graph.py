@@ -56,10 +56,10 @@ def model():
 
 
 class Process:
-    """The node in a process of its own."""
+    """A node in a process of its own; the dynamics node unless another module is named."""
 
-    def __init__(self, *arguments, **parameters):
-        command = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args']
+    def __init__(self, *arguments, module='kane_dynamics.ros.main', **parameters):
+        command = [sys.executable, '-m', module, '--ros-args']
         for name, value in parameters.items():
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''
