@@ -1,6 +1,6 @@
 """Every quantity in a native loop: our kernels against Pinocchio's C++, turn by turn."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 import gc
@@ -129,8 +129,12 @@ def _axes(robot: Robot, peer: Pinocchio, what: str) -> list[tuple[int, list[int]
 
 def our_loop(robot: Robot, what: str, states: np.ndarray) -> Callable[[], None]:
     """Return a call that runs a kernel natively over all states, each result over the last."""
-    kernel: Kernel = robot.kernels.quantity(what)
-    rows = dict(zip(('q', 'u', 'udot'), states)) | {'tau': states[2]}
+    return kernel_loop(robot.kernels.quantity(what),
+                       dict(zip(('q', 'u', 'udot'), states)) | {'tau': states[2]})
+
+
+def kernel_loop(kernel: Kernel, rows: Mapping[str, np.ndarray]) -> Callable[[], None]:
+    """Return a call that runs a kernel natively over rows of its arguments, `STATES` of each."""
     blocks = [rows[argument.name] for argument in kernel.arguments]
     strides = [block.strides[0] for block in blocks] + [0, 0]
     result = np.empty(kernel.shape)

@@ -25,8 +25,11 @@ from kane_dynamics.native import llvm
 from kane_dynamics.resources import package_version, resource_path
 
 FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
-PARTS = ('python_calls', 'native_loop', 'simulation_loop')
+PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop')
 PYTHON, CPP, MUJOCO, START = 'Pinocchio from Python', 'Pinocchio C++', 'MuJoCo', 'start'
+PLAIN, CLOCK = 'the plain arm', 'the clock'
+UNDER = ('absolute rates', 'momenta', 'a knife edge at the tip', 'the tip on a plane',
+         'a coupling')
 ARMS, LARGE = ('ur10e', 'fr3'), ('talos',)
 PACKAGES = ('pin', 'mujoco', 'cmeel-eigen', 'numpy', 'llvmlite')
 
@@ -62,7 +65,9 @@ def gates() -> list[Gate]:
         Gate('RK4 simulation, a step', MUJOCO, 10.0, 20.0),
         Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
-        Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE)]
+        Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE),
+        *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
+        Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',))]
 
 
 START_GATES = {'inverse dynamics': ((0.08, 0.04), (0.005, 0.002))}  # s: compiled, from the cache
@@ -179,7 +184,9 @@ def _ratio(values: list[float]) -> str:
     middle, *spread = values
     if math.isnan(middle):
         return 'not measured'
-    return f'{middle:.1f}' + (f' ({spread[0]:.1f} to {spread[1]:.1f})' if spread else '')
+    digits = 1 if middle >= 1.0 else 2
+    return f'{middle:.{digits}f}' + (
+        f' ({spread[0]:.{digits}f} to {spread[1]:.{digits}f})' if spread else '')
 
 
 def finite(value: Any) -> Any:

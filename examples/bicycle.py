@@ -1,10 +1,6 @@
 """The Whipple bicycle of the 2007 benchmark: z up, y to the left, origin under the rear wheel."""
 
-from kane_dynamics import Inertial, ModelBuilder
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
-from kane_dynamics.mechanics.constraints import Rolling
-from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.structure import structured
+from kane_dynamics import Inertial, ModelBuilder, Robot, Rolling
 import numpy as np
 
 y, tilt = (0, 1, 0), np.pi / 10
@@ -22,10 +18,10 @@ model, free = b.model(), ['frame/rx', 'rear', 'steer']
 wheels = [Rolling('rear', 0.3, axis=y), Rolling('front', 0.35, axis=y)]
 
 if __name__ == '__main__':
-    bicycle = ConstrainedEquations(Equations(model), structured(model, None, wheels, free))
+    bicycle = Robot(model, constraints=wheels, independent=free)
     q, u, none = np.zeros(9), np.array([0.0, 5.0 / 0.3, 0.0]), np.zeros(3)
-    load = bicycle.constraint_forces(q, u, none, None, model.gravity, 0.0, np.zeros(9))
-    print({name: round(float(x), 6) for name, x in zip(bicycle.mechanism.labels, load)})
+    load = bicycle.constraint_forces(q, u, none)
+    print(dict(zip(bicycle.constraint_names, load.round(6).tolist())))
     u[0] = 0.1  # it begins to fall to the right, and steers there by itself
-    udot = bicycle.forward_dynamics(q, u, none, None, model.gravity, 0.0)
-    print(dict(zip(bicycle.mechanism.speed_names, [round(float(x), 6) for x in udot])))
+    udot = bicycle.forward_dynamics(q, u, none)
+    print(dict(zip(bicycle.speed_names, udot.round(6).tolist())))

@@ -1,25 +1,19 @@
 """A disc rolls round in a steady circle, leaning inward; lean follows from the turn."""
 
-from kane_dynamics import disc, ModelBuilder
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
-from kane_dynamics.mechanics.constraints import Rolling
-from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.structure import structured
+from kane_dynamics import disc, ModelBuilder, Robot, Rolling
 import numpy as np
 
 m, r, lean, turn = 1.0, 0.3, -0.4, 2.0
 b = ModelBuilder('rolling disc')
 b.body('disc', 'world', 'floating', turns='zxy', matter=disc(m, r, axis=(0, 1, 0)))
-model = b.model()
 free = ['disc/rz', 'disc/rx', 'disc/ry']  # heading, lean, spin
-rolls = ConstrainedEquations(Equations(model), structured(
-    model, None, [Rolling('disc', r, axis=(0, 1, 0))], free))
+rolls = Robot(b.model(), constraints=[Rolling('disc', r, axis=(0, 1, 0))], independent=free)
 
 
 def lean_acceleration(spin):
     """Return how fast the lean would change at this rate of spin."""
     q, u = np.array([0, 0, r * np.cos(lean), 0, lean, 0]), np.array([turn, 0.0, spin])
-    return float(rolls.forward_dynamics(q, u, np.zeros(3), None, model.gravity, 0.0)[1])
+    return rolls.forward_dynamics(q, u, np.zeros(3))[1]
 
 
 at_0, at_1 = lean_acceleration(0.0), lean_acceleration(1.0)  # it is linear in the spin

@@ -4,6 +4,10 @@ from kane_dynamics.build import ModelBuilder
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
+from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
+                                                 PointVelocity, Prescribed, Rolling)
+from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
+                                            Speeds)
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
@@ -12,7 +16,9 @@ from kane_dynamics.simulation import simulate
 from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
 
-__all__ = ['Body', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller', 'Frame',
-           'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
-           'ModelBuilder', 'ModelError', 'ModelWarning', 'Motion', 'Robot', 'Terms', 'Trajectory',
-           'UrdfError', 'ball', 'box', 'disc', 'load_urdf', 'point_mass', 'rod', 'simulate']
+__all__ = ['Body', 'Closure', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller',
+           'Coupling', 'DependentSpeeds', 'Frame', 'Inertial', 'InputError', 'Joint', 'KaneError',
+           'Limits', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'Motion',
+           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Trajectory',
+           'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc',
+           'knife_edge', 'load_urdf', 'momenta', 'point_mass', 'rod', 'simulate']

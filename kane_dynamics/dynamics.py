@@ -1,56 +1,27 @@
-"""The quantities that a robot answers for, each by a kernel of its own."""
+"""The dynamic quantities that a robot answers for, each by a kernel of its own."""
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
-from kane_dynamics.errors import InputError
+from kane_dynamics.calls import Calls, compiled
 from kane_dynamics.explanation import Explanation, SOURCES
-from kane_dynamics.kernel_set import KernelSet
-from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.regressor import inertial_parameters
 from kane_dynamics.model import Array
-from kane_dynamics.native.kernels import Kernel
 import numpy as np
 
 Matrices = tuple[Array, Array, Array]
-Method = TypeVar('Method', bound=Callable[..., Any])
 
 
-class _Compiled:
-    """A method that, once used on a robot, gives way to its kernel's own entry there."""
-
-    def __init__(self, checked: Callable[..., Any]) -> None:
-        self.checked = checked
-        self.__doc__ = checked.__doc__
-
-    def __get__(self, robot: 'Dynamics | None', owner: type | None = None) -> Any:
-        if robot is None:
-            return self.checked
-        name, fallback = self.checked.__name__, self.checked.__get__(robot)
-        entry = robot.kernels.quantity(name).entry(self.checked.__doc__ or '', fallback)
-        robot.__dict__[name] = entry
-        return entry
-
-
-def compiled(method: Method) -> Method:
-    """Serve a method by the kernel of its name; its body is the road for unusual arguments."""
-    return _Compiled(method)  # type: ignore[return-value]
-
-
-class Dynamics:
+class Dynamics(Calls):
     """
     The calls of a `Robot` that compute.
 
-    Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in kind.
+    Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in kind; q
+    has n_q entries, which are more than n under constraints.
     """
-
-    equations: Equations
-    kernels: KernelSet
-    _entries: dict[tuple[str, str], Callable[..., Any]]
 
     @compiled
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, *, wrench: Any = None,
-                         out: Array | None = None) -> Array:
+                         t: Any = 0.0, out: Array | None = None) -> Array:
         """
         Return tau = M udot + bias - external, (n,), N m or N.
 
@@ -61,6 +32,8 @@ class Dynamics:
         wrench : (k, 6) or (N, k, 6) array, optional
             What the environment exerts at each of `wrench_frames`: force then moment, at the
             frame's origin, world axes, N and N m.
+        t : float or (N,) array
+            Time, s; of no account unless speeds or constraints depend on it.
         out : array, optional
             Written to and returned.
 
@@ -70,28 +43,31 @@ class Dynamics:
             Names the argument, what was given and what is expected.
 
         """
-        return self._dynamics('inverse_dynamics', (q, u, udot), wrench, out)
+        return self._loaded(self.kernels.quantity('inverse_dynamics'), (q, u, udot), wrench, out,
+                            t)
 
     @compiled
     def forward_dynamics(self, q: Any, u: Any, tau: Any, *, wrench: Any = None,
-                         out: Array | None = None) -> Array:
+                         t: Any = 0.0, out: Array | None = None) -> Array:
         """Return udot = M^-1 (tau + external - bias), (n,); arguments as inverse_dynamics."""
-        return self._dynamics('forward_dynamics', (q, u, tau), wrench, out)
+        return self._loaded(self.kernels.quantity('forward_dynamics'), (q, u, tau), wrench, out,
+                            t)
 
     @compiled
-    def mass_matrix(self, q: Any, *, out: Array | None = None) -> Array:
+    def mass_matrix(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
         """Return M(q), (n, n), armature included, kg m^2, kg m or kg."""
-        return self._call('mass_matrix', (q,), out)
+        return self._call('mass_matrix', (q,), out, t)
 
     @compiled
-    def inverse_mass_matrix(self, q: Any, *, out: Array | None = None) -> Array:
+    def inverse_mass_matrix(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
         """Return the inverse of M(q), (n, n)."""
-        return self._call('inverse_mass_matrix', (q,), out)
+        return self._call('inverse_mass_matrix', (q,), out, t)
 
     @compiled
-    def bias_force(self, q: Any, u: Any, *, out: Array | None = None) -> Array:
+    def bias_force(self, q: Any, u: Any, *, t: Any = 0.0,
+                   out: Array | None = None) -> Array:
         """Return all that torque must hold at udot = 0: M's companion in the equations, (n,)."""
-        return self._call('bias_force', (q, u), out)
+        return self._call('bias_force', (q, u), out, t)
 
     @compiled
     def coriolis_matrix(self, q: Any, u: Any, *, out: Array | None = None) -> Array:
@@ -103,9 +79,9 @@ class Dynamics:
         return self._call('coriolis_matrix', (q, u), out)
 
     @compiled
-    def gravity_force(self, q: Any, *, out: Array | None = None) -> Array:
+    def gravity_force(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
         """Return the torque that holds gravity alone, (n,), N m or N."""
-        return self._call('gravity_force', (q,), out)
+        return self._call('gravity_force', (q,), out, t)
 
     @compiled
     def friction_force(self, u: Any, *, out: Array | None = None) -> Array:
@@ -113,39 +89,51 @@ class Dynamics:
         return self._call('friction_force', (u,), out)
 
     @compiled
-    def external_force(self, q: Any, *, wrench: Any = None, out: Array | None = None) -> Array:
+    def external_force(self, q: Any, *, wrench: Any = None, t: Any = 0.0,
+                       out: Array | None = None) -> Array:
         """Return the generalized force of wrenches at the declared frames, (n,), N m or N."""
-        return self._dynamics('external_force', (q,), wrench, out)
+        return self._loaded(self.kernels.quantity('external_force'), (q,), wrench, out, t)
 
     @compiled
-    def torque_terms(self, q: Any, u: Any, udot: Any, *, out: Array | None = None) -> Array:
+    def torque_terms(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
+                     out: Array | None = None) -> Array:
         """Return inverse dynamics by source, (5, n): the rows of `TORQUE_TERMS`."""
-        return self._call('torque_terms', (q, u, udot), out)
+        return self._call('torque_terms', (q, u, udot), out, t)
 
     @compiled
-    def body_torques(self, q: Any, u: Any, udot: Any, *, out: Array | None = None) -> Array:
+    def body_torques(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
+                     out: Array | None = None) -> Array:
         """Return (n_bodies, n): what each body's inertia and weight ask of every joint."""
-        return self._call('body_torques', (q, u, udot), out)
+        return self._call('body_torques', (q, u, udot), out, t)
 
-    def explain(self, q: Any, u: Any, udot: Any, *, wrench: Any = None) -> Explanation:
+    @compiled
+    def joint_reactions(self, q: Any, u: Any, udot: Any, *, wrench: Any = None, t: Any = 0.0,
+                        out: Array | None = None) -> Array:
+        """Return (n_bodies, 6): `joint_reaction` of every body's joint, in the order of bodies."""
+        return self._loaded(self.kernels.quantity('joint_reactions'), (q, u, udot), wrench, out,
+                            t)
+
+    def explain(self, q: Any, u: Any, udot: Any, *, wrench: Any = None,
+                t: Any = 0.0) -> Explanation:
         """Return inverse dynamics by source and by body; arguments as `inverse_dynamics`."""
-        external: Any = self.external_force(q, wrench=wrench)
-        terms = self.torque_terms(q, u, udot)
+        external: Any = self.external_force(q, wrench=wrench, t=t)
+        terms = self.torque_terms(q, u, udot, t=t)
         model = self.equations.model
         return Explanation(
             np.concatenate([terms, 0.0 - external[..., None, :]], axis=-2),
-            self.body_torques(q, u, udot), SOURCES, tuple(body.name for body in model.bodies),
-            model.joint_names)
+            self.body_torques(q, u, udot, t=t), SOURCES, tuple(body.name for body in model.bodies),
+            tuple(self.equations.speed_names))
 
     @compiled
-    def regressor(self, q: Any, u: Any, udot: Any, *, out: Array | None = None) -> Array:
+    def regressor(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
+                  out: Array | None = None) -> Array:
         """
         Return Y, (n, 10 n_bodies): Y times `inertial_parameters` is the rigid bodies' torque.
 
         That is inverse dynamics without armature, friction, springs, payload and wrenches. The
         parameters' order is in `mechanics.regressor`.
         """
-        return self._call('regressor', (q, u, udot), out)
+        return self._call('regressor', (q, u, udot), out, t)
 
     @property
     def inertial_parameters(self) -> Array:
@@ -174,44 +162,23 @@ class Dynamics:
         return -(inverse @ by_q), -(inverse @ by_u), inverse
 
     @compiled
-    def kinetic_energy(self, q: Any, u: Any, *, out: Array | None = None) -> Any:
+    def kinetic_energy(self, q: Any, u: Any, *, t: Any = 0.0, out: Array | None = None) -> Any:
         """Return 1/2 u^T M u, J; a float, or (N,) for a batch."""
-        return self._call('kinetic_energy', (q, u), out)
+        return self._call('kinetic_energy', (q, u), out, t)
 
     @compiled
     def potential_energy(self, q: Any, *, out: Array | None = None) -> Any:
         """Return the energy of gravity (zero at the world's origin) and springs, J."""
         return self._call('potential_energy', (q,), out)
 
-    def frame_pose(self, frame: str, q: Any, *, out: Array | None = None) -> Array:
-        """Return the (4, 4) pose of a frame in the world, m."""
-        return self._at_frame('frame_pose', frame, (q,), out)
-
-    def frame_velocity(self, frame: str, q: Any, u: Any, *, out: Array | None = None) -> Array:
-        """Return (6,): linear then angular velocity at a frame's origin, world axes."""
-        return self._at_frame('frame_velocity', frame, (q, u), out)
-
-    def frame_acceleration(self, frame: str, q: Any, u: Any, udot: Any, *,
-                           out: Array | None = None) -> Array:
-        """Return (6,): classical linear then angular acceleration, without gravity."""
-        return self._at_frame('frame_acceleration', frame, (q, u, udot), out)
-
-    def partial_velocities(self, frame: str, q: Any, *, out: Array | None = None) -> Array:
-        """Return (6, n): column r is the frame's linear then angular velocity per unit u_r."""
-        return self._at_frame('partial_velocities', frame, (q,), out)
-
-    def partial_velocity_rates(self, frame: str, q: Any, u: Any, *,
-                               out: Array | None = None) -> Array:
-        """Return (6, n): the time derivative of `partial_velocities` along the motion."""
-        return self._at_frame('partial_velocity_rates', frame, (q, u), out)
-
     def joint_reaction(self, joint: str, q: Any, u: Any, udot: Any, *,
-                       wrench: Any = None) -> Array:
+                       wrench: Any = None, t: Any = 0.0) -> Array:
         """
         Return what the parent exerts on the child at a joint: force, then moment, (6,), N, N m.
 
         At the joint's origin, in world axes; what the actuator and friction transmit about the
-        axis is part of it, as are all loads.
+        axis is part of it, as are all loads and the forces of constraints (those that
+        `constraint_forces` finds: a redundant row carries none).
 
         Parameters
         ----------
@@ -221,6 +188,8 @@ class Dynamics:
             Coordinates, speeds and their rates; rad or m, s.
         wrench : (k, 6) or (N, k, 6) array, optional
             As in `inverse_dynamics`.
+        t : float or (N,) array
+            Time, s.
 
         Raises
         ------
@@ -229,44 +198,11 @@ class Dynamics:
 
         """
         entry = self._entry('joint_reaction', joint, self.kernels.reaction)
-        if wrench is None:
+        if wrench is None and not self.equations.timed:
             result: Array = entry(q, u, udot)
             return result
-        return self._loaded(self.kernels.reaction(joint), (q, u, udot), wrench, None)
-
-    def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None) -> Array:
-        result: Array = self.kernels.quantity(name)(*arguments, out=out)
-        return result
-
-    def _dynamics(self, name: str, arguments: tuple[Any, ...], wrench: Any,
-                  out: Array | None) -> Array:
-        return self._loaded(self.kernels.quantity(name), arguments, wrench, out)
-
-    def _loaded(self, kernel: Kernel, arguments: tuple[Any, ...], wrench: Any,
-                out: Array | None) -> Array:
-        """Call a kernel that takes wrenches, where frames for them are declared."""
-        if self.equations.wrench_frames:
-            arguments = (*arguments, wrench)
-        elif wrench is not None:
-            raise InputError('wrench is given but no frame may carry one: construct the Robot '
-                             'with wrench_frames=')
-        result: Array = kernel(*arguments, out=out)
-        return result
+        return self._loaded(self.kernels.reaction(joint), (q, u, udot), wrench, None, t)
 
     def _matrices(self, name: str, arguments: tuple[Any, ...]) -> Matrices:
         result = self._entry(name, '', lambda _: self.kernels.quantity(name))(*arguments)
         return result[..., 0, :, :], result[..., 1, :, :], result[..., 2, :, :]
-
-    def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
-                  out: Array | None) -> Array:
-        entry = self._entry(name, frame, lambda at: self.kernels.at_frame(name, at))
-        result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
-        return result
-
-    def _entry(self, name: str, at: str, kernel: Callable[[str], Kernel]) -> Callable[..., Any]:
-        """Return the way into a kernel of one frame or joint; it is compiled at its first use."""
-        entry = self._entries.get((name, at))
-        if entry is None:
-            made = kernel(at)
-            entry = self._entries[name, at] = made.entry('', made)
-        return entry

@@ -5,23 +5,24 @@ from functools import partial
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics import frames
+from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.factorization import solve
-from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Array
 from kane_dynamics.native.expression import call
-from kane_dynamics.native.kernels import Argument, Kernel
+from kane_dynamics.native.kernels import Argument, Kernel, Reason
 from kane_dynamics.native.outline import Outline
 from kane_dynamics.native.program import Program, Shape, trace_program
-from kane_dynamics.quantities import FRAME_QUANTITIES, JOINT_REACTION, QUANTITIES, Quantity
+from kane_dynamics.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION, QUANTITIES,
+                                      Quantity, Sizes)
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse is not written out
 LONG = 16  # and from which on a product with it is none of the compiler's business
 OUTLINED = 40  # and from which on derivatives would
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
+ALL = {**QUANTITIES, **CONSTRAINED}
 FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
 
 
@@ -31,17 +32,24 @@ class KernelSet:
 
     Parameters
     ----------
-    equations : Equations
-    key : str
-        Everything that the equations depend on, for the cache.
+    equations : Equations or ConstrainedEquations
+    key : str or None
+        Everything that the equations depend on, for the cache; None where functions of a user
+        are among it: then programs are traced and tell themselves apart.
     parameters : array
         The block that kernels read at each call.
+    reason : callable, optional
+        Raises a better error than the kernels' own for the arguments of a state whose result is
+        not finite, or returns.
 
     """
 
-    def __init__(self, equations: Equations, key: str, parameters: Array) -> None:
+    def __init__(self, equations: Equations | ConstrainedEquations, key: str | None,
+                 parameters: Array, reason: Reason | None = None) -> None:
         """Compile nothing yet."""
         self.equations = equations
+        self._reason = reason
+        self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
         self._key = key
         self._parameters = parameters
@@ -49,18 +57,17 @@ class KernelSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the `QUANTITIES` that are one kernel; for a large robot not all of them are."""
-        return tuple(name for name in QUANTITIES
-                     if self.equations.n <= LONG or name != 'forward_dynamics_derivatives')
+        """Names of the quantities that are one kernel; for a large robot not all of them are."""
+        return tuple(name for name in ALL if hasattr(self.equations, name) and (
+            self.equations.n <= LONG or name != 'forward_dynamics_derivatives'))
 
     def quantity(self, name: str) -> Kernel:
         """Return the kernel of one of `names`; InputError lists them for another name."""
         def make() -> Kernel:
             if name not in self.names:
-                raise InputError(f"no kernel '{name}'; valid: {', '.join(self.names)}")
-            quantity = QUANTITIES[name]
-            return Kernel(name, lambda: self.program(name), self._key, self._arguments(quantity),
-                          self._parameters, self._shape(quantity))
+                raise InputError(f"no kernel '{name}' of this robot; valid: "
+                                 f'{", ".join(self.names)}')
+            return self._kernel(name, lambda: self.program(name), ALL[name])
         return self._kept((name, ''), make)
 
     def in_use(self, name: str) -> bool:
@@ -71,9 +78,10 @@ class KernelSet:
         """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
         def make() -> Kernel:
             quantity = FRAME_QUANTITIES[name]
-            return Kernel(name, lambda: self._frame_program(name, frame), self._key + frame,
-                          self._arguments(quantity), self._parameters, self._shape(quantity))
-        self.equations.model.frame(frame)
+            method = partial(getattr(self.equations, name), at)
+            return self._kernel(name, lambda: self._traced(name, method, quantity), quantity,
+                                frame)
+        at = self.equations.model.frame(frame)
         return self._kept((name, frame), make)
 
     def reaction(self, joint: str) -> Kernel:
@@ -84,16 +92,10 @@ class KernelSet:
             raise InputError(f"no moving joint '{joint}'; valid: {', '.join(names) or 'none'} "
                              '(fixed and locked joints are merged into the bodies they join)')
         body = names.index(joint)
-
-        def program() -> Program:
-            def function(*inputs: Any) -> Any:
-                q, u, udot, *wrench, parameters = inputs
-                return self.equations.joint_reaction(body, q, u, udot,
-                                                     wrench[0] if wrench else None, parameters)
-            return trace_program('joint_reaction', function, self._inputs(JOINT_REACTION))
-        return self._kept(('joint_reaction', joint), lambda: Kernel(
-            'joint_reaction', program, self._key + joint, self._arguments(JOINT_REACTION),
-            self._parameters, self._shape(JOINT_REACTION)))
+        method = partial(self.equations.joint_reaction, body)
+        return self._kept(('joint_reaction', joint), lambda: self._kernel(
+            'joint_reaction', lambda: self._traced('joint_reaction', method, JOINT_REACTION),
+            JOINT_REACTION, joint))
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
@@ -103,19 +105,14 @@ class KernelSet:
 
     def program(self, name: str) -> Program:
         """Trace one of `names`."""
-        quantity = QUANTITIES[name]
-        if name == 'inverse_mass_matrix' and self.equations.n > LARGE:
-            return self._large_inverse()
-        method = getattr(self.equations, name)
-        if name in SHARING:
-            method = partial(method, share=self._share())
-
-        def function(*inputs: Any) -> Any:
-            *given, parameters = inputs
-            if quantity.wrench and not len(self.no_wrench):
-                given.append(None)
-            return method(*given, parameters) if quantity.parameters else method(*given)
-        return trace_program(name, function, self._inputs(quantity))
+        equations = self.equations
+        method = getattr(equations, name)
+        if isinstance(equations, Equations):
+            if name == 'inverse_mass_matrix' and equations.n > LARGE:
+                return self._large_inverse(equations)
+            if name in SHARING and equations.n > OUTLINED:
+                method = partial(method, share=Outline())
+        return self._traced(name, method, ALL[name])
 
     def computed_torque(self) -> Kernel:
         """
@@ -141,15 +138,19 @@ class KernelSet:
         ``tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)``: at the
         measured speed, compensating friction would push a resting arm on.
         """
-        n = self.equations.n
+        equations = self.equations
+        if not isinstance(equations, Equations):
+            raise InputError('computed torque follows a motion of all joints: it needs a robot '
+                             'whose speeds are the joint rates, without constraints')
+        n = equations.n
 
         def function(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any,
                      *rest: Any) -> Any:
             kp, kd = gains[:n], gains[n:]
             wrench = rest[0] if len(self.no_wrench) else None
             wanted = udot_d + (kd * (u_d - u) + kp * (q_d - q))
-            return (np.array(self.equations.rigid_dynamics(q, u, wanted, wrench, rest[-1]))
-                    + self.equations.friction_force(u_d))
+            return (np.array(equations.rigid_dynamics(q, u, wanted, wrench, rest[-1]))
+                    + equations.friction_force(u_d))
         inputs: list[tuple[str, Shape]] = [(name, (n,)) for name in FEEDBACK]
         inputs.append(('gains', (2 * n,)))
         if len(self.no_wrench):
@@ -157,9 +158,9 @@ class KernelSet:
         return trace_program('computed_torque', function,
                              [*inputs, ('parameters', self._parameters.shape)])
 
-    def _large_inverse(self) -> Program:
+    def _large_inverse(self, equations: Equations) -> Program:
         """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""
-        equations, n = self.equations, self.equations.n
+        n = equations.n
         places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
 
         def factors(q: Any, parameters: Any) -> Any:
@@ -183,45 +184,42 @@ class KernelSet:
             return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
         return trace_program('inverse_mass_matrix', columns, inputs)
 
-    def _share(self) -> Share:
-        """Return how parts of derivatives are used again: written out, or called."""
-        return directly if self.equations.n <= OUTLINED else Outline()
-
-    def _frame_program(self, name: str, frame_name: str) -> Program:
-        frame = self.equations.model.frame(frame_name)
-
-        def function(*inputs: Any) -> Any:
-            q, *rates, parameters = inputs
-            links = self.equations.links(parameters)
-            if rates:
-                u, udot = (*rates, self.equations.zeros)[:2]
-                if name == 'partial_velocity_rates':
-                    return frames.partial_velocity_rates(links, frame, q, u)
-                motion = frames.frame_motion(links, frame, q, u, udot)
-                return motion[0 if name == 'frame_velocity' else 1]
-            return getattr(frames, name)(links, frame, q)
-        return trace_program(name, function, self._inputs(FRAME_QUANTITIES[name]))
-
     def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:
         if key not in self._made:
             self._made[key] = make()
         return self._made[key]
 
-    def _shape(self, quantity: Quantity) -> Shape:
-        model = self.equations.model
-        return quantity.shape(model.n, len(model.bodies))
+    def _kernel(self, name: str, program: Callable[[], Program], quantity: Quantity,
+                at: str = '') -> Kernel:
+        equations = self.equations
+        rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
+        size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
+        return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
+                      self._parameters, quantity.shape(size), self._reason)
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
-        model = self.equations.model
-        arguments = [Argument(name, (model.n,), model.coordinate_names)
+        equations = self.equations
+        arguments = [Argument(name, (equations.n_q,), equations.model.coordinate_names)
+                     if name == 'q' else Argument(name, (equations.n,), equations.speed_names)
                      for name in quantity.arguments]
         if quantity.wrench and len(self.no_wrench):
             arguments.append(Argument('wrench', self.no_wrench.shape, default=self.no_wrench))
+        if equations.timed:
+            arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
 
+    def _traced(self, name: str, method: Callable[..., Any], quantity: Quantity) -> Program:
+        """Trace a method of the equations."""
+        def function(*inputs: Any) -> Any:
+            given = dict(zip(names, inputs))
+            values = [given[argument] for argument in quantity.arguments]
+            values += [given.get('wrench')] if quantity.wrench else []
+            values += [given['parameters']] if quantity.parameters else []
+            return method(*values, **({'t': given['t'][()]} if 't' in given else {}))
+        inputs = self._inputs(quantity)
+        names = [key for key, _ in inputs]
+        return trace_program(name, function, inputs)
+
     def _inputs(self, quantity: Quantity) -> list[tuple[str, Shape]]:
-        inputs: list[tuple[str, Shape]] = [(name, (self.equations.n,))
-                                           for name in quantity.arguments]
-        if quantity.wrench and len(self.no_wrench):
-            inputs.append(('wrench', self.no_wrench.shape))
-        return [*inputs, ('parameters', self._parameters.shape)]
+        return [*((argument.name, argument.shape) for argument in self._arguments(quantity)),
+                ('parameters', self._parameters.shape)]

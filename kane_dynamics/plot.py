@@ -6,7 +6,7 @@ the call. Each function returns its figure and, given a path, saves it (png, pdf
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from itertools import chain, cycle, islice
+from itertools import chain, cycle
 import os
 from typing import Any, TYPE_CHECKING
 
@@ -60,20 +60,22 @@ def plot_trajectory(trajectory: 'Trajectory', path: Path | None = None, *,
         Above the picture.
 
     """
-    names = list(trajectory.joint_names)
+    joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
+    lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
+        (color, dash) for dash in ('-', '--', ':') for color in _LINES)))
+    shown: dict[str, Any] = {}
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(10.0, 9.0), layout='constrained')
         panels = figure.subplots(4, 1, sharex=True)
-        for axes, rows, what in zip(panels, (trajectory.q, trajectory.u, trajectory.tau),
-                                    ('Position', 'Speed', 'Torque'), strict=False):
-            lines = islice(cycle((color, dash) for dash in ('-', '--', ':') for color in _LINES),
-                           len(names))
-            for name, row, (color, dash) in zip(names, np.asarray(rows).T, lines, strict=True):
-                axes.plot(trajectory.t, row, color=color, linestyle=dash, label=name)
+        for axes, rows, what, names in zip(
+                panels, (trajectory.q, trajectory.u, trajectory.tau),
+                ('Position', 'Speed', 'Torque'), (joints, speeds, speeds), strict=False):
+            for name, row in zip(names, np.asarray(rows).T, strict=True):
+                color, dash = lines[name]
+                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash)
             axes.set_ylabel(f'{what}\n[{_unit(what, names, prismatic)}]')
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc='outside right upper', title='Joint',
-                      alignment='left', ncols=1 + len(names) // 32)
+        figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
+                      alignment='left', ncols=1 + len(shown) // 32)
         kinetic, potential = np.asarray(trajectory.energy).T
         for label, energy, color, dash in (('kinetic', kinetic, ORANGE, '-'),
                                            ('potential', potential, SKY, '-'),

@@ -2,9 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from kane_dynamics.mechanics.equations import TORQUE_TERMS
 from kane_dynamics.native.program import Shape
+
+
+class Sizes(NamedTuple):
+    """Numbers of independent speeds, coordinates, bodies, and rows of constraints."""
+
+    n: int
+    n_q: int
+    bodies: int
+    rows: int
 
 
 @dataclass(frozen=True)
@@ -17,40 +27,48 @@ class Quantity:
     arguments : tuple of str
         Of `Equations`' method of the same name, before the wrench and the parameters.
     shape : callable
-        Shape of the result from the numbers of coordinates and of bodies.
+        Shape of the result from the `Sizes` of a robot.
     wrench, parameters : bool
         Whether the method takes these as well.
 
     """
 
     arguments: tuple[str, ...]
-    shape: Callable[[int, int], Shape]
+    shape: Callable[[Sizes], Shape]
     wrench: bool = False
     parameters: bool = True
 
 
-def _scalar(n: int, bodies: int) -> Shape:
+def _scalar(size: Sizes) -> Shape:
     return ()
 
 
-def _vector(n: int, bodies: int) -> Shape:
-    return (n,)
+def _vector(size: Sizes) -> Shape:
+    return (size.n,)
 
 
-def _matrix(n: int, bodies: int) -> Shape:
-    return (n, n)
+def _joints(size: Sizes) -> Shape:
+    return (size.n_q,)
 
 
-def _three_matrices(n: int, bodies: int) -> Shape:
-    return (3, n, n)
+def _rows(size: Sizes) -> Shape:
+    return (size.rows,)
 
 
-def _wrench(n: int, bodies: int) -> Shape:
+def _matrix(size: Sizes) -> Shape:
+    return (size.n, size.n)
+
+
+def _three_matrices(size: Sizes) -> Shape:
+    return (3, size.n, size.n)
+
+
+def _wrench(size: Sizes) -> Shape:
     return (6,)
 
 
-def _partials(n: int, bodies: int) -> Shape:
-    return (6, n)
+def _partials(size: Sizes) -> Shape:
+    return (6, size.n)
 
 
 STATE, MOTION, LOADED = ('q', 'u'), ('q', 'u', 'udot'), ('q', 'u', 'tau')
@@ -64,23 +82,31 @@ QUANTITIES = {
     'gravity_force': Quantity(('q',), _vector),
     'friction_force': Quantity(('u',), _vector, parameters=False),
     'external_force': Quantity(('q',), _vector, wrench=True, parameters=False),
-    'torque_terms': Quantity(MOTION, lambda n, bodies: (len(TORQUE_TERMS), n)),
-    'body_torques': Quantity(MOTION, lambda n, bodies: (bodies, n)),
+    'torque_terms': Quantity(MOTION, lambda size: (len(TORQUE_TERMS), size.n)),
+    'body_torques': Quantity(MOTION, lambda size: (size.bodies, size.n)),
+    'joint_reactions': Quantity(MOTION, lambda size: (size.bodies, 6), wrench=True),
     'kinetic_energy': Quantity(STATE, _scalar),
     'potential_energy': Quantity(('q',), _scalar),
     'inverse_dynamics_derivatives': Quantity(MOTION, _three_matrices),
     'forward_dynamics_derivatives': Quantity(LOADED, _three_matrices),
-    'regressor': Quantity(MOTION, lambda n, bodies: (n, 10 * bodies)),
+    'regressor': Quantity(MOTION, lambda size: (size.n, 10 * size.bodies)),
+}
+# Where speeds are chosen or constraints given:
+CONSTRAINED = {
+    'joint_rates': Quantity(STATE, _joints, parameters=False),
+    'joint_torques': Quantity(('q', 'tau'), _joints, parameters=False),
+    'constraint_forces': Quantity(LOADED, _rows, wrench=True),
+    'constraint_gap': Quantity(('q',), _rows, parameters=False),
 }
 # What control and simulation call: a node compiles these before it serves.
 IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
-            'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'kinetic_energy',
-            'potential_energy')
+            'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'joint_reactions',
+            'kinetic_energy', 'potential_energy')
 FRAME_QUANTITIES = {
-    'frame_pose': Quantity(('q',), lambda n, bodies: (4, 4)),
-    'frame_velocity': Quantity(STATE, _wrench),
-    'frame_acceleration': Quantity(MOTION, _wrench),
-    'partial_velocities': Quantity(('q',), _partials),
-    'partial_velocity_rates': Quantity(STATE, _partials),
+    'frame_pose': Quantity(('q',), lambda size: (4, 4), parameters=False),
+    'frame_velocity': Quantity(STATE, _wrench, parameters=False),
+    'frame_acceleration': Quantity(MOTION, _wrench, parameters=False),
+    'partial_velocities': Quantity(('q',), _partials, parameters=False),
+    'partial_velocity_rates': Quantity(STATE, _partials, parameters=False),
 }
 JOINT_REACTION = Quantity(MOTION, _wrench, wrench=True)

@@ -1,16 +1,21 @@
 """`Robot`: a model with its dynamics compiled, what users hold."""
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 import os
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics.constrained import Constrained, raise_where_singular
 from kane_dynamics.dynamics import Dynamics
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.export import DEFAULT_KERNELS, write_c
+from kane_dynamics.frame_motion import FrameMotion
 from kane_dynamics.kernel_set import KernelSet
+from kane_dynamics.mechanics.constrained import ConstrainedEquations
+from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
+from kane_dynamics.mechanics.structure import structured
 from kane_dynamics.model import Array, Inertial, Model
 from kane_dynamics.native.program import OperationCount
 from kane_dynamics.parameters import JointLimits, Parameters
@@ -21,19 +26,31 @@ import numpy as np
 __all__ = ['Robot', 'TORQUE_TERMS']
 
 
-class Robot(Dynamics):
+class Robot(Dynamics, FrameMotion, Constrained):
     """
-    The dynamics of one manipulator, compiled for it.
+    The dynamics of one manipulator or mechanism, compiled for it.
 
-    M(q) udot + bias(q, u) = tau + external, with u = q' and everything in SI units and world
-    axes. Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in
-    kind. Kernels compile on first use and are kept in a cache on disk. Batches have kernels of
-    their own, which take several states at once and leave other Python threads free; where that
-    pays they use as many threads as there are processors, or as ``KANE_DYNAMICS_THREADS`` says.
+    M(q) udot + bias(q, u) = tau + external, with u = q' unless speeds are chosen, and everything
+    in SI units and world axes. Every method takes one state, (n,) arrays, or a batch, (N, n)
+    arrays, and answers in kind. Kernels compile on first use and are kept in a cache on disk.
+    Batches have kernels of their own, which take several states at once and leave other Python
+    threads free; where that pays they use as many threads as there are processors, or as
+    ``KANE_DYNAMICS_THREADS`` says.
 
     Parameters
     ----------
     model : Model
+    speeds : Speeds or callable, optional
+        Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or your
+        own functions; joint rates by default.
+    constraints : sequence of constraints
+        What holds besides: `Closure`, `Coupling`, `PointVelocity`, `knife_edge`, `Rolling`,
+        `Prescribed`, `DependentSpeeds`. u are then the n independent speeds, tau is dual to
+        them, and q keeps n_q > n entries.
+    independent : sequence of str, optional
+        Names of the speeds to take as independent; the best conditioned by default.
+    actuated : sequence of str, optional
+        The joints that have actuators (see `joint_torques`).
     wrench_frames : sequence of str
         Frames on which the environment may push (`wrench=`, one row each).
     payload_frame : str, optional
@@ -48,10 +65,15 @@ class Robot(Dynamics):
     ------
     InputError
         No such frame; the message lists the valid ones.
+    ConstraintError
+        The constraints contradict each other, cannot be met, leave no freedom, or name what the
+        model does not have; or the speeds are singular.
 
     """
 
-    def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
+    def __init__(self, model: Model, *, speeds: Any = None,
+                 constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
+                 actuated: Sequence[str] | None = None, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
         """Prepare the equations; nothing is compiled yet."""
@@ -64,32 +86,41 @@ class Robot(Dynamics):
         self._options: dict[str, Any] = {
             'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
             'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
+        self._choices: dict[str, Any] = {
+            'speeds': speeds, 'constraints': tuple(constraints), 'independent': independent,
+            'actuated': actuated}
         self.model = model
         self.friction = bool(friction)
-        self.equations = Equations(model, **self._options)
-        self.parameters = Parameters(model, self.equations.payload_frame)
-        key = model.digest() + repr(sorted(self._options.items()))
-        self.kernels = KernelSet(self.equations, key, self.parameters.block)
+        tree = self.equations = Equations(model, **self._options)
+        key: str | None = model.digest() + repr(sorted(self._options.items()))
+        reason = None
+        if any(value not in (None, ()) for value in self._choices.values()):
+            mechanism = structured(model, speeds, constraints, independent)
+            self.equations = ConstrainedEquations(tree, mechanism, actuated)
+            key = mechanism.key and f'{key}{mechanism.key}{actuated!r}'
+            reason = partial(raise_where_singular, mechanism)
+        self.parameters = Parameters(model, tree.payload_frame)
+        self.kernels = KernelSet(self.equations, key, self.parameters.block, reason)
         self._entries = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as model, options and parameters; kernels load again from the cache."""
-        return _restored, (self.model, self._options, self.parameters.gravity,
+        return _restored, (self.model, {**self._choices, **self._options}, self.parameters.gravity,
                            self.parameters.payload)
 
     @property
     def n(self) -> int:
-        """Return the number of generalized speeds."""
-        return self.model.n
+        """Return the number of independent generalized speeds."""
+        return self.equations.n
 
     @property
     def n_q(self) -> int:
         """Return the number of coordinates."""
-        return self.model.n
+        return self.equations.n_q
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints that move freely, in the order of q, u and tau."""
+        """Names of the joints that move freely, in the order of q."""
         return self.model.joint_names
 
     @property

@@ -16,11 +16,14 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.limit_watch import LimitWatch
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Argument, checked
+from kane_dynamics.parameters import JointLimits
 from kane_dynamics.robot import Robot
+from kane_dynamics.stepping import state_names
 from kane_dynamics.torque_source import torque_source, TorqueSource
 from kane_dynamics.trajectory import LimitEvent, Trajectory
 import numpy as np
 
+CLOSED = 1e-8  # m or rad: a larger gap at the start is the caller's mistake
 MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
@@ -39,11 +42,14 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     """
     Integrate the equations of motion with the fourth-order Runge-Kutta method.
 
+    Conditions on positions, such as closed loops, are held: what a step misses is taken back after
+    it, and the result tells what remains.
+
     Parameters
     ----------
     robot : Robot
         Whose equations to integrate.
-    q0, u0 : (n,) or (N, n) array_like
+    q0, u0 : (n_q,), (n,) or (N, n_q), (N, n) array_like
         State at time 0, or N of them, each the start of a simulation; rad or m, and s.
     duration : float
         s; a whole number of steps.
@@ -79,7 +85,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     """
     starts = _starts(robot, q0, u0)
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
-    starts = starts.reshape(N, 2 * robot.n)
+    starts = starts.reshape(N, starts.shape[-1])
     step = _positive('step', step)
     count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
     every = _sampling(count, step, sample, N, single)
@@ -92,15 +98,28 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     else:
         source = torque_source(robot, step, count, torque, None if single else N)
         kept, states, events = _run_native(source, starts, single, count, every, progress)
-    q, u = (np.ascontiguousarray(part) for part in np.split(states, 2, axis=2))
+    q, u, _ = (np.ascontiguousarray(part)
+               for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
-    flat = [x.reshape(-1, robot.n) for x in (q, u, tau)]
-    udot = robot.forward_dynamics(*flat).reshape(q.shape)
-    energy = np.stack([robot.kinetic_energy(*flat[:2]), robot.potential_energy(flat[0])],
-                      axis=1).reshape(*q.shape[:2], 2)
-    q, u, udot, tau, energy = (x[0] if single else x for x in (q, u, udot, tau, energy))
-    return Trajectory(kept * step, q, u, udot, tau, energy, robot.joint_names, tuple(events))
+    arrays = {'q': q, 'u': u, 'tau': tau, **_derived(robot, kept * step, q, u, tau)}
+    return Trajectory(kept * step, **{name: x[0] if single else x for name, x in arrays.items()},
+                      joint_names=robot.joint_names, limit_events=tuple(events),
+                      speed_names=robot.speed_names, constraint_names=robot.constraint_names)
+
+
+def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str, Array]:
+    """Return what follows from the kept states, (N, K, ...) arrays."""
+    shape = q.shape[:2]
+    at: dict[str, Any] = {'t': np.tile(t, shape[0])} if robot.equations.timed else {}
+    q, u, tau = (x.reshape(-1, x.shape[2]) for x in (q, u, tau))
+    found = {'udot': robot.forward_dynamics(q, u, tau, **at),
+             'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
+                                axis=1)}
+    if robot.constraint_names:
+        found['constraint_forces'] = robot.constraint_forces(q, u, tau, **at)
+        found['constraint_gap'] = robot.constraint_gap(q, **at)
+    return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
 
 
 def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, every: int,
@@ -113,7 +132,7 @@ def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, e
     most = max(1, CHUNK_BYTES // starts.nbytes) if N else count
     done, least = 0, 1 if single else LEAST_CHUNK
     chunk = FIRST_CHUNK if single else LEAST_CHUNK
-    watch = LimitWatch(robot.joint_names, robot.limits, starts, single)
+    watch = LimitWatch(robot.joint_names, _watched(robot), starts, single)
     while done < count:
         chunk = min(chunk, most, count - done)
         buffer = np.empty((N, chunk + 1, size))
@@ -146,18 +165,18 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
                   torque: Torque, progress: Progress | None
                   ) -> tuple[Array, Array, Array, list[LimitEvent]]:
     """Ask for the torque before every step; Python in the loop."""
-    n = robot.n
+    n_q, n = robot.n_q, robot.n
     source = torque_source(robot, step, 1, None, None)
     kept, states, taus = [], [], []
-    watch = LimitWatch(robot.joint_names, robot.limits, state[None], single=True)
-    buffer = np.empty((1, FIRST_CHUNK + 1, 2 * n))
+    watch = LimitWatch(robot.joint_names, _watched(robot), state[None], single=True)
+    buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
     buffer[0, 0] = state
     reported = time.perf_counter()
     for k in range(count + 1):
         j = k % FIRST_CHUNK
         state = buffer[0, j].copy()
         tau = _vector(robot, f'torque at {k * step:.6g} s',
-                      torque(k * step, state[:n].copy(), state[n:].copy()))
+                      torque(k * step, state[:n_q].copy(), state[n_q:n_q + n].copy()))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)
@@ -178,13 +197,28 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
 
 
 def _starts(robot: Robot, q0: Any, u0: Any) -> Array:
-    """Return the initial state (2 n,), or all of them, (N, 2 n)."""
-    q, u = (checked(Argument(name, (robot.n,), robot.coordinate_names), value)
-            for name, value in (('q0', q0), ('u0', u0)))
-    if q.shape != u.shape:
-        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected the same, '
-                         f'({robot.n},) or (N, {robot.n})')
-    return np.concatenate([q, u], axis=-1)
+    """Return the initial state, as `state_names`, or all of them, (N, ...)."""
+    q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
+    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
+    if q.shape[:-1] != u.shape[:-1]:
+        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
+                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
+    if robot.constraint_names and q.size:
+        gap = np.abs(np.atleast_2d(robot.constraint_gap(q)))
+        i, k = np.unravel_index(np.argmax(gap), gap.shape)
+        if gap[i, k] > CLOSED:
+            which = '' if q.ndim == 1 else f' of state {i}'
+            raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
+                             '(m or rad): start from robot.closed_posture(q0)')
+    time = np.zeros((*q.shape[:-1], 1 if robot.equations.timed else 0))
+    return np.concatenate([q, u, time], axis=-1)
+
+
+def _watched(robot: Robot) -> JointLimits:
+    """Return the limits that a state shows: speeds of joints are in it where they are u."""
+    if robot.speed_names == robot.joint_names:
+        return robot.limits
+    return replace(robot.limits, velocity=np.full(robot.n_q, np.inf))
 
 
 def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int:
@@ -204,7 +238,7 @@ def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int
 
 
 def _vector(robot: Robot, name: str, value: Any) -> Array:
-    array = checked(Argument(name, (robot.n,), robot.coordinate_names), value)
+    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
     if array.ndim != 1:
         raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
     return array
@@ -240,5 +274,5 @@ def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -
     i, j = (int(index) for index in np.argwhere(at[:, k])[0])
     which = 'the simulation' if single else f'simulation {i}'
     raise InputError(f'{which} leaves the finite numbers at {(done + k) * step:.6g} s, '
-                     f"joint '{robot.joint_names[j % robot.n]}' first: is the mass matrix "
-                     f'singular there, or the step of {step} s too long?')
+                     f"'{state_names(robot)[j]}' first: is the mass matrix singular there, or the "
+                     f'step of {step} s too long?')

@@ -30,7 +30,7 @@ class TorqueSource:
 
         Parameters
         ----------
-        buffer : (N, K + 1, 2 n) array
+        buffer : (N, K + 1, size) array
             The N states after `done` steps, then room for K more of each.
         done : int
             Steps before these.
@@ -39,7 +39,7 @@ class TorqueSource:
 
         Returns
         -------
-        (N, 2 n) arrays, or None where `single`
+        (N, size) arrays, or None where `single`
             Least and largest of each entry of the K states.
 
         """
@@ -72,7 +72,7 @@ class TorqueSource:
         torque = self.torque
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
-            return np.ascontiguousarray(np.broadcast_to(rows, q.shape))
+            return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
         q_d, u_d, udot_d = torque.motion.sample(kept * np.float64(self.step))
         wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
         rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]

@@ -1,21 +1,21 @@
 """`Trajectory`: what a simulation returns."""
 
-from collections.abc import Sequence
 import csv
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array
+from kane_dynamics.model import Array, freeze
 import numpy as np
 
 Path = str | os.PathLike[str]
-ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy')
+ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_gap')
+NAMES = ('joint_names', 'speed_names', 'constraint_names')
 
 
-@dataclass(frozen=True)
-class LimitEvent:
+class LimitEvent(NamedTuple):  # a free arm's fall has thousands: they must be cheap to make
     """A joint's first crossing of one of its limits since it last kept it."""
 
     t: float
@@ -45,13 +45,19 @@ class Trajectory:
     q, u, udot : (K, n) or (N, K, n) arrays
         rad or m, and s.
     tau : (K, n) or (N, K, n) array
-        Torques of the actuators, N m or N.
+        Torques of the actuators, N m or N; where speeds are chosen, dual to them.
     energy : (K, 2) or (N, K, 2) array
         Kinetic and potential energy, J.
     joint_names : tuple of str
     limit_events : tuple of LimitEvent
         Found at every step, not only at the samples. The simulation goes on past a limit: a stop
-        would be a contact, which is not modelled.
+        would be a contact, which is not modelled. Limits of speed are those of joints whose rates
+        are the speeds.
+    speed_names, constraint_names : tuple of str
+        Of the entries of u, udot and tau, and of the rows of the constraints.
+    constraint_forces, constraint_gap : (K, m) or (N, K, m) arrays
+        What the constraints exert, N or N m, and by how much their conditions on positions are
+        missed, m or rad; as `Robot.constraint_forces` and `Robot.constraint_gap`.
 
     """
 
@@ -63,23 +69,42 @@ class Trajectory:
     energy: Array
     joint_names: tuple[str, ...]
     limit_events: tuple[LimitEvent, ...] = ()
+    speed_names: tuple[str, ...] = ()
+    constraint_names: tuple[str, ...] = ()
+    constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
+    constraint_gap: Array = field(default_factory=partial(np.zeros, 0))
+
+    def __post_init__(self) -> None:
+        """Fill in what follows from the rest."""
+        if not self.speed_names:
+            freeze(self, 'speed_names', self.joint_names)
+        if not self.constraint_names:
+            for name in ('constraint_forces', 'constraint_gap'):
+                freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+
+    @property
+    def drift(self) -> float:
+        """Return the largest gap of all, m or rad: how well the constraints were held."""
+        return float(np.abs(self.constraint_gap).max(initial=0.0))
 
     def state(self, k: int) -> 'Trajectory':
         """Return the motion from the k-th initial state, of N; InputError if there is none."""
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
             raise InputError(f'state is {k}; the trajectory holds {count}')
-        events = (replace(e, state=None) for e in self.limit_events if e.state == k % len(self.q))
-        return Trajectory(self.t, self.q[k], self.u[k], self.udot[k], self.tau[k],
-                          self.energy[k], self.joint_names, tuple(events))
+        events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
+        rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
+        return replace(self, **rows, limit_events=tuple(events))
 
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
         events = [(e.t, e.joint, e.limit, e.value, e.bound, '' if e.state is None else e.state)
                   for e in self.limit_events]
-        np.savez_compressed(path, joint_names=np.array(self.joint_names),
-                            limit_events=np.array(events, dtype=str).reshape(-1, 6),
-                            **{name: getattr(self, name) for name in ARRAYS})
+        arrays: dict[str, Any] = {
+            **{name: getattr(self, name) for name in ARRAYS},
+            **{name: np.array(getattr(self, name), dtype=str) for name in NAMES}}
+        np.savez_compressed(path, limit_events=np.array(events, dtype=str).reshape(-1, 6),
+                            **arrays)
 
     @classmethod
     def load_npz(cls, path: Path) -> 'Trajectory':
@@ -89,8 +114,10 @@ class Trajectory:
                 events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
                                           int(state) if state else None)
                                for t, joint, limit, v, b, state in file['limit_events'])
-                return cls(**{name: file[name] for name in ARRAYS}, limit_events=events,
-                           joint_names=tuple(map(str, file['joint_names'])))
+                content: dict[str, Any] = {
+                    **{name: file[name] for name in ARRAYS},
+                    **{name: tuple(map(str, file[name])) for name in NAMES}}
+                return cls(**content, limit_events=events)
         except (KeyError, ValueError) as error:
             raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
 
@@ -103,8 +130,7 @@ class Trajectory:
         self._require_single('save_csv')
         with open(path, 'w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
-            writer.writerow(['t', *_columns(self.joint_names), 'kinetic_energy',
-                             'potential_energy'])
+            writer.writerow(self._columns())
             table = np.column_stack([getattr(self, name) for name in ARRAYS])
             writer.writerows([repr(x) for x in row] for row in table.tolist())
 
@@ -119,6 +145,10 @@ class Trajectory:
             raise InputError(f'{what} takes a single motion; this trajectory holds '
                              f'{len(self.q)}: choose one with state(k)')
 
-
-def _columns(joint_names: Sequence[str]) -> list[str]:
-    return [f'{what}.{joint}' for what in ('q', 'u', 'udot', 'tau') for joint in joint_names]
+    def _columns(self) -> list[str]:
+        of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')
+                     for speed in self.speed_names]
+        of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_gap')
+                          for row in self.constraint_names]
+        return ['t', *(f'q.{joint}' for joint in self.joint_names), *of_speeds, 'kinetic_energy',
+                'potential_energy', *of_constraints]

@@ -1,16 +1,19 @@
 """Compiled kernels held against Kane's equations as they are defined."""
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 from kane_dynamics.errors import CompileError
-from kane_dynamics.mechanics import kane
+from kane_dynamics.mechanics import kane, nonholonomic
+from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.mechanics.hyperdual import seeded
 from kane_dynamics.mechanics.payload import with_payload
 from kane_dynamics.model import Array, Model
 import numpy as np
 
 Pair = tuple[Array, Array]  # what a kernel answers, what the definition says
+REGULAR, TRIES = 1e4, 100  # a condition number that costs four digits; states to look for it at
 TOLERANCE = 1e-9  # relative error of a kernel at which it is taken to be wrong, not rounded
 
 
@@ -19,8 +22,8 @@ def verified(robot: Any, states: int) -> float:
     Return the largest relative error of a Robot's kernels at random states.
 
     Dynamics always; Coriolis matrix, derivatives, regressor and torques by body where they have
-    been used before. Forward dynamics is judged by the torque that its answer asks for, and left
-    out where the mass matrix is singular.
+    been used before, of a robot in joint rates. Forward dynamics is judged by the torque that its
+    answer asks for, and left out where the mass matrix is singular.
 
     Raises
     ------
@@ -34,11 +37,14 @@ def verified(robot: Any, states: int) -> float:
         model = with_payload(model, robot.equations.payload_frame.name, payload)
     worst = 0.0
     for _ in range(states):
-        q, u, udot = rng.uniform(-2.0, 2.0, (3, robot.n))
-        pairs = _dynamics(robot, model, gravity, q, u, udot)
-        for name, reference in OCCASIONAL.items():
-            if robot.kernels.in_use(name):
-                pairs[name] = reference(robot, model, gravity, q, u, udot)
+        if isinstance(robot.equations, ConstrainedEquations):
+            pairs = _constrained(robot, model, gravity, rng)
+        else:
+            q, u, udot = rng.uniform(-2.0, 2.0, (3, robot.n))
+            pairs = _dynamics(robot, model, gravity, q, u, udot)
+            for name, reference in OCCASIONAL.items():
+                if robot.kernels.in_use(name):
+                    pairs[name] = reference(robot, model, gravity, q, u, udot)
         for name, (value, expected) in pairs.items():
             size = max(float(np.abs(expected).max(initial=0.0)), 1e-300)
             error = float(np.abs(value - expected).max(initial=0.0)) / size
@@ -62,6 +68,31 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
         'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
     if robot.n and np.linalg.cond(M) < 1e12:
         pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau) + bias, tau)
+    return pairs
+
+
+def _constrained(robot: Any, model: Model, gravity: Array,
+                 rng: np.random.Generator) -> dict[str, Pair]:
+    """Return the same where speeds are chosen or constraints given, at a regular state."""
+    mechanism = copy(robot.mechanism)
+    mechanism.model = model
+    t = float(rng.uniform(0.0, 2.0)) if robot.equations.timed else 0.0
+    for _ in range(TRIES):
+        q = rng.uniform(-2.0, 2.0, robot.n_q)
+        S = np.array(mechanism.system(mechanism.posture(q, t))[0], dtype=np.float64)
+        if np.linalg.cond(S) < REGULAR:
+            break
+    u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
+
+    def torque(u: Array, udot: Array) -> Array:
+        return nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
+                                             friction=robot.friction)
+    bias, tau = torque(u, np.zeros(robot.n)), torque(u, udot)
+    M = np.array([torque(u, unit) - bias for unit in np.eye(robot.n)]).T
+    pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
+             'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
+    if np.linalg.cond(M) < 1e12:
+        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias, tau)
     return pairs
 
 

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.kernel_set import KernelSet
+from kane_dynamics.kernel_set import ALL, KernelSet
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Kernel
-from kane_dynamics.quantities import FRAME_QUANTITIES, QUANTITIES
+from kane_dynamics.quantities import FRAME_QUANTITIES
 import numpy as np
 
 STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
@@ -32,8 +32,9 @@ class Workspace:
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
 
-    Write into `q`, `u`, `udot`, `tau` (each (n,), SI units, zero at first) and, where the robot
-    declares wrench frames, `wrench` (k, 6); then call any quantity of `Robot` without arguments.
+    Write into `q` (n_q,), `u`, `udot`, `tau` (n,) (SI units, zero at first) and, where the robot
+    declares wrench frames, `wrench` (k, 6), and `t`, an array without axes, where its speeds or
+    constraints are functions; then call any quantity of `Robot` without arguments.
     ``inverse_dynamics()`` writes to and returns `tau`, ``forward_dynamics()`` `udot`; every other
     quantity returns an array of its own, the same one at every call (derivatives (3, n, n), which
     unpacks), and energies return a float.
@@ -58,17 +59,20 @@ class Workspace:
     udot: Array
     tau: Array
     wrench: Array
+    t: Array
     _kernels: KernelSet
     _states: dict[str, Array]
     _at: dict[tuple[str, str], Callable[[], Any]]
 
     def __init__(self, kernels: KernelSet) -> None:
         """Make the arrays; nothing is compiled yet."""
-        names = {name for quantity in (*QUANTITIES.values(), *FRAME_QUANTITIES.values())
-                 for name in quantity.arguments}
-        states = {name: _fixed((kernels.equations.n,)) for name in sorted(names)}
+        equations = kernels.equations
+        states = {'q': _fixed((equations.n_q,)),
+                  **{name: _fixed((equations.n,)) for name in ('u', 'udot', 'tau')}}
         if len(kernels.no_wrench):
             states['wrench'] = _fixed(kernels.no_wrench.shape)
+        if equations.timed:
+            states['t'] = _fixed(())
         self.__dict__.update(states, _kernels=kernels, _states=states, _at={})
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -119,7 +123,7 @@ class Workspace:
                            doc)
 
 
-for _name in QUANTITIES:  # not by `__getattr__`, which makes every look-up of an attribute slower
+for _name in ALL:  # not by `__getattr__`, which makes every look-up of an attribute slower
     setattr(Workspace, _name, _Quantity(_name))
 
 

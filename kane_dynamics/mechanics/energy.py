@@ -11,9 +11,10 @@ and exact differentiation gives the numbers. No function is shared with `kane`, 
 `recursive`: what agrees with them agrees for a reason.
 """
 
+import math
 from typing import Any
 
-from kane_dynamics.mechanics.hyperdual import HyperDual, seeded
+from kane_dynamics.mechanics.hyperdual import lifted, seeded
 from kane_dynamics.model import Array, Joint, Model, WORLD
 import numpy as np
 
@@ -25,8 +26,8 @@ def joint_matrix(joint: Joint, q: Any) -> Any:
     K, KK = generator(joint)
     x = joint.multiplier * q[joint.coordinate] + joint.offset
     if joint.kind == 'prismatic':
-        return T @ (np.eye(4) + K * x)
-    return T @ (np.eye(4) + K * np.sin(x) + KK * (1.0 - np.cos(x)))  # Rodrigues: exp(K x)
+        return T + (T @ K) * x
+    return T + (T @ K) * np.sin(x) + (T @ KK) * (1.0 - np.cos(x))  # Rodrigues: T exp(K x)
 
 
 def generator(joint: Joint) -> tuple[Array, Array]:
@@ -110,8 +111,8 @@ def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> 
 
     """
     n = model.n
-    energy = _hyperdual(kinetic_energy(model, seeded(q, u, 0, 2 * n),
-                                       seeded(u, udot, n, 2 * n)), 2 * n)
+    energy = lifted(kinetic_energy(model, seeded(q, u, 0, 2 * n),
+                                   seeded(u, udot, n, 2 * n)), 2 * n)
     return energy.gradient[:n] - energy.gradient_rate[n:]
 
 
@@ -119,7 +120,22 @@ def conservative_force(model: Model, q: Array, *, gravity: Any = None) -> Array:
     """Return -dPE/dq, (n,): the generalized active force of gravity and springs, N m or N."""
     n = model.n
     energy = potential_energy(model, seeded(q, np.zeros(n), 0, n), gravity=gravity)
-    return -_hyperdual(energy, n).gradient
+    return -lifted(energy, n).gradient
+
+
+def friction_force(model: Model, u: Array) -> Array:
+    """
+    Return the generalized active force of damping and Coulomb friction, (n,), N m or N.
+
+    A joint's virtual power is -(d x' + mu tanh(x'/x_s')) times the variation of its rate x'.
+    """
+    force = np.zeros(model.n)
+    for body in model.bodies:
+        joint = body.joint
+        rate = joint.multiplier * u[joint.coordinate]
+        held = joint.damping * rate + joint.friction * math.tanh(rate / joint.friction_speed)
+        force[joint.coordinate] -= held * joint.multiplier
+    return force
 
 
 def mass_matrix(model: Model, q: Array) -> Array:
@@ -127,13 +143,6 @@ def mass_matrix(model: Model, q: Array) -> Array:
     n = model.n
     rows = []
     for unit in np.eye(n):  # the direction along which KE's gradient at u = 0 is taken
-        energy = _hyperdual(kinetic_energy(model, q, seeded(np.zeros(n), unit, 0, n)), n)
+        energy = lifted(kinetic_energy(model, q, seeded(np.zeros(n), unit, 0, n)), n)
         rows.append(energy.gradient_rate)
     return np.array(rows)
-
-
-def _hyperdual(value: Any, count: int) -> HyperDual:
-    """Return a result that may have turned out constant as a HyperDual."""
-    if isinstance(value, HyperDual):
-        return value
-    return HyperDual(float(value), np.zeros(count), 0.0, np.zeros(count))

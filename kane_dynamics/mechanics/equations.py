@@ -16,7 +16,7 @@ from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
                                              linkage, regrouped)
 from kane_dynamics.mechanics.sharing import directly, Share
-from kane_dynamics.model import Joint, Model, WORLD
+from kane_dynamics.model import Frame, Joint, Model, WORLD
 import numpy as np
 
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
@@ -45,7 +45,8 @@ class Equations:
                  frame_reduction: bool = True) -> None:
         """Prepare the links; raises InputError for an unknown frame."""
         self.model = model
-        self.n = model.n
+        self.n = self.n_q = model.n
+        self.speed_names = model.coordinate_names
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
@@ -53,6 +54,8 @@ class Equations:
         self._links = denavit_hartenberg(links) if frame_reduction else links
         self.order = list(dict.fromkeys(link.coordinate for link in links))
         self.n_parameters = 3 if self.payload_frame is None else 13
+
+    timed = False  # no method depends on time
 
     @property
     def geometry(self) -> tuple[Link, ...]:
@@ -154,12 +157,17 @@ class Equations:
         """Return (n_bodies, n): what each body, with what it carries, asks of every joint."""
         return reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
 
+    def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
+        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
+        found = reactions.joint_reactions(self._loaded(self._raw_links, parameters), q, u, udot,
+                                          parameters[:3], pushes)
+        return np.array(found).reshape(len(found), 6)
+
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
                        parameters: Any) -> Any:
-        """Return the wrench of parent on child number `body` at the joint, (6,), world axes."""
-        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        return reactions.joint_reaction(self._loaded(self._raw_links, parameters), body, q, u,
-                                        udot, parameters[:3], pushes)
+        """Return that of body number `body` alone, (6,)."""
+        return self.joint_reactions(q, u, udot, wrench, parameters)[body]
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
@@ -182,6 +190,30 @@ class Equations:
             stretch = _position(joint, q) - joint.rest
             springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
         return recursive.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+
+    def frame_pose(self, frame: Frame, q: Any) -> Any:
+        """Return the homogeneous transformation frame to world, (4, 4)."""
+        return frames.frame_pose(self._links, frame, q)
+
+    def frame_velocity(self, frame: Frame, q: Any, u: Any) -> Any:
+        """Return linear then angular velocity, (6,)."""
+        return frames.frame_motion(self._links, frame, q, u, self.zeros)[0]
+
+    def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+        """Return linear then angular acceleration, (6,)."""
+        return frames.frame_motion(self._links, frame, q, u, udot)[1]
+
+    def partial_velocities(self, frame: Frame, q: Any) -> Any:
+        """Return linear then angular velocity per unit of each speed, (6, n)."""
+        return frames.partial_velocities(self._links, frame, q)
+
+    def partial_velocity_rates(self, frame: Frame, q: Any, u: Any) -> Any:
+        """Return the time derivative of the partial velocities along the motion, (6, n)."""
+        return frames.partial_velocity_rates(self._links, frame, q, u)
+
+    def joint_origins(self, q: Any) -> list[Any]:
+        """Return where each body has its joint, (3,), m, world axes."""
+        return [origin for _, origin in frames.link_poses(self._raw_links, q)]
 
     def armature(self, x: Any) -> Any:
         """Return the rotor inertias' diagonal times x, (n,)."""

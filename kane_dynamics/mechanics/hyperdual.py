@@ -8,7 +8,7 @@ Source: Fike & Alonso, AIAA 2011-886; here one of the two infinitesimals is a ve
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics.model import Array
 import numpy as np
@@ -68,12 +68,33 @@ class HyperDual:
         return HyperDual(self.value * other, self.gradient * other, self.rate * other,
                          self.gradient_rate * other)
 
-    def __truediv__(self, other: float) -> Any:
-        """Return the quotient by a number."""
+    def __truediv__(self, other: Any) -> Any:
+        """Return the quotient."""
+        if isinstance(other, HyperDual):
+            return self * other._reciprocal()
+        if isinstance(other, np.ndarray):
+            return NotImplemented
         return self * (1.0 / other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        """Return the quotient of a number by this."""
+        return other * self._reciprocal()
+
+    def __pow__(self, exponent: Any) -> Any:
+        """Return a whole power from 0 on."""
+        if not isinstance(exponent, int) or exponent < 0:
+            return NotImplemented
+        result: Any = 1.0
+        for _ in range(exponent):
+            result = result * self
+        return result
 
     __radd__ = __add__
     __rmul__ = __mul__
+
+    def __pos__(self) -> 'HyperDual':
+        """Return this."""
+        return self
 
     def __neg__(self) -> 'HyperDual':
         """Return the negative."""
@@ -102,6 +123,15 @@ class HyperDual:
         y = math.tanh(self.value)
         return self._mapped(y, 1.0 - y * y, -2.0 * y * (1.0 - y * y))
 
+    def sqrt(self) -> 'HyperDual':
+        """Return the square root: numpy's sqrt calls this."""
+        y = math.sqrt(self.value)
+        return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
+
+    def _reciprocal(self) -> 'HyperDual':
+        y = 1.0 / self.value
+        return self._mapped(y, -y * y, 2.0 * y * y * y)
+
     def _mapped(self, value: float, first: float, second: float) -> 'HyperDual':
         """Apply a function whose value and two derivatives are given: the chain rule."""
         return HyperDual(value, first * self.gradient, first * self.rate,
@@ -126,4 +156,40 @@ def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
     result = np.empty(len(values), dtype=object)
     result[:] = [HyperDual(float(x), unit[first + i], float(r), np.zeros(count))
                  for i, (x, r) in enumerate(zip(values, rates))]
+    return result
+
+
+def lifted(value: Any, count: int) -> HyperDual:
+    """Return a scalar that may be constant as a HyperDual of `count` variables."""
+    if isinstance(value, HyperDual):
+        return value
+    return HyperDual(float(value), np.zeros(count), 0.0, np.zeros(count))
+
+
+class Parts(NamedTuple):
+    """Arrays of the four parts, the variables along the last axis of the gradients."""
+
+    value: Array
+    gradient: Array
+    rate: Array
+    gradient_rate: Array
+
+
+def parts(array: Any, count: int) -> Parts:
+    """Return the parts of an array of scalars of any shape; numbers are constant."""
+    source = np.asarray(array, dtype=object)
+    scalars = [lifted(x, count) for x in source.ravel()]
+    of_scalar, of_gradient = source.shape, (*source.shape, count)
+    return Parts(np.array([x.value for x in scalars], dtype=float).reshape(of_scalar),
+                 np.array([x.gradient for x in scalars], dtype=float).reshape(of_gradient),
+                 np.array([x.rate for x in scalars], dtype=float).reshape(of_scalar),
+                 np.array([x.gradient_rate for x in scalars], dtype=float).reshape(of_gradient))
+
+
+def joined(given: Parts) -> Any:
+    """Return the array of HyperDual that has these parts."""
+    result = np.empty(given.value.shape, dtype=object)
+    for k in np.ndindex(result.shape):
+        result[k] = HyperDual(float(given.value[k]), given.gradient[k], float(given.rate[k]),
+                              given.gradient_rate[k])
     return result

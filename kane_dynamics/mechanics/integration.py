@@ -3,33 +3,28 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-Dynamics = Callable[[Any, Any, Any], Any]
+Rates = Callable[[Any, Any], Any]
 
 
-def runge_kutta_4(udot: Dynamics, q: Any, u: Any, inputs: Sequence[Any],
-                  h: Any) -> tuple[Any, Any]:
+def runge_kutta_4(rates: Rates, x: Any, inputs: Sequence[Any], h: Any) -> Any:
     """
-    Return q, u one classical fourth-order Runge-Kutta step later.
+    Return x one classical fourth-order Runge-Kutta step later.
 
     Parameters
     ----------
-    udot : callable
-        ``udot(q, u, input)``, (n,) arrays in and out; q' = u.
-    q, u : (n,) arrays
-        Coordinates and speeds; rad or m, and s.
+    rates : callable
+        ``rates(x, input)``, the time derivative of x.
+    x : (k,) array
+        The state.
     inputs : sequence of three
-        What `udot` is given at the step's beginning, middle and end.
+        What `rates` is given at the step's beginning, middle and end.
     h : scalar
         Length of the step, s.
 
     """
     half = 0.5 * h
-    a1 = udot(q, u, inputs[0])
-    u2 = u + half * a1
-    a2 = udot(q + half * u, u2, inputs[1])
-    u3 = u + half * a2
-    a3 = udot(q + half * u2, u3, inputs[1])
-    u4 = u + h * a3
-    a4 = udot(q + h * u3, u4, inputs[2])
-    sixth = h * (1.0 / 6.0)
-    return q + sixth * (u + 2.0 * (u2 + u3) + u4), u + sixth * (a1 + 2.0 * (a2 + a3) + a4)
+    k1 = rates(x, inputs[0])
+    k2 = rates(x + half * k1, inputs[1])
+    k3 = rates(x + half * k2, inputs[1])
+    k4 = rates(x + h * k3, inputs[2])
+    return x + h * (1.0 / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)

@@ -1,9 +1,9 @@
 """
-Inverses of small matrices with structure, over any scalar and without a branch on a value.
+Small linear systems with structure, over any scalar and without a branch on a value.
 
 What is constant decides the order of elimination: a pivot is taken where the matrix holds a
 number that is not small, whatever the state. What remains falls into independent blocks; blocks
-of up to three rows are inverted by cofactors, larger ones by orthogonalisation, both of which
+of up to three rows are solved by cofactors, larger ones by orthogonalisation, both of which
 fail only where the matrix itself is singular, so no pivot has to be chosen while running.
 """
 
@@ -18,13 +18,18 @@ ROUNDING = 1e-12  # a row of constants that elimination leaves this small beside
 
 
 def inverse(A: Any) -> Any:
+    """Return A^-1; see `solution`."""
+    return solution(A, np.eye(len(A)))
+
+
+def solution(A: Any, B: Any) -> Any:
     """
-    Return A^-1.
+    Return X, (n, k), with A X = B.
 
     Parameters
     ----------
-    A : (n, n) array of scalars
-        The matrix; entries that are the number 0 cost nothing.
+    A, B : (n, n), (n, k) arrays of scalars
+        Matrix and right sides; entries that are the number 0 cost nothing.
 
     Raises
     ------
@@ -34,7 +39,7 @@ def inverse(A: Any) -> Any:
     """
     n = len(A)
     left: Matrix = [list(row) for row in np.asarray(A, dtype=object)]
-    right: Matrix = [[1.0 if r == s else 0.0 for s in range(n)] for r in range(n)]
+    right: Matrix = [list(row) for row in np.asarray(B, dtype=object)]
     least = [ROUNDING * _largest_constant(row) for row in left]
     solved: dict[int, int] = {}  # column: the row that gives its unknown
     while (pivot := _constant_pivot(left, solved, least)) is not None:
@@ -49,13 +54,14 @@ def inverse(A: Any) -> Any:
                 left[r] = [_less(x, factor, y) for x, y in zip(left[r], left[row])]
                 right[r] = [_less(x, factor, y) for x, y in zip(right[r], right[row])]
                 left[r][column] = 0.0
-    rest: Matrix = [[0.0] * n for _ in range(n)]  # rows of the answer that blocks give
+    rest: Matrix = [[] for _ in range(n)]  # rows of the answer that blocks give
     for rows, columns in _blocks(left, solved):
         if len(rows) != len(columns):
             raise ZeroDivisionError(min(rows) if rows else min(columns))
-        small = _block_inverse([[left[r][c] for c in columns] for r in rows])
-        for c, weights in zip(columns, small):
-            rest[c] = _combination(weights, [right[r] for r in rows])
+        found = _block_solution([[left[r][c] for c in columns] for r in rows],
+                                [right[r] for r in rows])
+        for c, unknown in zip(columns, found):
+            rest[c] = unknown
     answer: Matrix = []
     for c in range(n):
         if c in solved:
@@ -112,17 +118,15 @@ def _blocks(A: Matrix, solved: dict[int, int]) -> list[tuple[list[int], list[int
     return [(sorted(r), sorted(c)) for r, c in merged] + ([([], sorted(unseen))] if unseen else [])
 
 
-def _block_inverse(A: Matrix) -> Matrix:
-    """Return the inverse of a block without constants."""
+def _block_solution(A: Matrix, B: Matrix) -> Matrix:
+    """Return the solution of a block without constants."""
     n = len(A)
-    if n == 1:
-        return [[1.0 / A[0][0]]]
     if n > 3:
-        return _orthogonalised(A)
-    minors = [[_minor(A, r, c) for r in range(n)] for c in range(n)]
-    determinant = sum(A[0][c] * minors[c][0] for c in range(n))
-    scale = 1.0 / determinant
-    return [[_product(scale, x) for x in row] for row in minors]
+        return _orthogonalised(A, B)
+    minors = ([[1.0]] if n == 1 else
+              [[_minor(A, r, c) for r in range(n)] for c in range(n)])
+    scale = 1.0 / sum(A[0][c] * minors[c][0] for c in range(n))
+    return [_combination([_product(scale, x) for x in row], B) for row in minors]
 
 
 def _minor(A: Matrix, row: int, column: int) -> Any:
@@ -134,13 +138,13 @@ def _minor(A: Matrix, row: int, column: int) -> Any:
     return value if (row + column) % 2 == 0 else -value
 
 
-def _orthogonalised(A: Matrix) -> Matrix:
-    """Return the inverse from A^T = Q R by modified Gram-Schmidt: A^-1 = Q R^-T."""
+def _orthogonalised(A: Matrix, B: Matrix) -> Matrix:
+    """Return the solution from A^T = Q R by modified Gram-Schmidt: X = Q R^-T B."""
     n = len(A)
     basis: Matrix = []  # rows of Q^T: the rows of A made orthonormal
-    weights: Matrix = []  # row k of R^-T: basis[k] in terms of the rows of A
+    weights: Matrix = []  # rows of R^-T B
     for k in range(n):
-        row, weight = list(A[k]), [1.0 if j == k else 0.0 for j in range(n)]
+        row, weight = list(A[k]), list(B[k])
         for _ in range(2):  # once more: orthogonal to rounding however close the rows are
             for unit, share in zip(basis, weights):
                 along = _dot(row, unit)
@@ -149,8 +153,7 @@ def _orthogonalised(A: Matrix) -> Matrix:
         scale = 1.0 / np.sqrt(_dot(row, row))
         basis.append([_product(scale, x) for x in row])
         weights.append([_product(scale, x) for x in weight])
-    return [[_dot([unit[c] for unit in basis], [share[r] for share in weights])
-             for r in range(n)] for c in range(n)]
+    return [_combination([unit[c] for unit in basis], weights) for c in range(n)]
 
 
 def _dot(a: list[Any], b: list[Any]) -> Any:

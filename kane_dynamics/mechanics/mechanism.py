@@ -13,8 +13,8 @@ which vanish in every motion: N^T times the joint forces are the constraint forc
 evidence (Kane & Levinson, section 4.9).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
@@ -23,7 +23,8 @@ from kane_dynamics.mechanics.constraints import Constraint, Rows
 from kane_dynamics.mechanics.dual import moving, rates
 from kane_dynamics.mechanics.linkage import Link
 from kane_dynamics.mechanics.speeds import chosen, Speeds
-from kane_dynamics.model import Model
+from kane_dynamics.mechanics.vector import cross
+from kane_dynamics.model import Model, WORLD
 import numpy as np
 
 
@@ -40,6 +41,8 @@ class JointMotion:
         Joint rates per unit of each independent speed.
     N : (n_q, m) array
         Joint rates per unit of each constraint's auxiliary speed.
+    T_rate : (n_q, n) array
+        Time derivative of T along the motion.
 
     """
 
@@ -47,6 +50,7 @@ class JointMotion:
     qddot: Any
     T: Any
     N: Any
+    T_rate: Any
 
 
 class Posture:
@@ -56,6 +60,7 @@ class Posture:
                  links: Sequence[Link] | None = None) -> None:
         """Use the textbook's kinematics, or those of the links that are compiled."""
         self.model, self.q, self.t = model, q, t
+        self.width = model.n  # of rows
         self._speeds = speeds
         self._links = links
 
@@ -73,6 +78,15 @@ class Posture:
         if self._links is None:
             return kinematics.frame_partial_velocities(self.model, at, self.q)
         return frames.partial_velocities(self._links, at, self.q)
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
+        names = self.model.coordinate_names
+        if name not in names:
+            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; valid: "
+                                  f'{", ".join(names)}')
+        k = names.index(name)
+        return np.eye(self.model.n)[k], self.q[k]
 
     def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
         """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
@@ -121,6 +135,17 @@ class Mechanism:
         return len(self.free)
 
     @property
+    def key(self) -> str | None:
+        """
+        Tell this mechanism from every other of its model; None if functions of a user are in it.
+
+        Those alone may depend on time.
+        """
+        parts = [repr(self.free), repr(self.kept), self.speeds.key or None,
+                 *(_described(constraint) for constraint in self.constraints)]
+        return None if None in parts else '\n'.join(part for part in parts if part)
+
+    @property
     def speed_names(self) -> tuple[str, ...]:
         """Return the names of the independent speeds, in order."""
         return tuple(self.speeds.names[r] for r in self.free)
@@ -132,8 +157,7 @@ class Mechanism:
     def rows(self, here: Posture) -> Rows:
         """Return the rows of all constraints, in the order of `labels`."""
         parts = [constraint.rows(here) for constraint in self.constraints]
-        n_q = self.model.n
-        return Rows(np.concatenate([np.zeros((0, n_q)), *(part.J for part in parts)]),
+        return Rows(np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)]),
                     np.concatenate([np.zeros(0), *(part.b for part in parts)]),
                     tuple(gap for part in parts for gap in part.gap))
 
@@ -167,21 +191,72 @@ class Mechanism:
 
         """
         S, s = self.system(self.posture(q, t, links))
+        inverse = self.solved(S, np.eye(len(S)))
+        none = np.zeros(len(self.kept)).astype(object)
+        qdot = inverse @ (np.concatenate([u, none]) + s)
+        S_moving, s_moving = self.system(
+            self.posture(moving(q, qdot), moving(t, 1.0), links))
+        S_rate = rates(S_moving)
+        qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
+        T = inverse[:, :self.n]
+        return JointMotion(qdot, qddot, T, inverse[:, self.n:], -(inverse @ (S_rate @ T)))
+
+    def solved(self, S: Any, right: Any) -> Any:
+        """Return S^-1 times a vector or a matrix; ConstraintError where S is never regular."""
         try:
-            inverse = linear.inverse(S)
+            return linear.solution(S, right.reshape(len(S), -1)).reshape(right.shape)
         except ZeroDivisionError as error:
             row = error.args[0]
             names = (*self.speed_names, *(self.labels[k] for k in self.kept))
             raise ConstraintError(f"speeds and constraints do not determine the motion: '"
                                   f"{names[row]}' depends on the others in every posture"
                                   ) from None
-        none = np.zeros(len(self.kept)).astype(object)
-        qdot = inverse @ (np.concatenate([u, none]) + s)
-        S_moving, s_moving = self.system(
-            self.posture(moving(q, qdot), moving(t, 1.0), links))
-        qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving)
-                           - rates(S_moving) @ qdot)
-        return JointMotion(qdot, qddot, inverse[:, :self.n], inverse[:, self.n:])
+
+
+class Released(Posture):
+    """
+    A mechanism whose one joint is set free, as constraints see it: columns of its freedoms alone.
+
+    They are the six auxiliary speeds of what the joint carries, along and about the world's axes
+    at the joint's origin.
+    """
+
+    def __init__(self, here: Posture, body: int, origin: Any) -> None:
+        """Free the joint of body number `body`, whose origin is (3,), m."""
+        super().__init__(here.model, here._speeds, here.q, here.t, here._links)
+        self._body, self._origin = body, origin
+        self.width = 6
+
+    def partial_velocities(self, frame: str) -> Any:
+        """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
+        at = self.model.frame(frame)
+        if at.body == WORLD or self._body not in self.model.path(at.body):
+            return np.zeros((6, 6)).astype(object)
+        r = self.pose(frame)[1] - self._origin
+        unit = np.eye(3).astype(object)
+        turned = np.array([cross(axis, r) for axis in unit]).T
+        return np.concatenate([np.concatenate([unit, turned], axis=1),
+                               np.concatenate([0.0 * unit, unit], axis=1)])
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return no change, and the value."""
+        return np.zeros(6), super().coordinate(name, asking)[1]
+
+    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return no change: speeds are of the joints that the mechanism has."""
+        return np.zeros((len(names), 6)), np.zeros(len(names))
+
+
+def _described(constraint: Constraint) -> str | None:
+    """Return a constraint's numbers exactly; None if a function is among them."""
+    words = [type(constraint).__name__]
+    for field in fields(constraint):
+        value = getattr(constraint, field.name)
+        if callable(value):
+            return None
+        words.append(repr(value.tolist() if isinstance(value, np.ndarray) else
+                          sorted(value.items()) if isinstance(value, Mapping) else value))
+    return ' '.join(words)
 
 
 def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:

@@ -18,17 +18,15 @@ from kane_dynamics.model import Frame, WORLD
 import numpy as np
 
 
-def joint_reaction(links: Sequence[Link], body: int, q: Any, u: Any, udot: Any, gravity: Any,
-                   pushes: Sequence[tuple[Frame, Any]]) -> Any:
+def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+                    pushes: Sequence[tuple[Frame, Any]]) -> list[Any]:
     """
-    Return (6,): force, then moment about the joint's origin, from parent on child, world axes.
+    Return (6,) a joint: force, then moment about its origin, from parent on child, world axes.
 
     Parameters
     ----------
     links : sequence of Link
         Whose origins are those of the model's joints (`linkage.linkage`), with full inertials.
-    body : int
-        Number of the child.
     q, u, udot : (n,) arrays of scalars
         Coordinates, speeds and their rates; rad or m, s.
     gravity : (3,) array of scalars
@@ -37,21 +35,25 @@ def joint_reaction(links: Sequence[Link], body: int, q: Any, u: Any, udot: Any, 
         The environment's wrenches, force then moment at the frame's origin, world axes.
 
     """
-    beyond = _outboard(links, body)
     steps = [Step(link, q) for link in links]
     wrenches = _inertia_wrenches(links, steps, u, udot, gravity)
-    for k in reversed(beyond[1:]):
-        wrenches[links[k].parent] = _handed_down(steps[k], wrenches[k], wrenches[links[k].parent])
+    for k in reversed(range(len(links))):
+        if links[k].parent != WORLD:
+            wrenches[links[k].parent] = _handed_down(steps[k], wrenches[k],
+                                                     wrenches[links[k].parent])
     poses = link_poses(links, q)
-    R, origin = poses[body]
-    force, moment = (R @ x for x in wrenches[body])
+    reactions = [np.concatenate([R @ force, R @ moment])
+                 for (R, _), (force, moment) in zip(poses, wrenches)]
     for frame, wrench in pushes:
-        if frame.body in beyond:
-            R_k, p_k = poses[frame.body]
-            r = p_k + R_k @ frame_in_link(links, frame)[1] - origin
-            force = force - wrench[:3]
-            moment = moment - (wrench[3:] + cross(r, wrench[:3]))
-    return np.concatenate([force, moment])
+        k = frame.body
+        if k != WORLD:
+            R, p = poses[k]
+            at = p + R @ frame_in_link(links, frame)[1]
+        while k != WORLD:  # every joint on the way to the world carries less by what is pushed
+            moment = wrench[3:] + cross(at - poses[k][1], wrench[:3])
+            reactions[k] = reactions[k] - np.concatenate([wrench[:3], moment])
+            k = links[k].parent
+    return reactions
 
 
 def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
@@ -89,11 +91,3 @@ def _handed_down(step: Step, wrench: tuple[Any, Any],
     force, moment = step.inward(wrench[0]), step.inward(wrench[1])
     return above[0] + force, above[1] + (moment + cross(step.offset, force))
 
-
-def _outboard(links: Sequence[Link], body: int) -> list[int]:
-    """Return the numbers of a link and of all that it carries, parents first."""
-    found = [body]
-    for k in range(body + 1, len(links)):
-        if links[k].parent in found:
-            found.append(k)
-    return found

@@ -6,7 +6,7 @@ choices here shorten the equations of common mechanisms, and a user's own functi
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError, InputError
@@ -34,6 +34,8 @@ class Speeds:
     key : str
         Tells this choice from every other with the same model, so that compiled code can be
         kept; empty for functions whose content is unknown.
+    definite : bool
+        Whether Y is symmetric and positive definite everywhere, which saves arithmetic.
 
     """
 
@@ -41,6 +43,7 @@ class Speeds:
     Z: Function | None = None
     names: Sequence[str] = ()
     key: str = ''
+    definite: bool = False
 
     def of(self, q: Any, t: Any) -> tuple[Any, Any]:
         """
@@ -136,7 +139,8 @@ def momenta(model: Model) -> Speeds:
     for body in model.bodies:
         rotors[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.armature
     return Speeds(lambda q, t: recursive.mass_matrix(links, q) + np.diag(rotors), None,
-                  tuple(f'{name}/momentum' for name in model.coordinate_names), 'momenta')
+                  tuple(f'{name}/momentum' for name in model.coordinate_names), 'momenta',
+                  definite=True)
 
 
 def chosen(model: Model, choice: Any) -> Speeds:
@@ -165,4 +169,4 @@ def chosen(model: Model, choice: Any) -> Speeds:
     names = tuple(speeds.names) or tuple(f'u{r + 1}' for r in range(model.n))
     if len(names) != model.n or len(set(names)) != len(names):
         raise InputError(f'speeds have the names {list(names)}; expected {model.n} different ones')
-    return Speeds(speeds.Y, speeds.Z, names, speeds.key)
+    return replace(speeds, names=names)

@@ -47,14 +47,14 @@ def structured(model: Model, speeds: Any, constraints: Sequence[Constraint],
 
     """
     everything = Mechanism(model, speeds, constraints)
-    if not everything.constraints and independent is None:
-        return everything
     for constraint in everything.constraints:
         try:
             constraint.rows(everything.posture(np.zeros(model.n)))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
     samples = [_velocity_rows(everything, q) for q in _closed_postures(everything)]
+    if not everything.labels and independent is None:
+        return everything
     ranks = [_rank(C) for C, _ in samples]
     m = max(ranks)
     samples = [sample for sample, rank in zip(samples, ranks) if rank == m]

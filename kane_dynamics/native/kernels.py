@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -16,6 +17,7 @@ from kane_dynamics.native.support import repeat
 import numpy as np
 
 SYMBOL = 'kernel'  # the name of every kernel's own function in its object file
+Reason = Callable[[dict[str, Array]], None]
 MOST_RESULTS = 2**31  # entries of one batch's result: past this a typing error is likelier
 
 
@@ -61,7 +63,7 @@ def _converted(argument: Argument, value: Any) -> Array:
         raise InputError(f'{name} has dtype {array.dtype}; expected numbers of shape {expected}')
     if array.shape != shape and array.shape[1:] != shape:
         raise InputError(f'{name} has shape {array.shape}; expected {expected}')
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return np.asarray(array, dtype=np.float64, order='C')
 
 
 def _require_finite(argument: Argument, array: Array) -> None:
@@ -91,19 +93,25 @@ class Kernel:
         Traces the program when the cache does not hold its code for single states, or for
         batches.
     key : str or None
-        What the program depends on, for the cache; None compiles always.
+        What the program depends on, for the cache; None traces always, and the code itself is
+        the key.
     arguments : sequence of Argument
         In the program's order; those with a default come last.
     parameters : array
         The block that follows the arguments: read at each call, copied for a batch.
     shape : tuple of int
         Of the result for one state.
+    reason : callable, optional
+        Given the arguments of a state whose result is not finite, raises an error that explains
+        it, or returns.
 
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
-                 arguments: Sequence[Argument], parameters: Array, shape: Shape) -> None:
+                 arguments: Sequence[Argument], parameters: Array, shape: Shape,
+                 reason: Reason | None = None) -> None:
         """Compile, or load from the cache."""
+        self._reason = reason
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
         self._defaults = [a.default for a in self.arguments if a.default is not None]
@@ -117,30 +125,33 @@ class Kernel:
         self.address = self.code.address(SYMBOL)
 
     def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
-        def compiled() -> bytes:
-            return llvm.assemble(text())
-        return llvm.Code(compiled() if self._key is None else cache.fetch(
-            cache.key(self.name, self._key, kind), compiled))
+        key = self._key
+        if key is None:
+            key = text()
+            text = partial(str, key)
+        return llvm.Code(cache.fetch(cache.key(self.name, key, kind),
+                                     lambda: llvm.assemble(text())))
 
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape)
 
-    def compile_lanes(self) -> None:
-        """Compile what a batch needs now instead of at the first batch."""
-        driver(width())
-        with self._compiling:
-            if self._lanes is None:
-                code = self._made(f'{width()} lanes',
-                                  lambda: lane_text(self._program(), SYMBOL, width()))
-                self._lanes = code, code.address(SYMBOL)
+    def compile_lanes(self) -> llvm.Address:
+        """Compile what a batch needs now instead of at the first batch; return its address."""
+        lanes = self._lanes
+        if lanes is None:
+            driver(width())
+            with self._compiling:
+                lanes = self._lanes
+                if lanes is None:
+                    code = self._made(f'{width()} lanes',
+                                      lambda: lane_text(self._program(), SYMBOL, width()))
+                    lanes = self._lanes = code, code.address(SYMBOL)
+        return lanes[1]
 
     @property
     def lane_address(self) -> llvm.Address:
         """Address of the kernel for `lanes.width()` states, which compiles at the first use."""
-        if self._lanes is None:
-            self.compile_lanes()
-            assert self._lanes
-        return self._lanes[1]
+        return self.compile_lanes()
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return the fastest way in that this interpreter allows."""
@@ -190,7 +201,7 @@ class Kernel:
             _require_finite(argument, array)
         blocks = [*arrays, self.parameters, result]
         repeat(self.address, [block.ctypes.data for block in blocks], [0] * len(blocks), 1)
-        self._check(result, None)
+        self._check(result, arrays, None)
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
         """Compute many states' results in lanes; native code looks for what is not finite."""
@@ -204,16 +215,20 @@ class Kernel:
             for argument, array in zip(self.arguments, arrays):
                 _require_finite(argument, array)
         if flags & (BAD_INPUT | BAD_RESULT):
-            self._check(result, count)
+            self._check(result, arrays, count)
 
-    def _check(self, result: Array, count: int | None) -> None:
+    def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise where the result is not finite, whatever the arguments: no torque is made up."""
         if np.isfinite(result).all():
             return
-        place = ''
+        place, state = '', list(arrays)
         if count is not None:
-            bad = ~np.isfinite(result).reshape(count, -1).all(axis=1)
-            place = f' of state {int(np.argmax(bad))}'
+            bad = int(np.argmax(~np.isfinite(result).reshape(count, -1).all(axis=1)))
+            place = f' of state {bad}'
+            state = [x[bad] if x.ndim > len(a.shape) else x
+                     for a, x in zip(self.arguments, arrays)]
+        if self._reason is not None:
+            self._reason(dict(zip((a.name for a in self.arguments), state)))
         raise InputError(f'{self.name}: the result{place} is not finite: the numbers are too '
                          'large, or the mass matrix is singular there (a massless moving body)')
 

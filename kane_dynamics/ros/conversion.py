@@ -4,6 +4,7 @@ from array import array
 from collections.abc import Sequence
 
 from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Vector3, Wrench
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion import Motion
 from kane_dynamics.trajectory import Trajectory
@@ -30,6 +31,12 @@ def duration(seconds: float) -> Duration:
 def doubles(values: ArrayLike) -> 'array[float]':
     """Return the array that a float64[] field holds, row by row, with one copy."""
     return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def as_wrench(values: ArrayLike) -> Wrench:
+    """Return six numbers, force then moment, as a message."""
+    fx, fy, fz, mx, my, mz = np.asarray(values, dtype=np.float64).tolist()
+    return Wrench(force=Vector3(x=fx, y=fy, z=fz), torque=Vector3(x=mx, y=my, z=mz))
 
 
 def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | None:

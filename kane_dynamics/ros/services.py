@@ -11,7 +11,7 @@ from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot import Robot
-from kane_dynamics.ros.conversion import doubles, Index, order, vector
+from kane_dynamics.ros.conversion import as_wrench, doubles, Index, order, vector
 from kane_dynamics.ros.requests import Served, Simulation
 from kane_dynamics.ros.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
@@ -197,11 +197,14 @@ def _names(robot: Robot, request: Any) -> list[str]:
 
 
 def inverse_dynamics(served: Served, request: Any, response: Any) -> None:
-    """Answer with the torques of a motion."""
+    """Answer with the torques of a motion, and with what the joints transmit."""
     robot = served.robot
     index, q, u, udot = _state(robot, request, 'position', 'velocity', 'acceleration')
-    response.joint_names = _names(robot, request)
+    names = response.joint_names = _names(robot, request)
     response.effort = doubles(_back(robot.inverse_dynamics(q, u, udot), index))
+    joints = [body.joint.name for body in robot.model.bodies]
+    reactions = robot.joint_reactions(q, u, udot)
+    response.joint_reactions = [as_wrench(reactions[joints.index(name)]) for name in names]
 
 
 def forward_dynamics(served: Served, request: Any, response: Any) -> None:

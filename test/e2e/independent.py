@@ -64,6 +64,19 @@ class Numbers(IdlStruct, typename='std_msgs::msg::dds_::Float64MultiArray_'):
 
 
 @dataclass
+class Vector3(IdlStruct, typename='geometry_msgs::msg::dds_::Vector3_'):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Wrench(IdlStruct, typename='geometry_msgs::msg::dds_::Wrench_'):
+    force: Vector3
+    torque: Vector3
+
+
+@dataclass
 class Request(IdlStruct, typename='kane_dynamics_interfaces::srv::dds_::InverseDynamics_Request_'):
     joint_names: sequence[str]
     position: sequence[float64]
@@ -78,6 +91,7 @@ class Response(IdlStruct,
     message: str
     joint_names: sequence[str]
     effort: sequence[float64]
+    joint_reactions: sequence[Wrench]
 
 
 def first(reader, wanted, act=lambda: None, timeout=20.0):

@@ -66,12 +66,19 @@ def test_bearing_torque():
 
 
 def test_four_bar():
-    closed, torque, pin = printed('four_bar')
+    closed, torque, pin, kept = printed('four_bar')
     angles = np.cumsum(numbers(closed))
     lengths = np.array([0.3, 0.9, 0.7])
     assert lengths @ np.cos(angles) == pytest.approx(1.0, abs=3e-6)
     assert lengths @ np.sin(angles) == pytest.approx(0.0, abs=3e-6)
     assert len(numbers(torque)) == 2 and len(numbers(pin)) == 5
+    assert all(x < 1e-6 for x in numbers(kept)[1:])
+
+
+def test_mobile_manipulator():
+    _, followed, torques = printed('mobile_manipulator')
+    assert numbers(followed)[0] < 2e-2  # what holding torques for 1 ms costs
+    assert numbers(torques)[-1] < 1e-12  # m/s sideways: the wheels roll
 
 
 def test_rolling_disc():

@@ -87,7 +87,7 @@ class Watch:
 @pytest.fixture(scope='module')
 def process():
     process = Process(module=PLANT, robot_description=f"'{URDF}'", publish_clock='true', rate=200,
-                      initial__position=list(START), wrench_frames='[c]', diagnostics_rate=20)
+                      initial__position=list(START), wrench__frames='[c]', diagnostics_rate=20)
     process.wait_for('200 joint states a second')
     yield process
     assert process.end()[0] == 0
@@ -142,7 +142,7 @@ def test_a_push_moves_the_arm_and_one_on_no_frame_of_its_is_refused(plant):
     still = plant.fresh(10)[1]
     np.testing.assert_allclose(still, START, atol=1e-9)
     plant.push('b', (40.0, 0.0, 0.0))
-    plant.process.wait_for("the wrench is on frame 'b'; valid: c (parameter wrench_frames)")
+    plant.process.wait_for("the wrench is on frame 'b'; valid: c (parameter wrench.frames)")
     np.testing.assert_allclose(plant.fresh(5)[1], START, atol=1e-9)
     plant.push('c', (40.0, 0.0, 0.0))  # along the sliding joint
     assert wait_until(lambda: plant.states[-1][1][2] > START[2] + 0.05)

@@ -63,6 +63,10 @@ def test_inverse_dynamics_answers_in_the_order_of_the_request(node, robot):
                        position=mixed(Q), velocity=mixed(U), acceleration=mixed(A))
     assert list(answer.joint_names) == NAMES
     assert close(answer.effort, mixed(expected))
+    for name, wrench in zip(NAMES, answer.joint_reactions, strict=True):
+        parts = [getattr(vector, axis) for vector in (wrench.force, wrench.torque)
+                 for axis in 'xyz']
+        assert close(parts, robot.joint_reaction(name, np.array(Q), np.array(U), np.array(A)))
 
 
 def test_forward_dynamics_equals_the_librarys(node, robot):

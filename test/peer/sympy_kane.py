@@ -30,9 +30,9 @@ class Ours:
         none = np.zeros(len(u))
         return np.array(self.equations.joint_motion(q, u, none, t).qdot, dtype=float)
 
-    def constraint_forces(self, q, u, udot, t=0.0):
+    def constraint_forces(self, q, u, t=0.0):
         return np.array(self.equations.constraint_forces(
-            q, u, udot, None, self.model.gravity, t, np.zeros(self.model.n)), dtype=float)
+            q, u, np.zeros(len(u)), None, self.model.gravity, t), dtype=float)
 
 
 class Peer:
@@ -164,8 +164,7 @@ def agree(ours, peer, states, tolerance=1e-9, forces=None):
                  (ours.bias_force(q, u), theirs['bias']), (udot, theirs['udot']),
                  (ours.qdot(q, u), theirs['qdot'])]
         if forces is not None:
-            got = ours.constraint_forces(q, u, np.array(udot, dtype=float))
-            pairs.append((got[list(forces)], theirs['forces']))
+            pairs.append((ours.constraint_forces(q, u)[list(forces)], theirs['forces']))
         for got, expected in pairs:
             np.testing.assert_allclose(np.array(got, dtype=float), expected, rtol=tolerance,
                                        atol=tolerance * max(1.0, np.abs(expected).max()))

@@ -8,7 +8,7 @@ import threading
 import time
 
 from kane_dynamics import InputError, Robot
-from kane_dynamics.kernel_set import FRAME_QUANTITIES, QUANTITIES
+from kane_dynamics.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes
 from kane_dynamics.native import lanes, llvm, threads
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
@@ -55,7 +55,7 @@ def test_a_batch_is_its_states_one_by_one(robot, name, count):
         result = getattr(robot, name)(*state)
         return np.stack(result, axis=-3) if isinstance(result, tuple) else result
     single = [method(*np.ascontiguousarray(row)) for row in given.transpose(1, 0, 2)]
-    shape = QUANTITIES[name].shape(5, len(robot.model.bodies))
+    shape = QUANTITIES[name].shape(Sizes(5, 5, len(robot.model.bodies), 0))
     close(method(*given), np.array(single).reshape(count, *shape))
 
 

@@ -15,7 +15,7 @@ Q = np.sin(T[:, None] * [1.0, 2.0, 3.0])
 TERMS = np.stack([Q, -0.5 * Q, 1.0 + 0.0 * Q, 0.2 * Q, 0.0 * Q], axis=1)
 RUNS = {'PD only': (T, Q, Q + 0.02), 'PD + feedforward': (T[::2], Q[::2], Q[::2] - 0.0005)}
 TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T], axis=1),
-                             joint_names=NAMES)
+                             joint_names=NAMES, speed_names=NAMES)
 DRAWINGS = {
     'trajectory': lambda path: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
     'tracking': lambda path: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},

@@ -19,7 +19,7 @@ TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
 # What a file says about its own arm; everything else stands there with its default.
 OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
-       'wrench_frames', 'compensate.gravity', 'limits.rate'}
+       'wrench.frames', 'compensate.gravity', 'limits.rate'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 

@@ -233,7 +233,7 @@ def test_the_same_seed_gives_the_same_noise_and_losses_and_a_reset_begins_them_a
 
 
 def test_a_push_ends_by_itself_and_reset_takes_it_away():
-    pushed = plant(wrench_frames=['tip'], wrench_timeout=0.01)
+    pushed = plant(wrench__frames=['tip'], wrench__timeout=0.01)
     pushed.push('tip', np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
     run(pushed, 5)
     assert list(pushed.arm.wrenches) == ['tip']
@@ -275,7 +275,7 @@ def test_without_an_initial_position_it_starts_at_zero_or_at_the_limit_next_to_i
     (r"'dropout.states' is 1.5; valid: a number, at least 0, at most 1", {'dropout__states': 1.5}),
     (r"'after_timeout' is 'float'; valid: one of zero, hold", {'after_timeout': 'float'}),
     (r'payload.frame', {'payload__mass': 1.0}),
-    (r"no frame 'hand'; valid: base_link", {'wrench_frames': ['hand']}),
+    (r"no frame 'hand'; valid: base_link", {'wrench__frames': ['hand']}),
 ])
 def test_what_does_not_fit_is_refused_by_name(words, changes):
     with pytest.raises(InputError, match=words):
@@ -288,7 +288,7 @@ def test_what_does_not_fit_is_refused_by_name(words, changes):
     ('tip', np.full(6, 1e300), 'at most 1e'),
 ])
 def test_a_push_that_cannot_be_is_refused(frame, wrench, words):
-    pushed = plant(wrench_frames=['tip'])
+    pushed = plant(wrench__frames=['tip'])
     with pytest.raises(InputError, match=words):
         pushed.push(frame, wrench)
     assert not pushed.arm.wrenches

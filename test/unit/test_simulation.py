@@ -27,9 +27,13 @@ def pendulum(**joint):
 def test_native_steps_are_the_readable_integrators_steps(robot):
     h, steps = 1e-3, 50
     tau = np.array([1.0, -2.0, 0.5, 3.0])
-    q, u = Q0, U0
+    x = np.concatenate([Q0, U0])
+
+    def rates(x, tau):
+        return np.concatenate([x[4:], robot.forward_dynamics(x[:4], x[4:], tau)])
     for _ in range(steps):
-        q, u = runge_kutta_4(lambda q, u, t: robot.forward_dynamics(q, u, t), q, u, [tau] * 3, h)
+        x = runge_kutta_4(rates, x, [tau] * 3, h)
+    q, u = x[:4], x[4:]
     run = simulate(robot, Q0, U0, steps * h, step=h, torque=tau)
     np.testing.assert_allclose(run.q[-1], q, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], u, rtol=1e-12, atol=1e-12)

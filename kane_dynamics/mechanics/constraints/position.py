@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.rows import across, coordinate_row, Geometry, Rows, unit
+from kane_dynamics.mechanics.constraints.rows import across, Geometry, Rows, unit
 from kane_dynamics.mechanics.dual import moving, rates
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import freeze
@@ -45,10 +45,11 @@ class Coupling:
 
     def rows(self, here: Geometry) -> Rows:
         """Return the row."""
-        row = coordinate_row(here.model, self.joint, self.name)
+        row, gap = here.coordinate(self.joint, self.name)
         for joint, ratio in self.ratios.items():
-            row = row - float(ratio) * coordinate_row(here.model, joint, self.name)
-        return Rows(row[None, :], np.zeros(1), (row @ here.q - self.offset,))
+            of_other, value = here.coordinate(joint, self.name)
+            row, gap = row - float(ratio) * of_other, gap - float(ratio) * value
+        return Rows(row[None, :], np.zeros(1), (gap - self.offset,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +143,6 @@ class Prescribed:
 
     def rows(self, here: Geometry) -> Rows:
         """Return the row: the joint's rate is the function's."""
-        row = coordinate_row(here.model, self.joint, self.name)
-        wanted = self.position(here.t)
+        row, value = here.coordinate(self.joint, self.name)
         speed = rates(np.array([self.position(moving(here.t, 1.0))], dtype=object))
-        return Rows(row[None, :], speed, (row @ here.q - wanted,))
+        return Rows(row[None, :], speed, (value - self.position(here.t),))

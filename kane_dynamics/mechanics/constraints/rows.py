@@ -6,14 +6,13 @@ from typing import Any, Protocol
 
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.vector import cross
-from kane_dynamics.model import Array, constant, Model
+from kane_dynamics.model import Array, constant
 import numpy as np
 
 
 class Geometry(Protocol):
     """What a constraint asks of a mechanism at one posture and time."""
 
-    model: Model
     q: Any
     t: Any
 
@@ -22,6 +21,9 @@ class Geometry(Protocol):
 
     def partial_velocities(self, frame: str) -> Any:
         """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return a coordinate's row, (n_q,), and its value; `asking` is the constraint's name."""
 
     def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
         """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
@@ -77,11 +79,3 @@ def relative_partials(here: Geometry, frame: str, seen_from: str | None) -> Any:
     r = here.pose(frame)[1] - here.pose(seen_from)[1]
     carried = np.array([cross(column, r) for column in K[3:].T]).T
     return np.concatenate([J[:3] - K[:3] - carried, J[3:] - K[3:]])
-
-
-def coordinate_row(model: Model, joint: str, name: str) -> Any:
-    """Return the row that picks a coordinate; ConstraintError lists the valid names."""
-    if joint not in model.coordinate_names:
-        valid = ', '.join(model.coordinate_names)
-        raise ConstraintError(f"constraint '{name}': no coordinate '{joint}'; valid: {valid}")
-    return np.eye(model.n)[model.coordinate_names.index(joint)]

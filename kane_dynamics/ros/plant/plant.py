@@ -62,7 +62,7 @@ class Plant:
         self.robot, self._values = robot, values
         self.period: float = NANO / values['rate']  # ns
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
-                                values['wrench_frames'])
+                                values['wrench.frames'])
         self.states: Channel[Measurement] = Channel()
         self.commands: Channel[Array] = Channel()
         self.timeouts = self.ticks = 0
@@ -147,12 +147,12 @@ class Plant:
 
     def push(self, frame: str, wrench: Array) -> None:
         """
-        Push on a frame for the time of wrench_timeout, or until the next push on it.
+        Push on a frame for the time of wrench.timeout, or until the next push on it.
 
         Parameters
         ----------
         frame : str
-            One of parameter wrench_frames.
+            One of parameter wrench.frames.
         wrench : (6,) array
             Force, then moment at the frame's origin, in the frame's axes, N and N m, of the
             environment on the arm.
@@ -166,12 +166,12 @@ class Plant:
         if frame not in self.arm.wrench_frames:
             raise InputError(f"the wrench is on frame '{frame}'; valid: "
                              f'{", ".join(self.arm.wrench_frames) or "none"} (parameter '
-                             'wrench_frames)')
+                             'wrench.frames)')
         if not (np.abs(wrench) <= LARGEST_WRENCH).all():
             raise InputError(f'the wrench is {wrench.tolist()}; valid: finite numbers, at most '
                              f'{LARGEST_WRENCH:g} N or N m')
         self.arm.wrenches[frame] = wrench
-        self._pushed_until[frame] = self.time + round(self._values['wrench_timeout'] * NANO)
+        self._pushed_until[frame] = self.time + round(self._values['wrench.timeout'] * NANO)
 
     def tick(self, stamp: int) -> Iterator[Measurement]:
         """

@@ -1,0 +1,269 @@
+"""Robots with chosen speeds and constraints, compiled: laws that their numbers obey."""
+
+from functools import cache
+
+from kane_dynamics import (absolute_rates, Closure, ConstraintError, Coupling, InputError,
+                           knife_edge, ModelBuilder, momenta, PointVelocity, Prescribed, Robot,
+                           rod, simulate, Speeds, Trajectory)
+from kane_dynamics.mechanics import kinematics
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+LOOP = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
+
+
+def four_bar_model():
+    """Return crank, coupler and rocker, with the frames that close the loop."""
+    b = ModelBuilder('four-bar')
+    carrier, joint = 'world', (0, 0, 0)
+    for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
+        end = (length, 0, 0)
+        b.body(name, carrier, axis=(0, -1, 0), at=joint, matter=rod(2 * length, (0, 0, 0), end))
+        carrier, joint = name, end
+    b.frame('end', 'rocker', at=joint)
+    b.frame('ground', 'world', at=(1, 0, 0))
+    return b.model()
+
+
+@cache
+def four_bar():
+    """Return the linkage with its crank as the independent speed."""
+    return Robot(four_bar_model(), constraints=[LOOP], independent=['crank'])
+
+
+def crank_at(angle):
+    """Return the closed posture at a crank angle."""
+    return four_bar().closed_posture((angle, 0.0, -1.5), fixed=['crank'])
+
+
+@cache
+def chain(kind, passive=True):
+    """Return a spatial chain of five joints under a choice of speeds or a constraint."""
+    model = random_model(5, 5, branching=0.0, prismatic=0.2, passive=passive)
+    tip = model.frames[-1].name
+    rheonomic = Speeds(lambda q, t: np.diag([2.0 + np.sin(x + t) for x in q]),
+                       lambda q, t: np.array([np.cos(t) * x for x in q]))
+    return Robot(model, wrench_frames=(tip,), payload_frame=tip, **{
+        'absolute': {'speeds': absolute_rates}, 'momenta': {'speeds': momenta},
+        'rheonomic': {'speeds': rheonomic},
+        'knife edge': {'constraints': [knife_edge(tip, (0, 1, 0))]},
+        'coupling': {'constraints': [Coupling('joint3', {'joint1': -2.0}, 0.1)]},
+        'prescribed': {'constraints': [Prescribed('joint1', lambda t: 0.3 * np.sin(2.0 * t))]},
+        'a point in time': {'constraints': [PointVelocity(tip, (1, 0, 1),
+                                                          value=lambda t: np.sin(2.0 * t))]},
+    }[kind])
+
+
+KINDS = ('absolute', 'momenta', 'rheonomic', 'knife edge', 'coupling', 'prescribed',
+         'a point in time')
+T = 0.4  # s
+
+
+def state(robot, seed=0):
+    """Return a state of moderate numbers."""
+    rng = np.random.default_rng(seed)
+    return (rng.uniform(-0.8, 0.8, robot.n_q), rng.uniform(-1.0, 1.0, robot.n),
+            rng.uniform(-1.0, 1.0, robot.n))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_kernels_are_kanes_definition(kind):
+    assert chain(kind).verify(3) < 1e-9
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_quantities_agree_with_each_other(kind):
+    robot = chain(kind, passive=False)
+    q, u, udot = state(robot)
+    push = np.linspace(-1.0, 1.0, 6)[None]
+    tau = robot.inverse_dynamics(q, u, udot, wrench=push, t=T)
+    M, bias = robot.mass_matrix(q, t=T), robot.bias_force(q, u, t=T)
+    external = robot.external_force(q, wrench=push, t=T)
+    near = {'rtol': 1e-9, 'atol': 1e-9 * (1.0 + np.abs(tau).max())}
+    np.testing.assert_allclose(M @ udot + bias - external, tau, **near)
+    np.testing.assert_allclose(M @ robot.inverse_mass_matrix(q, t=T), np.eye(robot.n), atol=1e-9)
+    np.testing.assert_allclose(robot.forward_dynamics(q, u, tau, wrench=push, t=T), udot,
+                               rtol=1e-8, atol=1e-8)
+    explained = robot.explain(q, u, udot, wrench=push, t=T)
+    np.testing.assert_allclose(explained.torque, tau, **near)
+    rigid = explained.by_source[:3].sum(axis=0)
+    np.testing.assert_allclose(explained.by_body.sum(axis=0), rigid, **near)
+    np.testing.assert_allclose(robot.regressor(q, u, udot, t=T) @ robot.inertial_parameters,
+                               rigid, **near)
+    # Joint torques amount to tau: power at equal speeds is the same.
+    at_rest = robot.joint_rates(q, np.zeros(robot.n), t=T)
+    moved = robot.joint_rates(q, u, t=T) - at_rest
+    assert robot.joint_torques(tau, q, t=T) @ moved == pytest.approx(tau @ u, rel=1e-9)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_frames_move_as_their_partial_velocities_say(kind):
+    robot, h = chain(kind), 1e-6
+    tip = robot.model.frames[-1].name
+    q, u, udot = state(robot, 1)
+    rest = robot.frame_velocity(tip, q, np.zeros(robot.n), t=T)
+    J = robot.partial_velocities(tip, q, t=T)
+    np.testing.assert_allclose(J @ u + rest, robot.frame_velocity(tip, q, u, t=T), atol=1e-10)
+    rate = robot.joint_rates(q, u, t=T)
+    after, before = ({'q': q + s * h * rate, 't': T + s * h} for s in (1.0, -1.0))
+    np.testing.assert_allclose(
+        robot.partial_velocity_rates(tip, q, u, t=T),
+        (robot.partial_velocities(tip, **after) - robot.partial_velocities(tip, **before))
+        / (2 * h), atol=1e-6 * (1.0 + np.abs(J).max()))
+    np.testing.assert_allclose(
+        robot.frame_acceleration(tip, q, u, udot, t=T),
+        (robot.frame_velocity(tip, u=u + h * udot, **after)
+         - robot.frame_velocity(tip, u=u - h * udot, **before)) / (2 * h),
+        rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_batch_answers_as_its_states(kind):
+    robot = chain(kind)
+    states = [state(robot, seed) for seed in range(5)]
+    q, u, udot = (np.array(x) for x in zip(*states))
+    t = np.linspace(0.0, 1.0, 5)
+    batch = robot.inverse_dynamics(q, u, udot, t=t)
+    for k in range(5):
+        np.testing.assert_allclose(batch[k], robot.inverse_dynamics(q[k], u[k], udot[k], t=t[k]),
+                                   rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(robot.mass_matrix(q, t=0.3)[2], robot.mass_matrix(q[2], t=0.3),
+                               rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize('kind', ['rheonomic', 'knife edge'])
+def test_a_workspace_answers_as_the_robot(kind):
+    robot = chain(kind)
+    workspace = robot.bind()
+    for array, value in zip((workspace.q, workspace.u, workspace.tau), state(robot, 2)):
+        array[:] = value
+    if kind == 'rheonomic':
+        workspace.t[...] = T
+    np.testing.assert_array_equal(workspace.forward_dynamics(),
+                                  robot.forward_dynamics(*state(robot, 2), t=T))
+
+
+@pytest.mark.parametrize('kind', ['knife edge', 'coupling', 'prescribed', 'a point in time'])
+def test_joints_carry_what_constraints_exert(kind):
+    robot = chain(kind, passive=False)
+    q, u, udot = state(robot, 3)
+    tau = robot.inverse_dynamics(q, u, udot, t=T)
+    tree = Robot(robot.model)
+    rate = robot.joint_rates(q, u, t=T)
+    h = 1e-6
+    acceleration = (robot.joint_rates(q + h * rate, u + h * udot, t=T + h)
+                    - robot.joint_rates(q - h * rate, u - h * udot, t=T - h)) / (2 * h)
+    needed = tree.inverse_dynamics(q, rate, acceleration)
+    forces = robot.constraint_forces(q, u, tau, t=T)
+    here = robot.mechanism.posture(q, T)
+    J = np.array(robot.mechanism.rows(here).J, dtype=float)
+    supplied = robot.joint_torques(tau, q, t=T) + J.T @ forces
+    np.testing.assert_allclose(supplied, needed, atol=1e-5 * (1.0 + np.abs(needed).max()))
+    together = robot.joint_reactions(q, u, udot, t=T)
+    for k, body in enumerate(robot.model.bodies):
+        axis = kinematics.configurations(robot.model, q)[k].axis
+        reaction = robot.joint_reaction(body.joint.name, q, u, udot, t=T)
+        np.testing.assert_allclose(together[k], reaction, rtol=1e-9, atol=1e-9)
+        along = (reaction[3:] if body.joint.kind == 'revolute' else reaction[:3]) @ axis
+        # What a coupling or a drive exerts, it exerts at the joint itself.
+        own = kind in ('coupling', 'prescribed')
+        expected = (robot.joint_torques(tau, q, t=T) + own * (J.T @ forces))[k]
+        assert along == pytest.approx(expected, rel=1e-7, abs=1e-8 * (1.0 + np.abs(needed).max()))
+
+
+def test_pins_of_a_loop_pass_on_the_force_of_its_closure():
+    robot, u = four_bar(), np.array([5.0])
+    q = crank_at(0.8)
+    tau = robot.inverse_dynamics(q, u, np.zeros(1))
+    pin = dict(zip(robot.constraint_names, robot.constraint_forces(q, u, tau)))
+    rocker = robot.joint_reaction('rocker', q, u, np.zeros(1))
+    # Newton for the rocker alone: from the coupler's pin and the ground's to its acceleration.
+    com = robot.model.bodies[2].inertial.com
+    h, mass = 1e-5, robot.model.bodies[2].inertial.mass
+
+    def place(angle):
+        T_rocker = robot.frame_pose('rocker', crank_at(angle))
+        return T_rocker[:3, :3] @ com + T_rocker[:3, 3]
+    acceleration = (place(0.8 + 5 * h) - 2 * place(0.8) + place(0.8 - 5 * h)) / h**2
+    push = np.array([pin['pin/x'], pin['pin/y'], pin['pin/z']])
+    # The closure moves its second frame, in the ground, against the first.
+    np.testing.assert_allclose(rocker[:3] - push,
+                               mass * (acceleration - robot.model.gravity), atol=1e-3)
+    assert np.abs(rocker[3:]).max() < 1e-9  # a pin without a motor turns freely
+
+
+def test_actuators_share_a_load_with_the_least_sum_of_squares():
+    robot = Robot(four_bar_model(), constraints=[LOOP], independent=['crank'],
+                  actuated=['crank', 'rocker'])
+    q, tau = crank_at(1.1), np.array([2.0])
+    torques = robot.joint_torques(tau, q)
+    rates = robot.joint_rates(q, np.ones(1))
+    assert torques[1] == 0.0
+    assert torques @ rates == pytest.approx(2.0)
+    np.testing.assert_allclose(torques[[0, 2]], 2.0 * rates[[0, 2]] / (rates[[0, 2]] ** 2).sum())
+
+
+def test_a_loop_stays_closed_and_keeps_its_energy_at_the_integrators_order():
+    robot, errors = four_bar(), []
+    for step in (8e-3, 4e-3, 2e-3):
+        run = simulate(robot, crank_at(0.8), [5.0], 4.0, step=step)
+        energy = run.energy.sum(axis=1)
+        errors.append(np.abs(energy - energy[0]).max())
+        assert run.drift < 1e-10
+    assert errors[0] / errors[1] > 12.0 and errors[1] / errors[2] > 12.0
+
+
+def test_many_mechanisms_move_as_each_alone():
+    robot = four_bar()
+    q0 = np.array([crank_at(angle) for angle in (0.3, 0.8, 1.4)])
+    u0 = np.array([[1.0], [-2.0], [4.0]])
+    together = simulate(robot, q0, u0, 0.1)
+    for k in range(3):
+        alone = simulate(robot, q0[k], u0[k], 0.1)
+        np.testing.assert_allclose(together.state(k).q, alone.q, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(together.state(k).constraint_forces, alone.constraint_forces,
+                                   rtol=1e-8, atol=1e-8)
+
+
+def test_a_prescribed_joint_moves_as_prescribed():
+    robot = chain('prescribed')
+    run = simulate(robot, robot.closed_posture(np.full(5, 0.1)), np.zeros(4), 0.5)
+    at = robot.joint_names.index('joint1')
+    np.testing.assert_allclose(run.q[:, at], 0.3 * np.sin(2.0 * run.t), atol=1e-10)
+    assert run.constraint_forces.shape == (501, 1)
+
+
+def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
+    run = simulate(four_bar(), crank_at(0.8), [5.0], 0.01)
+    run.save_npz(tmp_path / 'run.npz')
+    again = Trajectory.load_npz(tmp_path / 'run.npz')
+    for name in ('q', 'u', 'constraint_forces', 'constraint_gap'):
+        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+    assert (again.speed_names, again.constraint_names) == (('crank',), run.constraint_names)
+    run.save_csv(tmp_path / 'run.csv')
+    header = (tmp_path / 'run.csv').read_text().splitlines()[0].split(',')
+    assert {'q.rocker', 'u.crank', 'tau.crank', 'constraint_force.pin/x'} <= set(header)
+
+
+def test_misuse_is_told_by_name():
+    model = four_bar_model()
+    with pytest.raises(InputError, match=r"misses 'pin/.' by .*closed_posture"):
+        simulate(four_bar(), [0.8, 0.0, -1.5], [5.0], 0.1)
+    with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
+        four_bar().inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))
+    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' of this robot; valid: inv"):
+        four_bar().coriolis_matrix(np.zeros(3), np.ones(1))
+    with pytest.raises(ConstraintError, match=r'no joint .motor.; valid: crank, coupler, rocker'):
+        Robot(model, constraints=[LOOP], actuated=['motor'])
+    with pytest.raises(ConstraintError, match='actuated names 2 joints; 3 independent speeds'):
+        Robot(model, actuated=['crank', 'rocker'])
+    with pytest.raises(InputError, match=r'constraint_forces is of robots with'):
+        Robot(model).constraint_forces(np.zeros(3), np.zeros(3), np.zeros(3))
+    with pytest.raises(InputError, match='q is missing'):
+        four_bar().joint_torques(np.ones(1))
+    wrong = Speeds(lambda q, t: np.eye(2))
+    with pytest.raises(ConstraintError, match=r'Y\(q, t\) returns shape \(2, 2\)'):
+        Robot(model, speeds=wrong)
+    with pytest.raises(ConstraintError, match='Y is singular at'):
+        Robot(model, speeds=Speeds(lambda q, t: np.zeros((3, 3))))

@@ -1,0 +1,175 @@
+"""The energy road, in both its forms, against Kane's under chosen speeds and constraints."""
+
+from dataclasses import replace
+from functools import cache
+
+from constrained_trees import (KINDS, linkage_of_four_bars, rolling_disc, states, T,
+                               tree, tree_constraints, wavy)
+from kane_dynamics import ConstraintError
+from kane_dynamics.mechanics import kane, nonholonomic
+from kane_dynamics.mechanics.admissible import admissible
+from kane_dynamics.mechanics.constraints import Closure, Rolling
+from kane_dynamics.mechanics.energy import poses
+from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
+from kane_dynamics.mechanics.mechanism import Mechanism
+from kane_dynamics.mechanics.speeds import body_angular_velocity, momenta, Speeds
+from kane_dynamics.mechanics.structure import structured
+from kane_dynamics.mechanics.vector_variations import VectorVariations
+from kane_dynamics.model import Frame, WORLD
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+FORMS = {'Passerello and Huston': PasserelloHuston(), 'vector variations': VectorVariations()}
+SCLERONOMIC = ('a point in the world', 'a point seen from a body', 'a knife edge', 'a coupling')
+
+
+def close(value, expected, size=None):
+    """Hold two arrays to 1e-9 of the size, by default of the second's."""
+    size = 1.0 + np.abs(expected).max() if size is None else size
+    np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-9 * size)
+
+
+def check_motion(mechanism, q, u, udot):
+    """Hold W, X, A, B, q' and q'' to those from partial velocities; return the motion."""
+    motion = admissible(mechanism, q, u, udot, T)
+    of_kane = nonholonomic.reduction(mechanism, q, T)
+    for name in 'WXAB':
+        value = getattr(of_kane, name)
+        close(getattr(motion, name), value, 1.0 + np.abs(value).max(initial=0.0))
+    qdot, qddot = nonholonomic.joint_motion(mechanism, q, u, udot, T)
+    close(motion.qdot, qdot)
+    close(motion.qddot, qddot, 1.0 + np.abs(qdot).max() ** 2 + np.abs(qddot).max())
+    return motion
+
+
+class OfKane:
+    """A state's forces by Kane's definition, with pushes at the last frame."""
+
+    def __init__(self, mechanism, q, u, udot):
+        """Find tau, M, joint torques that make up tau, and the force that each row exerts."""
+        model = mechanism.model
+        self.wrenches = {model.frames[-1].name: (np.array([3.0, -2.0, 1.0]),
+                                                 np.array([0.5, 1.0, -1.5]))}
+        self.tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, T,
+                                                 wrenches=self.wrenches)
+        motion = mechanism.joint_motion(q, u, udot, T)
+        P, self.N = motion.T.astype(float), motion.N.astype(float)
+        self.M = P.T @ kane.mass_matrix(model, q) @ P
+        held = kane.inverse_dynamics(model, q, motion.qdot.astype(float),
+                                     motion.qddot.astype(float), wrenches=self.wrenches)
+        self.torques = np.array(mechanism.speeds.of(q, T)[0],
+                                dtype=float)[mechanism.free].T @ self.tau
+        self.constraint_forces = self.N.T @ (held - self.torques)
+        # Bias and tau cancel in forward dynamics: where M^-1 times their rounding exceeds 1e-9.
+        self.rounding = 1e-5 * np.abs(self.tau).max() * np.linalg.norm(np.linalg.inv(self.M), 2)
+        self.size = 1.0 + np.abs(held).max() + np.abs(self.torques).max()
+
+
+def check(mechanism, seed):
+    """
+    Hold both forms to Kane's definition at one state.
+
+    Return the power of the constraints by each, and the size to which it is exact.
+    """
+    q, u, udot = states(mechanism, seed)
+    motion, kanes, powers = check_motion(mechanism, q, u, udot), OfKane(mechanism, q, u, udot), []
+    speed = 1.0 + np.abs(motion.qdot).max()
+    for form in FORMS.values():
+        road = EnergyRoad(mechanism, form)
+        close(road.inverse_dynamics(q, u, udot, T, wrenches=kanes.wrenches), kanes.tau)
+        close(road.forward_dynamics(q, u, kanes.tau, T, wrenches=kanes.wrenches), udot,
+              1.0 + np.abs(udot).max() + kanes.rounding)
+        on_joints = road.joint_constraint_force(q, u, kanes.torques, T, wrenches=kanes.wrenches)
+        close(motion.variations.T @ on_joints, 0.0, kanes.size)  # no work in virtual motions
+        close(kanes.N.T @ on_joints, kanes.constraint_forces, kanes.size)
+        powers.append(on_joints @ motion.qdot)
+        close(powers[-1], kanes.constraint_forces @ motion.b, kanes.size * speed)
+    return np.abs(powers), kanes.size * speed
+
+
+@pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
+@pytest.mark.parametrize('kind', KINDS)
+def test_energy_road_is_kanes_on_trees(kind, speeds):
+    powers, size = check(tree(1, kind, speeds), 1)
+    if kind in SCLERONOMIC:  # constraints at rest do no work
+        assert powers.max() < 1e-9 * size
+    if kind == 'a prescribed joint':  # one that moves does
+        assert powers.min() > 1e-6 * size
+
+
+@pytest.mark.parametrize('joined', ['revolute', 'spherical'])
+def test_energy_road_is_kanes_on_a_closed_loop(joined):
+    mechanism = structured(linkage_of_four_bars(), wavy(3, 2), (
+        Closure('pin_coupler', 'pin_rocker', joined, axis=(0, 1, 0)),))
+    powers, size = check(mechanism, 1)
+    assert powers.max() < 1e-9 * size
+
+
+def test_energy_road_is_kanes_on_a_welded_spatial_loop():
+    model = random_model(4, 7, branching=0.0, prismatic=0.0)
+    T_tip = poses(model, np.linspace(0.2, 0.8, 7))[-1]
+    model = replace(model, frames=(*model.frames, Frame('tip', 6),
+                                   Frame('socket', WORLD, T_tip[:3, :3], T_tip[:3, 3])))
+    mechanism = structured(model, momenta, (Closure('tip', 'socket'),))
+    assert mechanism.n == 1  # six rows, all of them independent
+    powers, size = check(mechanism, 1)
+    assert powers.max() < 1e-9 * size
+
+
+@pytest.mark.parametrize('speeds', [None, body_angular_velocity('disc')])
+def test_energy_road_is_kanes_on_a_rolling_disc(speeds):
+    mechanism = structured(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
+    powers, size = check(mechanism, 2)
+    assert powers.max() < 1e-9 * size
+
+
+@cache
+def branched():
+    """Return a branched tree with mimic joints, wavy speeds and two constraints."""
+    model = random_model(8, 6, branching=0.5, mimics=2)
+    kinds = tree_constraints(model.frames[-1].name, model.frames[2].name)
+    return structured(model, wavy(6, 3), (kinds['a point seen from a body'],
+                                          kinds['a prescribed joint']))
+
+
+def test_energy_road_is_kanes_on_a_branched_tree_with_mimics_and_two_constraints():
+    assert branched().n == 4
+    check(branched(), 5)
+
+
+def test_mass_matrix_and_constraint_forces_are_kanes():
+    mechanism, (q, u, udot) = branched(), states(branched(), 5)
+    kanes = OfKane(mechanism, q, u, udot)
+    for form in FORMS.values():
+        road = EnergyRoad(mechanism, form)
+        close(road.mass_matrix(q, T), kanes.M)
+        close(road.constraint_forces(q, u, kanes.torques, T, wrenches=kanes.wrenches)[
+            mechanism.kept], kanes.constraint_forces, kanes.size)
+
+
+def test_friction_is_left_out_on_request():
+    mechanism, state = branched(), states(branched(), 6)
+    expected = nonholonomic.inverse_dynamics(mechanism, *state, T, friction=False)
+    for form in FORMS.values():
+        close(EnergyRoad(mechanism, form, friction=False).inverse_dynamics(*state, T), expected)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_each_term_may_be_varied_in_any_frame(seed):
+    mechanism, state = branched(), states(branched(), seed)
+    count = len(mechanism.model.bodies)
+    frames = np.random.default_rng(seed).integers(WORLD, count, (2, count))
+    expected = EnergyRoad(mechanism, VectorVariations()).inverse_dynamics(*state, T)
+    close(EnergyRoad(mechanism, VectorVariations(*frames)).inverse_dynamics(*state, T), expected)
+
+
+def test_singular_speeds_and_constraints_are_named():
+    model = random_model(3, 2, branching=0.0)
+    flat = Speeds(lambda q, t: np.array([[q[0], 0.0], [0.0, 1.0]]), names=('slow', 'fast'))
+    with pytest.raises(ConstraintError, match='speeds slow, fast are singular at q'):
+        admissible(Mechanism(model, flat), np.array([0.0, 0.5]), np.ones(2), np.ones(2))
+    coupling = tree_constraints('', '')['a prescribed joint']
+    rates = Mechanism(model, None, (coupling,), free=[1], kept=[0])
+    with pytest.raises(ConstraintError, match='prescribed joint1 on the speeds joint0 are'):
+        admissible(rates, np.zeros(2), np.ones(1), np.ones(1))
