@@ -98,6 +98,12 @@ class Arm:
         """Return the node's clock, ns; the system's own is the same where none is simulated."""
         return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
 
+    def clock_jumped(self) -> None:
+        """Take notice that the node's clock was set back, or that it is another one now."""
+        self._simulated_time = bool(self._clock.ros_time_is_active)
+        if self.path.running:
+            self.path.clock_jumped()
+
     @property
     def sources(self) -> int:
         """Return how many publish joint states: more than one is one too many."""
@@ -131,7 +137,6 @@ class Arm:
         """Use checked parameters from the next cycle and the next request on."""
         turned = (values['gravity'] != self.values['gravity']).any()
         self.values = values
-        self._simulated_time = bool(self._clock.ros_time_is_active)
         self.path.set_timeout(values['state_timeout'])
         self.path.controller.update(**controller_settings(values, self.robot.joint_names))
         self._change(**({'gravity': values['gravity']} if turned else {}))

@@ -20,11 +20,14 @@ from kane_dynamics.ros.specs import SPECS
 from kane_dynamics.ros.throttle import ThrottledWarning
 from kane_dynamics.ros.trajectories import read_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
+BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
+                     on_clock_change=False)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -51,6 +54,11 @@ class DynamicsNode(LifecycleNode):
         self._reported = time.monotonic()
         self._sources = 1  # publishers of joint states at the last report
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._simulated_time = bool(self.get_clock().ros_time_is_active)
+        self._jumps = self.get_clock().create_jump_callback(
+            BACK, post_callback=self._on_jump)  # lasts as long as it is kept
+        self.clock_remark = ''
+        self._reported_time = 0  # on the node's clock, ns, at the last report
         self._timers_of_rate: list[Any] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   QoSProfile(depth=1))
@@ -181,6 +189,8 @@ class DynamicsNode(LifecycleNode):
             message = read_trajectory(data, limit)
             motion = motion_from_message(message, arm.robot.joint_names, limit)
             now = self.get_clock().now().nanoseconds
+            if now == 0:
+                raise InputError('use_sim_time is set, and nothing has come on /clock')
             start = nanoseconds(message.header.stamp) or now
             if start + motion.duration * NANO < now and start != now:
                 raise InputError(f'it ended {(now - start) / NANO - motion.duration:.3f} s ago')
@@ -208,26 +218,38 @@ class DynamicsNode(LifecycleNode):
 
     def _apply_parameters(self, before: Mapping[str, Any]) -> None:
         """Apply what was checked; between two cycles, since both run in the main thread."""
-        if before['diagnostics_rate'] != self.values['diagnostics_rate'] or (
-                before['state_timeout'] != self.values['state_timeout']):
+        simulated = bool(self.get_clock().ros_time_is_active)
+        exchanged, self._simulated_time = simulated != self._simulated_time, simulated
+        if exchanged or any(before[name] != self.values[name]
+                            for name in ('diagnostics_rate', 'state_timeout')):
             self._set_timers()
         if self.arm is not None:
             self.arm.update(self.values)
+            if exchanged:
+                self.arm.clock_jumped()
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        """Take notice of a clock that was set back as soon as that is known."""
+        if self.arm is not None:
+            self.arm.clock_jumped()
 
     def _set_timers(self) -> None:
         """
-        Start watchdog and diagnostics, on steady time: a paused clock stops neither.
+        Start watchdog and diagnostics.
 
-        The diagnostics run in the services' thread: a report takes longer than a cycle may wait.
+        The watchdog looks at simulated time where that is used, however fast it goes: while it
+        stands, nothing grows older. Else it runs on steady time, which no one sets. So do the
+        diagnostics always, in the services' thread: a report takes longer than a cycle may wait.
         """
+        watched = self.get_clock() if self._simulated_time else self._steady
         for node, timer in self._timers_of_rate:
             node.destroy_timer(timer)
         watch = max(0.2 * self.values['state_timeout'], 1e-3)
         self._timers_of_rate = [
-            (node, node.create_timer(period, callback, clock=self._steady))
-            for node, period, callback in (
-                (self, watch, self._watch),
-                (self.server, 1.0 / self.values['diagnostics_rate'], self._report))]
+            (node, node.create_timer(period, callback, clock=clock))
+            for node, period, callback, clock in (
+                (self, watch, self._watch, watched),
+                (self.server, 1.0 / self.values['diagnostics_rate'], self._report, self._steady))]
         self.server.spinner.wake()
 
     def _watch(self) -> None:
@@ -237,6 +259,9 @@ class DynamicsNode(LifecycleNode):
     def _report(self) -> None:
         now = time.monotonic()
         period, self._reported = now - self._reported, now
+        before, self._reported_time = self._reported_time, self.get_clock().now().nanoseconds
+        self.clock_remark = '' if before != self._reported_time else (
+            'the clock stands' if before else 'nothing has come on /clock')
         message = DiagnosticArray(status=[report(self, period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

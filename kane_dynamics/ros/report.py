@@ -13,6 +13,7 @@ class Reporting(Protocol):
     state: str
     statistics: Statistics
     arm: Arm | None
+    clock_remark: str
     values: dict[str, object]
 
     def get_fully_qualified_name(self) -> str:
@@ -39,6 +40,7 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
             message += f'; {arm.sources} publishers on joint_states'
     elif node.state == 'inactive':
         level = DiagnosticStatus.OK
+    message += node.clock_remark and f'; {node.clock_remark}'
     figures['state'] = node.state
     if arm is not None:
         payload = arm.loads.payload

@@ -157,12 +157,18 @@ class TorquePath:
         """Return the node's time, ns; a jump backwards forgets the motion and all stamps."""
         now = self._now()
         if now < self._last_now:
-            self._motion = None
-            self._heard, self._last_stamp = now, 0
-            self.controller.stop()
-            self._warn('clock', 'it jumped backwards: the desired motion is forgotten')
+            self.clock_jumped()
         self._last_now = now
         return now
+
+    def clock_jumped(self) -> None:
+        """Forget the motion and all stamps: they are of a time that is no more."""
+        self._motion = None
+        self._heard = self._last_now = self._now()
+        self._last_stamp = 0
+        self.controller.stop()
+        self._warn('clock', 'it jumped backwards, or is another one now: the desired motion is '
+                   'forgotten')
 
     def _time_fault(self, stamp: int, now: int) -> str | None:
         """Return why a state of this stamp must not be used, if so."""

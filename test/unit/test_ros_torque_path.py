@@ -81,6 +81,16 @@ def test_a_clock_that_jumps_back_forgets_the_motion_and_goes_on():
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
+def test_a_clock_set_back_a_little_between_two_looks_at_it_forgets_the_motion_too():
+    rig = Rig()
+    rig.state()
+    rig.time += 2 * NANO
+    rig.path.set_motion(MOTION, rig.time - NANO)
+    rig.time -= NANO  # still ahead of the last look
+    rig.path.clock_jumped()
+    np.testing.assert_array_equal(rig.state(), gravity())
+
+
 def test_a_paused_clock_neither_times_out_nor_stops_the_answers():
     rig = Rig()
     for _ in range(3):
