@@ -19,6 +19,7 @@ from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
 from kane_dynamics.stepping import compile_simulation
+import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -28,6 +29,9 @@ from std_msgs.msg import Float64MultiArray
 # Of the sensor data profile: what came during a stall of some ms is answered late, not never.
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# What of the loads follows from which parameters, when these change.
+GIVEN = {'gravity': ('gravity',),
+         'payload': ('payload.mass', 'payload.com', 'payload.inertia')}
 ACKNOWLEDGE = 0.3  # s to wait for zeros to be acknowledged
 
 
@@ -128,6 +132,7 @@ class Arm:
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError if these parameters do not fit this arm."""
         controller_settings(values, self.robot.joint_names)
+        start_loads(self.robot.model, values)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity' is not used while imu.topic is set: its "
@@ -135,11 +140,14 @@ class Arm:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next cycle and the next request on."""
-        turned = (values['gravity'] != self.values['gravity']).any()
-        self.values = values
+        before, self.values = self.values, values
         self.path.set_timeout(values['state_timeout'])
         self.path.controller.update(**controller_settings(values, self.robot.joint_names))
-        self._change(**({'gravity': values['gravity']} if turned else {}))
+        if self.gravity_source is not None:
+            self.gravity_source.time_constant = values['imu.time_constant']
+        given = start_loads(self.robot.model, values)
+        self._change(**{name: getattr(given, name) for name, parameters in GIVEN.items() if any(
+            not np.array_equal(before[each], values[each]) for each in parameters)})
 
     def set_payload(self, request: Any) -> None:
         """

@@ -116,7 +116,7 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     for spec in specs:
         descriptor = ParameterDescriptor(
             description=spec.description, additional_constraints=spec.constraint,
-            read_only=spec.read_only, dynamic_typing=spec.kind not in ('text', 'flag'))
+            read_only=spec.read_only, dynamic_typing=True)  # `read` refuses with better words
         value = node.declare_parameter(spec.name, spec.default, descriptor).value
         values[spec.name] = read(spec, spec.default if value is None else value)
     return values

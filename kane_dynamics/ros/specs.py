@@ -74,11 +74,11 @@ SPECS = (
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
     Spec('payload.frame', 'text', '', 'frame in which a payload is given and on whose link it is '
          'carried; empty: the node carries none'),
-    Spec('payload.mass', 'number', 0.0, 'what the arm carries at the start, kg; ~/set_payload '
-         'changes it', low=0.0),
-    Spec('payload.com', 'vector', [0.0, 0.0, 0.0], 'mass centre of that payload from the origin '
+    live('payload.mass', 'number', 0.0, 'what the arm carries, kg, until ~/set_payload or this '
+         'parameter changes it', low=0.0),
+    live('payload.com', 'vector', [0.0, 0.0, 0.0], 'mass centre of that payload from the origin '
          'of payload.frame, in its axes, m'),
-    Spec('payload.inertia', 'six', [0.0] * 6, 'inertia xx, xy, xz, yy, yz, zz of that payload '
+    live('payload.inertia', 'six', [0.0] * 6, 'inertia xx, xy, xz, yy, yz, zz of that payload '
          'about its mass centre, kg m^2'),
     live('payload.max_mass', 'number', 50.0, 'largest payload accepted, kg', positive=True,
          low=0.0),
@@ -88,7 +88,7 @@ SPECS = (
          'the direction of gravity is taken; its magnitude stays that of `gravity`; empty: none'),
     Spec('imu.frame', 'text', '', 'frame of the IMU, fixed to the base; empty: the one that its '
          'messages name'),
-    Spec('imu.time_constant', 'number', 1.0, 'low-pass of the direction, s; it is used after as '
+    live('imu.time_constant', 'number', 1.0, 'low-pass of the direction, s; it is used after as '
          'long at rest', positive=True, low=0.0, high=3600.0),
     live('mode', 'text', 'inverse_dynamics', 'what `commands` holds', choices=tuple(Mode)),
     live('compensate.gravity', 'flag', True, 'let `commands` carry gravity; false for an arm '
