@@ -65,7 +65,8 @@ class PlantNode(Node):
             values['publish_clock']) else None
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   QoSProfile(depth=1))
-        self.create_subscription(Float64MultiArray, 'commands', self._on_command, RELIABLE)
+        self._commands = self.create_subscription(Float64MultiArray, 'commands', self._on_command,
+                                                  RELIABLE)
         self.create_subscription(WrenchStamped, 'wrench', self._on_wrench, WRENCHES)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
@@ -217,7 +218,8 @@ class PlantNode(Node):
             time.time_ns() if self._clock_out is None else self._now(), NANO)
         self._diagnostics.publish(message)
         self.pace.worst = 0
-        clocks = self.count_publishers('/clock') if self._clock_out is not None else 1
-        if clocks > 1:
+        if self._clock_out is not None and (clocks := self.count_publishers('/clock')) > 1:
             self._warn('clock', f'{clocks} publishers on /clock; one at most may have '
                        'publish_clock')
+        if (sources := self._commands.get_publisher_count()) > 1:
+            self._warn('commands', f'{sources} publishers: the arm follows whichever spoke last')
