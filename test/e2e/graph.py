@@ -214,12 +214,12 @@ class Client(Node):
     def state(self):
         return self.call(GetState, 'get_state').current_state.label
 
-    def adjust(self, **parameters):
-        """Set parameters together; return the node's answer."""
+    def adjust(self, node=NAME, /, **parameters):
+        """Set parameters of a node together; return its answer."""
         messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                     for name, value in parameters.items()]
         assert all(isinstance(message, ParameterMessage) for message in messages)
-        return self.call(SetParametersAtomically, 'set_parameters_atomically',
+        return self.call(SetParametersAtomically, f'{node}/set_parameters_atomically',
                          parameters=messages).result
 
     def follow(self, points, names=None, start=None, velocities=None):

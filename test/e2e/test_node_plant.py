@@ -10,9 +10,6 @@ from kane_dynamics import Robot
 from kane_dynamics.resources import resource_path
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -66,11 +63,7 @@ class Watch:
         return self.client.call(kind, f'/plant/{name}', **fields)
 
     def adjust(self, **parameters):
-        messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-                    for name, value in parameters.items()]
-        assert all(isinstance(message, ParameterMessage) for message in messages)
-        return self.client.call(SetParametersAtomically, '/plant/set_parameters_atomically',
-                                parameters=messages).result
+        return self.client.adjust('/plant', **parameters)
 
     def reported(self, key, value, timeout=5.0):
         self.reports.clear()

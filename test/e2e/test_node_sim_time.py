@@ -2,13 +2,10 @@
 
 import time
 
-from graph import DEEP, JOINTS, model, Process, URDF, wait_until
+from graph import DEEP, model, Process, URDF, wait_until
 from kane_dynamics import Robot
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -37,11 +34,7 @@ class Pair:
             self.client.destroy_subscription(each)
 
     def adjust(self, **parameters):
-        messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-                    for name, value in parameters.items()]
-        assert all(isinstance(message, ParameterMessage) for message in messages)
-        assert self.client.call(SetParametersAtomically, '/plant/set_parameters_atomically',
-                                parameters=messages).result.successful
+        assert self.client.adjust('/plant', **parameters).successful
 
     def pause(self, on):
         assert self.client.call(SetBool, '/plant/pause', data=on).success
@@ -68,15 +61,6 @@ class Pair:
         zeros, last = list(torques)[-1], self.states[-1][0]
         self.adjust(dropout__states=0.0)
         return (zeros - last) / NANO
-
-
-def test_before_any_time_has_come_a_motion_is_refused(client, start):
-    node = start(use_sim_time='true', state_timeout=1.0)
-    node.wait_for('active, mode')
-    assert wait_until(lambda: client.motions.get_subscription_count() >= 1)
-    time.sleep(0.3)
-    client.follow([(0.0, [0] * 3), (1.0, [1] * 3)], names=JOINTS)
-    node.wait_for('joint_trajectory rejected: use_sim_time is set, and nothing has come on /clock')
 
 
 @pytest.fixture(scope='module')

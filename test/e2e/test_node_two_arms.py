@@ -68,7 +68,7 @@ def arms(participant):
 
 def test_the_torques_of_two_arms_do_not_mix(arms, client):
     for side, arm in arms.items():
-        assert wait_until(lambda arm=arm: len(arm.torques) > 100, 20.0)
+        assert wait_until(lambda arm=arm: len(arm.torques) > 100, 60.0)
         assert arm.right_answers() > 50
         assert arm.names == tuple(f'{side}_{joint}' for joint in JOINTS)
         # Held by its own torques and no others, an arm stays where it is.
@@ -82,7 +82,7 @@ def test_the_torques_of_two_arms_do_not_mix(arms, client):
 
 def test_when_one_arm_falls_silent_it_alone_gets_zeros(arms, client):
     left, right = arms['left'], arms['right']
-    assert wait_until(lambda: right.torques, 20.0)
+    assert wait_until(lambda: right.torques, 60.0)
     assert client.call(SetBool, '/right/plant/pause', data=True).success
     assert wait_until(lambda: not any(right.commands[-1]), 3.0)
     left.commands.clear()

@@ -10,7 +10,7 @@ from kane_dynamics.parameters import JointLimits
 from kane_dynamics.resources import resource_path
 from kane_dynamics.ros.parameters import read
 from kane_dynamics.ros.plant.arm import SimulatedArm
-from kane_dynamics.ros.plant.channel import Channel
+from kane_dynamics.ros.plant.channel import Channel, MOST
 from kane_dynamics.ros.plant.pace import Pace
 from kane_dynamics.ros.plant.plant import Plant
 from kane_dynamics.ros.plant.specs import SPECS
@@ -151,6 +151,13 @@ def test_a_line_delays_in_order_and_a_shorter_delay_lets_nothing_overtake():
     line.put(NANO // 10, 'b')
     assert list(line.take(NANO // 2 - 1)) == []
     assert list(line.take(NANO // 2)) == ['a', 'b']
+
+
+def test_a_line_on_which_nothing_arrives_keeps_a_bounded_number():
+    line = Channel()
+    for k in range(MOST + 10):
+        line.put(0, k)
+    assert list(line.take(0)) == list(range(10, MOST + 10))
 
 
 def test_a_line_loses_the_share_that_it_is_told_to():

@@ -8,11 +8,12 @@ from kane_dynamics.ros.conversion import NANO
 import numpy as np
 
 T = TypeVar('T')
+MOST = 100_000  # on their way at once, ten seconds at 10 kHz; while time stands, none arrives
 
 
 class Channel(Generic[T]):
     """
-    First in, first out, after a delay, unless lost.
+    First in, first out, after a delay, unless lost; of too many the newest stay.
 
     Attributes
     ----------
@@ -25,7 +26,7 @@ class Channel(Generic[T]):
         self.lost = 0
         self._delay = 0
         self._loss = 0.0
-        self._waiting: deque[tuple[int, T]] = deque()
+        self._waiting: deque[tuple[int, T]] = deque(maxlen=MOST)
         self._random = np.random.default_rng(0)
 
     def settle(self, delay: float, loss: float) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 import gc
 import sys
+import time
 
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.plant.node import PlantNode
@@ -24,6 +25,7 @@ def run(stop: Future) -> int:
     executor.add_node(node)
     gc.collect()
     gc.freeze()  # what is here stays: no collection need look through it
+    node.pace.start(time.monotonic_ns())
     while not stop.done():
         try:
             executor.spin_until_future_complete(stop, max(node.poll(), SHORTEST))

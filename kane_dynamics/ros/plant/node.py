@@ -74,7 +74,6 @@ class PlantNode(Node):
         self._steady = RosClock(clock_type=ClockType.STEADY_TIME)
         self._timer: Any = None
         self._start_reports()
-        self.pace.start(time.monotonic_ns())
         log.info(f'{robot.model.name}: {robot.n} joints ({", ".join(robot.joint_names)}), '
                  f'{values["rate"]:g} joint states a second' + ', paused' * self.paused)
 
