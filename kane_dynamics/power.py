@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.robot import Robot
 import numpy as np
@@ -44,17 +45,26 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     Raises
     ------
     InputError
-        Names the argument, what was given and what is expected.
+        Names the argument, what was given and what is expected; also where a power is not finite.
 
     """
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench)
     external = robot.external_force(q, wrench=wrench)
+    with np.errstate(over='ignore', invalid='ignore'):  # refused below, in words
+        balance = PowerBalance(float(tau @ u), float(external @ u),
+                               float(robot.friction_force(u) @ u), _energy_rate(robot, q, u, udot))
+    if not all(map(math.isfinite, balance)):
+        raise InputError(f'the power is not finite: {balance}; the motion is beyond any physical '
+                         'range')
+    return balance
+
+
+def _energy_rate(robot: Robot, q: Array, u: Array, udot: Array) -> float:
     # A step in time in which neither speed nor acceleration moves a joint by more than STEP.
     h = STEP / max(np.abs(u).max(), math.sqrt(STEP * np.abs(udot).max()), STEP)
 
     def energy(t: float) -> float:
         at, speed = q + t * (u + 0.5 * t * udot), u + t * udot
         return float(robot.kinetic_energy(at, speed) + robot.potential_energy(at))
-    rate = (8.0 * (energy(h) - energy(-h)) - (energy(2.0 * h) - energy(-2.0 * h))) / (12.0 * h)
-    return PowerBalance(float(tau @ u), float(external @ u),
-                        float(robot.friction_force(u) @ u), rate)
+    near, far = energy(h) - energy(-h), energy(2.0 * h) - energy(-2.0 * h)
+    return float((8.0 * near - far) / (12.0 * h))
