@@ -76,9 +76,13 @@ class CollisionDetector:
         self._calm: float | None = None  # since when all are below their release
 
     def update(self, t: float, torque: Array) -> bool:
-        """Take the torques, (n,), of time t, s; return whether the flag has changed."""
+        """
+        Take the torques, (n,), of time t, s; return whether the flag has changed.
+
+        Where the time jumps back, what had lasted begins anew.
+        """
         shares = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
-        self._since = [None if not share > 1.0 else t if since is None else since
+        self._since = [None if not share > 1.0 else t if since is None or t < since else since
                        for share, since in zip(shares, self._since)]
         self.beyond = tuple(name for name, since in zip(self._names, self._since)
                             if since is not None)
@@ -92,7 +96,7 @@ class CollisionDetector:
         if max(shares) >= self._release:
             self._calm = None
             return False
-        self._calm = t if self._calm is None else self._calm
+        self._calm = t if self._calm is None or t < self._calm else self._calm
         if t - self._calm >= self._clear:
             self.collision, self.joint, self._calm = False, None, None
         return not self.collision

@@ -193,6 +193,14 @@ def test_an_alarm_ends_when_all_have_been_calm_for_long_enough():
     assert (flag.collision, flag.joint) == (False, None)
 
 
+def test_a_clock_that_jumps_back_neither_holds_an_alarm_nor_keeps_it_away():
+    flag = detector()
+    assert not any(feed(flag, (100.0,), (1.5, 0.0, 0.0)))
+    assert feed(flag, (50.0, 50.02), (1.5, 0.0, 0.0)) == [False, True]
+    assert not any(feed(flag, (100.0,), (0.0, 0.0, 0.0)))
+    assert feed(flag, (50.0, 50.2), (0.0, 0.0, 0.0)) == [False, True]
+
+
 @pytest.mark.parametrize(('words', 'settings'), [
     ('confirm is -1', {'confirm': -1.0}), ('clear is nan', {'clear': math.nan}),
     ('release is 0', {'release': 0.0}), ('release is 2', {'release': 2.0})])

@@ -9,17 +9,20 @@ import pytest
 pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
-from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics.ros import wrenches  # noqa: E402
 from kane_dynamics.ros.contact import Contact, Outputs, settings  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
+from kane_dynamics.ros.explainer import Explainer  # noqa: E402
+from kane_dynamics.ros.loads import Loads  # noqa: E402
 from kane_dynamics.ros.parameters import read  # noqa: E402
 from kane_dynamics.ros.specs import SPECS  # noqa: E402
 from kane_dynamics.ros.states import DISORDER, FUTURE, GARBLED, NOT_FINITE  # noqa: E402
 from kane_dynamics.ros.surroundings import check_surroundings  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.watch import Cycle  # noqa: E402
 from kane_dynamics.ros.wrenches import FRAME, LARGE, OLD, SILENT, Wrenches  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -231,6 +234,61 @@ def test_a_change_of_source_does_not_look_like_a_push():
     # The command said nothing of the push; the efforts do, and only from now on.
     rig.state(gravity() - 5.0)
     assert not rig.contact.detector.beyond
+
+
+def test_a_change_of_gravity_is_handed_to_the_observer_before_the_next_state():
+    rig, before = Rig(), ROBOT.parameters.gravity
+    seen = []
+    rig.contact.refresh = lambda: seen.append((ROBOT.parameters.gravity[2], rig.time))
+    try:
+        rig.state()
+        rig.path.set_loads(Loads(np.array([0.0, 0.0, -3.0])))
+        rig.state()
+        rig.state()
+    finally:
+        ROBOT.parameters.gravity = before
+    assert seen == [(-3.0, 100 * NANO + 2 * NANO // 100)]
+
+
+def test_a_clock_that_jumps_back_forgets_the_wrenches():
+    rig = Rig()
+    unloaded = rig.state()
+    rig.wrench(PUSH)
+    np.testing.assert_array_equal(rig.state(after=-50.0), unloaded)
+    rig.wrench(PUSH)  # and takes the next, whose stamp lies before the last
+    np.testing.assert_allclose(rig.state(), unloaded - load(PUSH), rtol=1e-12)
+    assert rig.rejected == []
+
+
+MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
+DESIRED = MOTION.sample(0.8)
+U = np.array([0.3, -0.5])
+
+
+@pytest.mark.parametrize(('mode', 'motion', 'point'), [
+    ('inverse_dynamics', MOTION, DESIRED), ('inverse_dynamics', None, (Q, 0.0 * U, 0.0 * U)),
+    ('computed_torque', MOTION, (Q, U, DESIRED[2])), ('computed_torque', None, (Q, U, 0.0 * U)),
+    ('gravity_compensation', MOTION, (Q, 0.0 * U, 0.0 * U))])
+def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, motion, point):
+    served = SimpleNamespace(robot=ROBOT, loads=Loads(ROBOT.parameters.gravity))
+    publish, sent = [], []
+    server = SimpleNamespace(served=served, create_timer=lambda period, call, clock:
+                             publish.append(call))
+    rig = Rig()
+    explainer = Explainer(server, SimpleNamespace(publish=sent.append), 10.0,
+                          Controller(ROBOT, mode=mode), rig.wrenches, rig.reject)
+    rig.wrench(PUSH)
+    state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
+    external = rig.wrenches.torques(Q, rig.time)
+    explainer.take(Cycle(0, state, motion, 0.8, Q, external))
+    state.q[:], state.u[:] = 9.0, 9.0  # the next state overwrites them
+    publish[0]()
+    publish[0]()
+    message, = sent
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 9)
+    total = np.reshape(message.by_source, (-1, 2)).sum(axis=0)
+    np.testing.assert_allclose(
+        total, ROBOT.inverse_dynamics(*point, wrench=rig.wrenches.world), rtol=1e-12)
 
 
 def test_the_rate_bounds_the_messages_but_not_the_flag():
