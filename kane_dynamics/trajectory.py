@@ -4,7 +4,7 @@ import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array, freeze
@@ -15,8 +15,7 @@ ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constrai
 NAMES = ('joint_names', 'speed_names', 'constraint_names')
 
 
-@dataclass(frozen=True)
-class LimitEvent:
+class LimitEvent(NamedTuple):  # a free arm's fall has thousands: they must be cheap to make
     """A joint's first crossing of one of its limits since it last kept it."""
 
     t: float
@@ -93,7 +92,7 @@ class Trajectory:
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
             raise InputError(f'state is {k}; the trajectory holds {count}')
-        events = (replace(e, state=None) for e in self.limit_events if e.state == k % len(self.q))
+        events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
         return replace(self, **rows, limit_events=tuple(events))
 
