@@ -88,7 +88,8 @@ class Arm:
             controller, commands, torques, self._now,
             values['state_timeout'], statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
-        self.surroundings = Surroundings(node, server, self.path, values, self._reject)
+        self.surroundings = Surroundings(node, server, self.path, values, self._now,
+                                         self._reject)
         self._distribute()
         self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT, raw=True)

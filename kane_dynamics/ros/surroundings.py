@@ -44,13 +44,16 @@ class Surroundings:
     path : TorquePath
     values : mapping
         The node's parameters; `check_surroundings` has found them to fit.
+    now : callable
+        Returns the node's clock, ns.
     reject : callable
         Takes the reason and the details of every message that was not used.
 
     """
 
     def __init__(self, node: LifecycleNode, server: Services, path: TorquePath,
-                 values: Mapping[str, Any], reject: Callable[[str, str], None]) -> None:
+                 values: Mapping[str, Any], now: Callable[[], int],
+                 reject: Callable[[str, str], None]) -> None:
         self._node, self._path = node, path
         self._publishers: list[Any] = []
         robot = path.controller.robot
@@ -65,7 +68,7 @@ class Surroundings:
                 lambda reason, detail: reject(f'observer: {reason}', detail))
             path.add_watch(self.contact, need_effort=True)
         if values['wrench.frames']:
-            path.wrenches = Wrenches(robot, path.now, values,
+            path.wrenches = Wrenches(robot, now, values,
                                      lambda reason, detail: reject(f'wrench: {reason}', detail))
             self._subscription = node.create_subscription(
                 WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True)

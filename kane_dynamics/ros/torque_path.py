@@ -50,7 +50,7 @@ class TorquePath:
         self.running = False
         self.commanding = False  # whether torques other than our own zeros may be acting
         self.timed_out = False
-        self._commands, self._torques, self.now, self._warn = commands, torques, now, warn
+        self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
         self._reader = StateReader(joints)
         self._command_message, self._torque_message = numbers(len(joints)), joint_efforts(joints)
         self.wrenches: Wrenches | None = None
@@ -82,7 +82,7 @@ class TorquePath:
         """Answer states from now on; nothing is commanded before the first."""
         self._motion = None
         self.timed_out = False
-        self._last_now = self._heard = self.now()
+        self._last_now = self._heard = self._now()
         self._last_stamp = 0
         self.controller.stop()
         for watch in self._watches:
@@ -100,7 +100,7 @@ class TorquePath:
     def zero(self) -> None:
         """Command zeros now, past every limit."""
         self.commanding = False
-        self._torque_message.stamp(*divmod(max(self.now(), 0), NANO))
+        self._torque_message.stamp(*divmod(max(self._now(), 0), NANO))
         self._publish(self.controller.stop().tau)
 
     def watch(self) -> None:
@@ -117,7 +117,7 @@ class TorquePath:
     @property
     def silence(self) -> float:
         """Seconds since the last good state, or since the start."""
-        return (self.now() - self._heard) / NANO
+        return (self._now() - self._heard) / NANO
 
     def on_state(self, data: bytes) -> None:
         """Answer one serialised JointState with torques for the moment of its stamp."""
@@ -175,7 +175,7 @@ class TorquePath:
 
     def _clock(self) -> int:
         """Return the node's time, ns; a jump backwards forgets the motion and all stamps."""
-        now = self.now()
+        now = self._now()
         if now < self._last_now:
             self._motion = None
             self._heard, self._last_stamp = now, 0
