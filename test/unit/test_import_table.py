@@ -24,7 +24,7 @@ TABLE = (
     'constrained dynamics frame_motion',
     'export',
     'robot',
-    'control stepping trajectory',
+    'contact control observer power stepping trajectory',
     'limit_watch torque_source',
     'plot simulation',
     'cli demo ros',

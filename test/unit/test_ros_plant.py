@@ -32,11 +32,11 @@ def peer():
 
 
 def arm(step=1e-3, frames=(), **limits):
-    robot = Robot(MODEL)
+    robot = Robot(MODEL, wrench_frames=frames)
     robot.__dict__['limits'] = JointLimits(**{
         name: np.broadcast_to(limits.get(name, getattr(robot.limits, name)), 2).astype(float)
         for name in ('lower', 'upper', 'velocity', 'effort')})
-    return SimulatedArm(robot, step, frames)
+    return SimulatedArm(robot, step)
 
 
 def values(**changes):
@@ -46,7 +46,9 @@ def values(**changes):
 
 
 def plant(**changes):
-    return Plant(Robot(MODEL, payload_frame=changes.get('payload__frame')), values(**changes))
+    robot = Robot(MODEL, payload_frame=changes.get('payload__frame'),
+                  wrench_frames=changes.get('wrench__frames', ()))
+    return Plant(robot, values(**changes))
 
 
 def run(which, ticks):
@@ -283,6 +285,7 @@ def test_without_an_initial_position_it_starts_at_zero_or_at_the_limit_next_to_i
     (r"'after_timeout' is 'float'; valid: one of zero, hold", {'after_timeout': 'float'}),
     (r'payload.frame', {'payload__mass': 1.0}),
     (r"no frame 'hand'; valid: base_link", {'wrench__frames': ['hand']}),
+    (r"'wrench.frames' holds 'base_link', which does not move", {'wrench__frames': ['base_link']}),
 ])
 def test_what_does_not_fit_is_refused_by_name(words, changes):
     with pytest.raises(InputError, match=words):
@@ -290,9 +293,9 @@ def test_what_does_not_fit_is_refused_by_name(words, changes):
 
 
 @pytest.mark.parametrize(('frame', 'wrench', 'words'), [
-    ('link1', np.zeros(6), "on frame 'link1'; valid: tip"),
+    ('link1', np.zeros(6), "frame_id is 'link1'; valid: tip"),
     ('tip', np.array([0.0, math.nan, 0.0, 0.0, 0.0, 0.0]), 'valid: finite numbers'),
-    ('tip', np.full(6, 1e300), 'at most 1e'),
+    ('tip', np.full(6, 301.0), 'at most 1000 N and 300 N m'),
 ])
 def test_a_push_that_cannot_be_is_refused(frame, wrench, words):
     pushed = plant(wrench__frames=['tip'])

@@ -1,12 +1,9 @@
 """The simulated arm: its equations of motion, its stops, its motors, and what pushes on it."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
-
 from kane_dynamics.model import Array
-from kane_dynamics.native.kernels import Kernel
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.plant.stops import pushed_back
+from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.stepping import step_kernel
 import numpy as np
 
@@ -24,8 +21,6 @@ class SimulatedArm:
         The arm's own: its parameters are used as `use_parameters` finds them.
     step : float
         s.
-    wrench_frames : sequence of str
-        Frames on which something may push.
 
     Attributes
     ----------
@@ -37,20 +32,15 @@ class SimulatedArm:
         The most that they give.
     wrenches : dict
         Of frame name to (6,), force then moment at the frame's origin in the frame's axes, N and
-        N m, of the environment on the arm; held until changed. Of `wrench_frames` only.
+        N m, of the environment on the arm; held until changed. Of the robot's wrench frames.
     blows : int
         Steps in which a stop was hit or leant on.
     clamped : int
         Steps in which a motor was asked for more than its limit.
 
-    Raises
-    ------
-    InputError
-        No such frame; the message lists the valid ones.
-
     """
 
-    def __init__(self, robot: Robot, step: float, wrench_frames: Sequence[str] = ()) -> None:
+    def __init__(self, robot: Robot, step: float) -> None:
         """Compile everything that a step may need."""
         n = robot.n
         self.robot = robot
@@ -66,19 +56,10 @@ class SimulatedArm:
         self._constants[0] = step
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
-        self._inverse_mass = self._at_position(robot.kernels.quantity('inverse_mass_matrix'))
-        self._frames = {frame: [self._at_position(robot.kernels.at_frame(name, frame))
-                                for name in ('frame_pose', 'partial_velocities')]
-                        for frame in wrench_frames}
-
-    def _at_position(self, kernel: Kernel) -> Callable[[], Any]:
-        """Return a function that computes a kernel of q at the present position."""
-        return kernel.bind([self.q], np.zeros(kernel.shape), f'Compute {kernel.name}.')
-
-    @property
-    def wrench_frames(self) -> tuple[str, ...]:
-        """Frames on which something may push."""
-        return tuple(self._frames)
+        inverse_mass = robot.kernels.quantity('inverse_mass_matrix')
+        self._inverse_mass = inverse_mass.bind([self.q], np.zeros(inverse_mass.shape), 'M^-1.')
+        self.frames = WrenchFrames(robot)
+        robot.compile('external_force')
 
     @property
     def at_stops(self) -> list[str]:
@@ -123,12 +104,9 @@ class SimulatedArm:
 
     def _external(self) -> Array:
         """Return what the wrenches do along each joint, (n,), at the present position."""
-        total = np.zeros(self.robot.n)
-        for frame, wrench in self.wrenches.items():
-            pose, partial_velocities = self._frames[frame]
-            R, J = pose()[:3, :3], partial_velocities()
-            total += (R @ wrench[:3]) @ J[:3] + (R @ wrench[3:]) @ J[3:]
-        return total
+        world = self.frames.in_world(self.q, ((self.frames.row(frame), wrench)
+                                              for frame, wrench in self.wrenches.items()))
+        return self.robot.external_force(self.q, wrench=world)
 
     def _stop(self) -> None:
         """

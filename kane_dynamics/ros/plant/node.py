@@ -9,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot import Robot
-from kane_dynamics.ros.arm import RELIABLE
 from kane_dynamics.ros.cdr import Prepared, STAMP, write_joint_state
 from kane_dynamics.ros.conversion import NANO, vector
 from kane_dynamics.ros.files import load, located
@@ -18,8 +17,9 @@ from kane_dynamics.ros.plant.pace import Pace
 from kane_dynamics.ros.plant.plant import Plant
 from kane_dynamics.ros.plant.report import report
 from kane_dynamics.ros.plant.specs import SPECS
+from kane_dynamics.ros.surroundings import RELIABLE
 from kane_dynamics.ros.throttle import ThrottledWarning
-import numpy as np
+from kane_dynamics.ros.wrenches import wrench_array
 from rclpy.clock import Clock as RosClock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -67,7 +67,7 @@ class PlantNode(Node):
                                                   QoSProfile(depth=1))
         self._commands = self.create_subscription(Float64MultiArray, 'commands', self._on_command,
                                                   RELIABLE)
-        self.create_subscription(WrenchStamped, 'wrench', self._on_wrench, WRENCHES)
+        self.create_subscription(WrenchStamped, '~/wrench', self._on_wrench, WRENCHES)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
@@ -89,7 +89,8 @@ class PlantNode(Node):
         if not source:
             raise InputError("no URDF: set parameter 'robot_description' or 'urdf'")
         model = load(source, values, self.get_logger().warning)
-        return Robot(model, payload_frame=values['payload.frame'] or None)
+        return Robot(model, payload_frame=values['payload.frame'] or None,
+                     wrench_frames=values['wrench.frames'])
 
     def _set_up_messages(self, robot: Robot) -> None:
         """Lay out what is sent in every tick, so that only numbers remain to be written."""
@@ -144,10 +145,8 @@ class PlantNode(Node):
         self.plant.command(tau)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
-        force, moment = message.wrench.force, message.wrench.torque
         try:
-            self.plant.push(message.header.frame_id, np.array(
-                [force.x, force.y, force.z, moment.x, moment.y, moment.z]))
+            self.plant.push(message.header.frame_id, wrench_array(message))
         except InputError as error:
             self._reject('wrench', error)
 

@@ -11,9 +11,9 @@ from kane_dynamics.ros.loads import start_loads
 from kane_dynamics.ros.parameters import per_joint
 from kane_dynamics.ros.plant.arm import SimulatedArm
 from kane_dynamics.ros.plant.channel import Channel
+from kane_dynamics.ros.wrenches import check_frames
 import numpy as np
 
-LARGEST_WRENCH = 1e6  # N or N m: past this a typing error is likelier
 
 
 class Measurement(NamedTuple):
@@ -61,8 +61,7 @@ class Plant:
         self.check(robot, values)
         self.robot, self._values = robot, values
         self.period: float = NANO / values['rate']  # ns
-        self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
-                                values['wrench.frames'])
+        self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']))
         self.states: Channel[Measurement] = Channel()
         self.commands: Channel[Array] = Channel()
         self.timeouts = self.ticks = 0
@@ -78,6 +77,7 @@ class Plant:
         for name in ('noise.position', 'noise.velocity', 'noise.effort', 'limits.effort'):
             per_joint(values, name, names, 0.0)
         start_loads(robot.model, values)
+        check_frames(robot.model, values['wrench.frames'])
         if values['initial.position'].shape != (0,):
             initial = per_joint(values, 'initial.position', names, 0.0)
             for name, q, low, high in zip(names, initial, limits.lower, limits.upper, strict=True):
@@ -160,16 +160,15 @@ class Plant:
         Raises
         ------
         InputError
-            Nothing can push there, or the wrench is not finite or beyond any arm.
+            Nothing can push there, or the wrench is not finite or too large.
 
         """
-        if frame not in self.arm.wrench_frames:
-            raise InputError(f"the wrench is on frame '{frame}'; valid: "
-                             f'{", ".join(self.arm.wrench_frames) or "none"} (parameter '
-                             'wrench.frames)')
-        if not (np.abs(wrench) <= LARGEST_WRENCH).all():
+        self.arm.frames.row(frame)
+        most = np.repeat([self._values['wrench.max_force'], self._values['wrench.max_moment']], 3)
+        if not (np.abs(wrench) <= most).all():
             raise InputError(f'the wrench is {wrench.tolist()}; valid: finite numbers, at most '
-                             f'{LARGEST_WRENCH:g} N or N m')
+                             f'{most[0]:g} N and {most[3]:g} N m (parameters wrench.max_force and '
+                             'wrench.max_moment)')
         self.arm.wrenches[frame] = wrench
         self._pushed_until[frame] = self.time + round(self._values['wrench.timeout'] * NANO)
 

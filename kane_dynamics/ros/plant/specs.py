@@ -37,9 +37,10 @@ SPECS = (
          'one, as most effort controllers have it', choices=('zero', 'hold')),
     replace(BY_NAME['limits.effort'], description='largest effort of the motors, N m or N; the '
             'smaller of this and of the URDF holds; empty: the URDF alone'),
-    Spec('wrench.frames', 'names', [], 'frames that `wrench` may push on; empty: none'),
+    Spec('wrench.frames', 'names', [], 'frames that ~/wrench may push on; empty: none'),
     live('wrench.timeout', 'number', 0.5, 'how long a push lasts if no other follows on its '
          "frame, s of the plant's time", positive=True, low=0.0, high=3600.0),
+    *_shared('wrench.max_force', 'wrench.max_moment'),
     live('noise.position', 'per_joint', 0.0, 'standard deviation of the positions sent, rad or m',
          low=0.0),
     live('noise.velocity', 'per_joint', 0.0, 'standard deviation of the velocities sent, rad/s '
