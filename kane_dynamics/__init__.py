@@ -1,5 +1,6 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
+from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.build import ModelBuilder
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
@@ -8,6 +9,7 @@ from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpe
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
                                             Speeds)
+from kane_dynamics.mode_shapes import Bending
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
@@ -16,8 +18,8 @@ from kane_dynamics.simulation import simulate
 from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
 
-__all__ = ['Body', 'Closure', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller',
-           'Coupling', 'DependentSpeeds', 'Frame', 'Inertial', 'InputError', 'Joint', 'KaneError',
+__all__ = ['Bending', 'Body', 'Closure', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller',
+           'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame', 'Inertial', 'InputError', 'Joint', 'KaneError',
            'Limits', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'Motion',
            'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Trajectory',
            'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc',

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+from kane_dynamics.beam import FlexibleLink, Shape
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.vector import axis_rotation
 from kane_dynamics.model import (Array, Body, constant, Frame, GRAVITY, Inertial, Joint, Model,
@@ -51,6 +52,7 @@ class ModelBuilder:
         self._coordinates: list[str] = []
         self._places = {'world': Place(WORLD)}
         self._base = NOTHING
+        self._shapes: dict[str, tuple[Shape, tuple[int, ...]]] = {}
 
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
@@ -124,6 +126,80 @@ class ModelBuilder:
             place = Place(len(self._bodies) - 1)
         self._places[name] = place
         self.load(name, matter)
+
+    def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
+             **options: Any) -> None:
+        """
+        Add a body that bends, and the joint that carries it.
+
+        Its frame `name` is the root's; `name/tip` moves and turns with the other end, and
+        `section` adds frames between. Modal coordinates are called `name/mode_1` and so on.
+
+        Parameters
+        ----------
+        name : str
+            Of the body.
+        on : str
+            The frame that carries the joint.
+        link : FlexibleLink
+            The beam; its matter is its own, and `matter` adds what its root carries.
+        kind : str
+            Of the joint, as for `body`.
+        **options
+            As for `body`.
+
+        Raises
+        ------
+        ModelError
+            A name is taken or unknown, or a value is not possible; names it.
+
+        """
+        shape = link.checked(name)
+        matter = options.pop('matter', NOTHING)
+        self.body(name, on, kind, matter=matter + shape.inertial, **options)
+        first = len(self._coordinates)
+        self._coordinates += [f'{name}/mode_{k + 1}' for k in range(shape.count)]
+        self._shapes[name] = shape, tuple(range(first, len(self._coordinates)))
+        if shape.count:
+            place = self._places[name]
+            self._bodies[place.body] = replace(self._bodies[place.body],
+                                               beam=shape.beam(self._shapes[name][1]))
+        self.section(f'{name}/tip', name, shape.length)
+
+    def section(self, name: str, of: str, at: float) -> None:
+        """
+        Add a frame that moves and turns with a section of a beam.
+
+        Parameters
+        ----------
+        name : str
+            Of the frame.
+        of : str
+            The beam.
+        at : float
+            How far from its root, m.
+
+        Raises
+        ------
+        ModelError
+            A name is taken, there is no such beam, or it is shorter.
+
+        """
+        if of not in self._shapes:
+            raise ModelError(f"no beam '{of}'; valid: {listing(list(self._shapes))}")
+        shape, coordinates = self._shapes[of]
+        if not 0.0 < at <= shape.length:
+            raise ModelError(f"frame '{name}': {at} m is not on beam '{of}', which is "
+                             f'{shape.length:g} m long')
+        self._check_new(name)
+        place = self._places[of].frame(np.eye(3), at * shape.axes[0])
+        if coordinates:
+            for part, moves, axis, deflection in shape.deflections(at, coordinates):
+                self._bodies.append(Body(f'{name}/{part}', place.body, Joint(
+                    f'{name}/{part}', moves, axis, place.rotation, place.translation,
+                    coordinates[0], deflection=deflection)))
+                place = Place(len(self._bodies) - 1)
+        self._places[name] = place
 
     def joint(self, name: str, **properties: Any) -> None:
         """
@@ -201,13 +277,15 @@ class ModelBuilder:
         first, joints = len(self._bodies), len(self._coordinates)
         for body in model.bodies:
             joint = replace(body.joint, name=prefix + body.joint.name,
-                            coordinate=joints + body.joint.coordinate)
+                            coordinate=joints + body.joint.coordinate,
+                            deflection=_further(body.joint.deflection, joints))
             parent = first + body.parent
             if body.parent == WORLD:
                 place = base.frame(joint.rotation, joint.translation)
                 parent = place.body
                 joint = replace(joint, rotation=place.rotation, translation=place.translation)
-            self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial))
+            self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial,
+                                     _further(body.beam, joints)))
         self._coordinates += [prefix + name for name in model.coordinate_names]
         self._places[prefix + model.base_name] = base
         for frame in model.frames:
@@ -236,6 +314,11 @@ class ModelBuilder:
     def _check_joint(self, name: str) -> None:
         if name in (body.joint.name for body in self._bodies):
             raise ModelError(f"joint '{name}' exists; names must be unique")
+
+
+def _further(bent: Any, joints: int) -> Any:
+    """Return a beam or a deflection whose coordinates stand so many places further on."""
+    return bent and replace(bent, coordinates=tuple(joints + k for k in bent.coordinates))
 
 
 def _check_properties(joint: str, properties: dict[str, Any]) -> None:

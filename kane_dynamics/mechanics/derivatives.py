@@ -128,7 +128,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     places, carried = [], []
     for link in links:
         step = Step(link, q)
-        motion.append(link_motion(link, step, motion, u, udot, gravity))
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
         velocity = NONE
         if link.parent != WORLD:
             velocity = cross(motion[link.parent][0], step.offset)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, Literal
 
+from kane_dynamics.beam import Beam, Deflection
 from kane_dynamics.model import Array, Model, WORLD
 import numpy as np
 
@@ -48,6 +49,10 @@ class Link:
         About the link's origin, in link axes: second moment, first moment, mass.
     body : (4, 4) array
         Pose of the model's body frame in link axes.
+    deflection : Deflection, optional
+        What the joint's position is instead, besides `offset`, where a beam bends.
+    beam : Beam, optional
+        What modes add to the pseudo-inertia, in the axes of the body frame.
 
     """
 
@@ -59,6 +64,45 @@ class Link:
     offset: float
     pseudo_inertia: Any
     body: Array
+    deflection: Deflection | None = None
+    beam: Beam | None = None
+
+    def position(self, q: Any) -> Any:
+        """Return how far the joint is from where `offset` puts it, rad or m."""
+        bent = self.deflection
+        if bent is None:
+            return self.multiplier * q[self.coordinate]
+        eta = q[list(bent.coordinates)]
+        return bent.slope @ eta + 0.5 * (eta @ (bent.curvature @ eta))
+
+    def partials(self, q: Any) -> list[tuple[int, Any]]:
+        """Return the coefficients of the speeds in the joint's rate: (place, coefficient)."""
+        bent = self.deflection
+        if bent is None:
+            return [(self.coordinate, self.multiplier)]
+        weights = bent.slope + bent.curvature @ q[list(bent.coordinates)]
+        return list(zip(bent.coordinates, weights))
+
+    def partial_rates(self, u: Any) -> list[tuple[int, Any]]:
+        """Return the time derivatives of those of `partials` that change."""
+        bent = self.deflection
+        if bent is None or not bent.curvature.any():
+            return []
+        return list(zip(bent.coordinates, bent.curvature @ u[list(bent.coordinates)]))
+
+    def rate(self, q: Any, u: Any) -> Any:
+        """Return the joint's rate, rad/s or m/s."""
+        if self.deflection is None:
+            return self.multiplier * u[self.coordinate]
+        return sum(weight * u[k] for k, weight in self.partials(q))
+
+    def growth(self, q: Any, u: Any, udot: Any) -> Any:
+        """Return the joint's acceleration."""
+        bent = self.deflection
+        if bent is None:
+            return self.multiplier * udot[self.coordinate]
+        speed = u[list(bent.coordinates)]
+        return self.rate(q, udot) + speed @ (bent.curvature @ speed)
 
     @property
     def rotation(self) -> Array:
@@ -125,7 +169,8 @@ def linkage(model: Model) -> tuple[Link, ...]:
         pose = above.T @ homogeneous(joint.rotation, joint.translation) @ C
         links.append(Link(body.parent, joint.kind, _clean(pose), joint.coordinate,
                           joint.multiplier, joint.offset,
-                          C.T @ body.inertial.pseudo_inertia @ C, C.T))
+                          C.T @ body.inertial.pseudo_inertia @ C, C.T, joint.deflection,
+                          body.beam))
     return tuple(links)
 
 

@@ -59,7 +59,7 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
     Y: list[list[Any]] = [[0.0] * (10 * len(links)) for _ in range(n)]
     for k, link in enumerate(links):
         step = Step(link, q)
-        motion.append(link_motion(link, step, motion, u, udot, gravity))
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
         omega, alpha, a, U = motion[k]
         state = np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
         own = np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])
