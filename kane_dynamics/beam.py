@@ -10,13 +10,14 @@ beam itself; what hangs on the beam moves with it exactly. All integrals are tak
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
+from typing import Literal
 
 from kane_dynamics.errors import ModelError
-from kane_dynamics.inertial import Array, constant, freeze, Inertial
+from kane_dynamics.inertial import Array, constant, Inertial
 from kane_dynamics.mode_shapes import Bending, gauss, Shapes
 import numpy as np
 
+Kind = Literal['revolute', 'prismatic']
 DEPENDENT = 1e-10  # relative size of a singular value at which shapes count as one
 ROUNDING = 1e-12  # entries this small beside their array's largest are zero
 
@@ -149,7 +150,7 @@ class FlexibleLink:
         e, up = (constant(getattr(self, key), (3,), f'{what}: {key}')
                  for key in ('direction', 'up'))
         side = np.cross(e, up)
-        if np.linalg.norm(side) < 1e-9 * max(np.linalg.norm(e), 1e-300):
+        if not np.linalg.norm(side) > 1e-9 * float(np.linalg.norm(e)):
             raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()} must be two '
                              'directions')
         e = e / np.linalg.norm(e)
@@ -240,7 +241,7 @@ class Shape:
         along = -2.0 * np.einsum('g,g,gij->ij', dm, self.x, H)
         bend[:, :, :3, :3] = (square + square.transpose(1, 0, 2, 3)
                               + np.multiply.outer(along, np.outer(e, e)))
-        EI = np.repeat(self._stiffness, self._modes)
+        EI = np.concatenate([np.full(int(k), x) for k, x in zip(self._modes, self._stiffness)])
         K = np.einsum('g,gik,gjk->ij', self._weights, curvature, curvature) * EI[:, None]
         return Beam(coordinates, _clean(slope), _clean(bend),
                     _clean(np.einsum('g,gmk->mk', dm, np.cross(points[:, None], phi))),
@@ -249,17 +250,18 @@ class Shape:
                     _clean(self._damping * K), points, dm, phi, H, e)
 
     def deflections(self, x: float, coordinates: tuple[int, ...]
-                    ) -> list[tuple[str, str, Array, Deflection]]:
-        """Return how a section moves: (name, kind, axis, deflection) of one joint after another."""
+                    ) -> list[tuple[str, Kind, Array, Deflection]]:
+        """Return a section's joints, one after another: name, kind, axis, deflection."""
         place = np.array([x])
         phi, slope, _ = (values[0] for values in self.at(place))
         none = np.zeros((self.count, self.count))
         e, up, side = self.axes
-        parts = [('along', 'prismatic', e, np.zeros(self.count), -self.shortening(place)[0]),
-                 ('up', 'prismatic', up, phi @ up, none),
-                 ('side', 'prismatic', side, phi @ side, none),
-                 ('turn_side', 'revolute', side, slope @ up, none),
-                 ('turn_up', 'revolute', up, -(slope @ side), none)]
+        parts: list[tuple[str, Kind, Array, Array, Array]] = [
+            ('along', 'prismatic', e, np.zeros(self.count), -self.shortening(place)[0]),
+            ('up', 'prismatic', up, phi @ up, none),
+            ('side', 'prismatic', side, phi @ side, none),
+            ('turn_side', 'revolute', side, slope @ up, none),
+            ('turn_up', 'revolute', up, -(slope @ side), none)]
         return [(name, kind, axis, Deflection(coordinates, _clean(a), _clean(B)))
                 for name, kind, axis, a, B in parts if a.any() or B.any()]
 

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.recursive import inertia_wrench, link_motion, Motion, Step, Z
 from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import cross, symmetric

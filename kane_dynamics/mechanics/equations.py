@@ -14,8 +14,8 @@ from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics import frames, reactions, recursive, regressor
 from kane_dynamics.mechanics.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
-from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
-                                             linkage, regrouped)
+from kane_dynamics.mechanics.link import homogeneous, Link
+from kane_dynamics.mechanics.linkage import carrying, denavit_hartenberg, linkage, regrouped
 from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.model import Frame, Joint, Model, WORLD
 import numpy as np
@@ -58,14 +58,10 @@ class Equations:
         self.order = list(dict.fromkeys(k for link in links for k in (
             *([] if link.deflection else [link.coordinate]),
             *(link.beam.coordinates if link.beam else []))))
-        self.n_parameters = 3 if self.payload_frame is None else 13
+        self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
 
     timed = False  # no method depends on time
 
-    @property
-    def unsupported(self) -> tuple[str, ...]:
-        """Return the names of the methods that do not know what a beam's modes do."""
-        return RIGID_ONLY if self.model.flexible else ()
 
     @property
     def geometry(self) -> tuple[Link, ...]:

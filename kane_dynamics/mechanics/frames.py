@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link, Z
+from kane_dynamics.mechanics.link import Link
+from kane_dynamics.mechanics.linkage import Z
 from kane_dynamics.mechanics.recursive import Step
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Frame, WORLD

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.vector import cross
 import numpy as np
 
@@ -32,7 +32,7 @@ def bent(links: Sequence[Link], q: Any) -> Sequence[Link]:
 
 class Modes:
     """
-    The modes of a link at one posture.
+    The modes of a link that is a beam, at one posture.
 
     Attributes
     ----------
@@ -47,8 +47,7 @@ class Modes:
 
     def __init__(self, link: Link, q: Any) -> None:
         """Turn the integrals into link axes, about the link's origin."""
-        beam = link.beam
-        assert beam is not None
+        beam: Any = link.beam
         T = link.body
         R, t = T[:3, :3], T[:3, 3]
         self.coordinates, self.mass = beam.coordinates, beam.mass

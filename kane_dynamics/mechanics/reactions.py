@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics.mechanics.frames import frame_in_link, link_poses
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.modes import bent
 from kane_dynamics.mechanics.recursive import link_forces, link_motion, Motion, Step
 from kane_dynamics.mechanics.vector import cross

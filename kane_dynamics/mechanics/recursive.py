@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.modes import bent, Modes
 from kane_dynamics.mechanics.vector import (cross, inertia_moment, is_zero, rate_tensor,
                                             rotated_about_z, sin_cos, symmetric)

@@ -14,7 +14,7 @@ body's origin make generalized forces of both.
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.recursive import link_motion, Motion, REST, Step, Z
 from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import cross

@@ -17,17 +17,16 @@ from kane_dynamics.ros.loads import checked_payload, Loads, PayloadBounds, start
 from kane_dynamics.ros.parameters import controller_settings
 from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
+from kane_dynamics.ros.surroundings import (BEST_EFFORT, check_surroundings, RELIABLE,
+                                              Surroundings)
 from kane_dynamics.ros.torque_path import TorquePath
+from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.stepping import compile_simulation
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
-# Of the sensor data profile: what came during a stall of some ms is answered late, not never.
-BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 ACKNOWLEDGE = 0.3  # s to wait for zeros to be acknowledged
 
 
@@ -72,9 +71,12 @@ class Arm:
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
         self.robot, self._for_requests, self._for_simulations = robots = [
-            Robot(model, payload_frame=values['payload.frame'] or None) for _ in range(3)]
+            Robot(model, payload_frame=values['payload.frame'] or None,
+                  wrench_frames=values['wrench.frames']) for _ in range(3)]
+        check_surroundings(values, self.robot)
         for robot in robots:  # the first compiles, the others find it in the cache
-            robot.compile(*IN_LOOPS)
+            robot.compile(*IN_LOOPS, 'external_force', 'body_torques')
+        self._request_frames = WrenchFrames(self._for_requests)
         compile_simulation(self._for_simulations)
         self.verified = self.robot.verify()
         controller = Controller(self.robot, **controller_settings(values, self.robot.joint_names))
@@ -86,6 +88,8 @@ class Arm:
             controller, commands, torques, self._now,
             values['state_timeout'], statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
+        self.surroundings = Surroundings(node, server, self.path, values, self._now,
+                                         self._reject)
         self._distribute()
         self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT, raw=True)
@@ -114,6 +118,7 @@ class Arm:
         """Close the topics and let the services answer that nothing is configured."""
         self._server.served = None
         self._node.destroy_subscription(self._states)
+        self.surroundings.close()
         if self._imu is not None:
             self._server.destroy_subscription(self._imu)
         for publisher in self._publishers:
@@ -122,6 +127,7 @@ class Arm:
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError if these parameters do not fit this arm."""
         controller_settings(values, self.robot.joint_names)
+        check_surroundings(values, self.robot)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity' is not used while imu.topic is set: its "
@@ -134,6 +140,7 @@ class Arm:
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self.path.set_timeout(values['state_timeout'])
         self.path.controller.update(**controller_settings(values, self.robot.joint_names))
+        self.surroundings.update(values)
         self._change(**({'gravity': values['gravity']} if turned else {}))
 
     def set_payload(self, request: Any) -> None:
@@ -160,8 +167,12 @@ class Arm:
         try:
             self.gravity_source.take(message)
         except InputError as error:
-            self._statistics.rejected['imu'] += 1
-            self._warn('imu', str(error))
+            self._reject('imu', str(error))
+
+    def _reject(self, reason: str, detail: str) -> None:
+        """Count and tell that a message was not used."""
+        self._statistics.rejected[reason] += 1
+        self._warn(reason, detail)
 
     def _change(self, **changes: Any) -> None:
         """Replace some of the loads and hand them, with the parameters, to all threads."""
@@ -173,4 +184,5 @@ class Arm:
         self.path.set_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = Served.from_values(self._for_requests, self._for_simulations,
-                                                 self.loads, self.values)
+                                                 self.loads, self.values,
+                                                 self._request_frames)

@@ -89,6 +89,14 @@ SPECS = (
          'messages name'),
     Spec('imu.time_constant', 'number', 1.0, 'low-pass of the direction, s; it is used after as '
          'long at rest', positive=True, low=0.0, high=3600.0),
+    Spec('wrench.frames', 'names', [], 'frames at which ~/wrench may tell what the environment '
+         'exerts on the robot; the torques make up for it; empty: none'),
+    live('wrench.timeout', 'number', 0.1, 'age of a wrench, in s, from which on its frame counts '
+         'as unloaded', positive=True, low=0.0, high=3600.0),
+    live('wrench.max_force', 'number', 1000.0, 'largest component of a force accepted, N',
+         positive=True, low=0.0),
+    live('wrench.max_moment', 'number', 300.0, 'largest component of a torque accepted, N m',
+         positive=True, low=0.0),
     live('mode', 'text', 'inverse_dynamics', 'what `commands` holds', choices=tuple(Mode)),
     live('compensate.gravity', 'flag', True, 'let `commands` carry gravity; false for an arm '
          'that adds it itself'),
@@ -102,6 +110,28 @@ SPECS = (
          'of the URDF holds; empty: the URDF alone', positive=True, infinite=True, low=0.0),
     live('limits.rate', 'per_joint', [], 'largest change of effort, N m/s or N/s; empty: none',
          positive=True, infinite=True, low=0.0),
+    Spec('observer.enabled', 'flag', False, 'estimate external torques, publish them and a '
+         'collision flag'),
+    live('observer.torque', 'text', 'auto', 'torque that acts on the arm: the effort of the joint '
+         'states, the own command (right only if nothing else commands the arm), or auto: effort '
+         'where each joint has one', choices=('auto', 'effort', 'command')),
+    live('observer.gain', 'per_joint', 50.0, 'bandwidth of the estimate, 1/s: a push is found to '
+         '63 % after 1/gain', positive=True, low=0.0, high=1e4),
+    live('observer.threshold', 'per_joint', [], 'external torque that is a collision, N m or N; '
+         'it must exceed what the model lacks, friction above all; empty: 2 % of the effort '
+         'limits', positive=True, infinite=True, low=0.0),
+    live('observer.confirm', 'number', 0.005, 'time beyond a threshold after which it is a '
+         'collision, s', low=0.0, high=10.0),
+    live('observer.release', 'number', 0.5, 'share of the thresholds below which a collision '
+         'ends', positive=True, low=0.0, high=1.0),
+    live('observer.clear', 'number', 0.2, 'time below that after which it ends, s', low=0.0,
+         high=60.0),
+    Spec('observer.frame', 'text', '', 'frame of ~/external_wrench; empty: `tip`, or the last '
+         'link'),
+    live('observer.rate', 'number', 100.0, 'external torques and wrenches published, at most, '
+         '1/s', positive=True, low=0.0, high=1e4),
+    Spec('explanation.rate', 'number', 0.0, 'messages on ~/torque_by_source, 1/s; 0: none',
+         low=0.0, high=100.0),
     live('state_timeout', 'number', 0.1, 'age of the joint states, in s, from which on zeros '
          'are commanded', positive=True, low=0.0, high=3600.0),
     live('diagnostics_rate', 'number', 1.0, 'reports on /diagnostics, 1/s', positive=True,

@@ -11,7 +11,8 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I1
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.torque_path import DISORDER, FUTURE, OLD, TorquePath  # noqa: E402
+from kane_dynamics.ros.states import DISORDER, FUTURE, OLD  # noqa: E402
+from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
