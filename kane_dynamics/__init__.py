@@ -6,6 +6,7 @@ from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
+from kane_dynamics.flexing import with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
@@ -29,4 +30,4 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Trajectory',
            'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc',
            'frame_wrench', 'knife_edge', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
-           'power_balance', 'rod', 'simulate']
+           'power_balance', 'rod', 'simulate', 'with_beam']

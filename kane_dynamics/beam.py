@@ -157,18 +157,18 @@ class FlexibleLink:
         side = side / np.linalg.norm(side)
         bending = self.bending if isinstance(self.bending, Sequence) else [self.bending] * 2
         shapes = [shape or Bending.clamped_free() for shape in bending]
-        return Shape(what, numbers['length'], numbers['density'], numbers['damping'], stiffness,
+        return Shape(name, numbers['length'], numbers['density'], numbers['damping'], stiffness,
                      modes, np.array([e, np.cross(side, e), side]), shapes, self.foreshortening)
 
 
 class Shape:
     """A checked beam: its modes as functions of the place, orthonormal in mass."""
 
-    def __init__(self, what: str, length: float, density: float, damping: float,
+    def __init__(self, name: str, length: float, density: float, damping: float,
                  stiffness: Array, modes: Array, axes: Array, bending: Sequence[Bending],
                  foreshortening: bool) -> None:
         """Evaluate the shapes at the quadrature points."""
-        self.what, self.length, self.density, self.axes = what, length, density, axes
+        self.name, self.length, self.density, self.axes = name, length, density, axes
         self._damping, self._stiffness = damping, stiffness
         self._modes, self._bending = modes, bending
         self._foreshortening = foreshortening
@@ -194,8 +194,8 @@ class Shape:
         gram = gram + self._bending[plane].tip_mass * np.outer(tip, tip)
         size = np.linalg.eigvalsh(gram)
         if not size[0] > DEPENDENT * size[-1]:
-            raise ModelError(f'{self.what}: the {count} shapes of bending depend on each other '
-                             f'(singular values {size[0]:.3g} to {size[-1]:.3g})')
+            raise ModelError(f"beam '{self.name}': the {count} shapes of bending depend on each "
+                             f'other (singular values {size[0]:.3g} to {size[-1]:.3g})')
         return np.linalg.inv(np.linalg.cholesky(gram))
 
     def _assumed(self, plane: int, x: Array) -> Shapes:

@@ -2,11 +2,12 @@
 
 from functools import cache
 
-from kane_dynamics import (ball, Bending, Closure, FlexibleLink, knife_edge, ModelBuilder,
-                           ModelError, point_mass, Robot, rod, simulate)
+from kane_dynamics import (ball, Bending, Closure, FlexibleLink, knife_edge, load_urdf,
+                           ModelBuilder, ModelError, natural_vibration, point_mass, Robot, rod,
+                           simulate, UrdfError, with_beam)
 from kane_dynamics.mechanics import energy, kane
 from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
-from kane_dynamics.vibration import natural_vibration
+from kane_dynamics.resources import resource_path
 import numpy as np
 import pytest
 
@@ -330,3 +331,47 @@ def test_a_users_own_shapes_serve_as_well():
         b = ModelBuilder()
         b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0))
         b.section('beyond', 'beam', 3.0)
+
+
+UPPER_ARM = {'length': 0.6127, 'density': 12.0, 'stiffness': [5e3, 6e3], 'modes': [2, 1],
+             'direction': [-1, 0, 0], 'up': [0, 0, 1], 'damping': 1e-3}
+
+
+def ur10e(**beams):
+    return load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={'beams': beams})
+
+
+def test_a_link_of_a_urdf_bends_by_its_supplement():
+    model = ur10e(upper_arm_link=UPPER_ARM)
+    robot, rigid = Robot(model), Robot(ur10e())
+    assert robot.joint_names[6:] == tuple(f'upper_arm_link/mode_{k}' for k in (1, 2, 3))
+    assert robot.verify(2) < 1e-9
+    posture = np.array([0.3, -1.0, 1.0, 0.2, 0.1, 0.5])
+    q = np.append(posture, np.zeros(3))
+    for frame in ('tool0', 'forearm_link'):
+        np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, posture),
+                                   atol=1e-12)
+    # A stiff beam carries the rest as the rigid arm does, but for its own mass.
+    moved = robot.model.bodies[1].inertial
+    assert moved.mass == pytest.approx(12.0 * 0.6127)
+    found = natural_vibration(robot, q, held=robot.joint_names[:6]).frequencies / (2 * np.pi)
+    assert 5.0 < found[0] < 15.0  # Hz, with some 20 kg at its end
+
+
+def test_a_second_beam_hangs_on_the_first():
+    arm = with_beam(ur10e(upper_arm_link=UPPER_ARM), 'forearm_link', FlexibleLink(
+        0.57155, 8.0, 4e3, (1, 1), direction=(-1, 0, 0), up=(0, 0, 1)))
+    assert Robot(arm).verify(1) < 1e-9
+    with pytest.raises(ModelError, match="link 'forearm_link' is a beam already"):
+        with_beam(arm, 'forearm_link', FlexibleLink(1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize('beams, error, words', [
+    ({'lower_arm': UPPER_ARM}, ModelError, "no moving link 'lower_arm' to bend; valid: shoulder"),
+    ({'upper_arm_link': {'length': 1.0}}, UrdfError,
+     "supplement: beam 'upper_arm_link': density is missing"),
+    ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length is -1; expected a fin'),
+    ({'upper_arm_link': {**UPPER_ARM, 'width': 1}}, UrdfError, "unknown key 'width'")])
+def test_a_supplement_that_cannot_bend_a_link_says_so(beams, error, words):
+    with pytest.raises(error, match=words):
+        ur10e(**beams)

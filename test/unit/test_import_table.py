@@ -18,6 +18,7 @@ TABLE = (
     'mode_shapes',
     'beam',
     'model shapes',
+    'flexing',
     'limiter mechanics motion urdf',
     'build_checks native',
     'build',
