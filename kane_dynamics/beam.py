@@ -131,7 +131,7 @@ class FlexibleLink:
     damping: float = 0.0
     foreshortening: bool = True
 
-    def checked(self, name: str) -> 'Shape':
+    def checked(self, name: str) -> 'AssumedModes':
         """Return the beam's numbers, with the name of its link in every message."""
         what = f"beam '{name}'"
         numbers = {key: float(constant(getattr(self, key), (), f'{what}: {key}'))
@@ -157,11 +157,12 @@ class FlexibleLink:
         side = side / np.linalg.norm(side)
         bending = self.bending if isinstance(self.bending, Sequence) else [self.bending] * 2
         shapes = [shape or Bending.clamped_free() for shape in bending]
-        return Shape(name, numbers['length'], numbers['density'], numbers['damping'], stiffness,
-                     modes, np.array([e, np.cross(side, e), side]), shapes, self.foreshortening)
+        return AssumedModes(name, numbers['length'], numbers['density'], numbers['damping'],
+                            stiffness, modes, np.array([e, np.cross(side, e), side]), shapes,
+                            self.foreshortening)
 
 
-class Shape:
+class AssumedModes:
     """A checked beam: its modes as functions of the place, orthonormal in mass."""
 
     def __init__(self, name: str, length: float, density: float, damping: float,

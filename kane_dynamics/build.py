@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.beam import FlexibleLink, Shape
+from kane_dynamics.beam import AssumedModes, FlexibleLink
 from kane_dynamics.build_checks import (check_moments, check_properties, checked_turns, direction,
                                         further, pose)
 from kane_dynamics.errors import ModelError
@@ -51,7 +51,7 @@ class ModelBuilder:
         self._coordinates: list[str] = []
         self._places = {'world': Place(WORLD)}
         self._base = NOTHING
-        self._shapes: dict[str, tuple[Shape, tuple[int, ...]]] = {}
+        self._shapes: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
 
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,

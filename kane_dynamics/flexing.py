@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.beam import FlexibleLink, Shape
+from kane_dynamics.beam import AssumedModes, FlexibleLink
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model import Array, Body, Frame, Joint, Model
 import numpy as np
@@ -73,9 +73,9 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
 class _Sections:
     """Sections of a beam as they are asked for: massless bodies behind one another."""
 
-    def __init__(self, shape: Shape, body: int, coordinates: tuple[int, ...]) -> None:
+    def __init__(self, modes: AssumedModes, body: int, coordinates: tuple[int, ...]) -> None:
         self.bodies: list[Body] = []
-        self._shape, self._body, self._coordinates = shape, body, coordinates
+        self._shape, self._body, self._coordinates = modes, body, coordinates
         self._ends: dict[float, int] = {}
 
     def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
