@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from kane_dynamics.control import Controller
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model import Model
 from kane_dynamics.quantities import IN_LOOPS
 from kane_dynamics.robot import Robot
@@ -65,6 +65,11 @@ class Arm:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
+        if model.flexible:
+            modes = ', '.join(model.coordinate_names[k] for body in model.bodies if body.beam
+                              for k in body.beam.coordinates)
+            raise ModelError('the node commands arms of rigid links, and no joint state tells of '
+                             f'{modes}: leave beams out of its supplement')
         self.values, self._node, self._server, self._warn = values, node, server, warn
         self._statistics, self._clock = statistics, node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)

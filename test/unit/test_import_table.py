@@ -15,9 +15,13 @@ PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 TABLE = (
     'errors',
     'inertial progress resources',
+    'mode_shapes',
+    'beam',
     'model shapes',
+    'flexing',
     'limiter mechanics motion urdf',
-    'build native',
+    'build_checks native',
+    'build',
     'explanation parameters quantities verification',
     'kernel_set',
     'calls workspace',
@@ -26,7 +30,7 @@ TABLE = (
     'robot',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'plot simulation',
+    'plot simulation vibration',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
