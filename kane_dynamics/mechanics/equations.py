@@ -62,7 +62,6 @@ class Equations:
 
     timed = False  # no method depends on time
 
-
     @property
     def geometry(self) -> tuple[Link, ...]:
         """Return the links for kinematics: inertials without a payload."""

@@ -92,4 +92,3 @@ def _handed_down(step: Step, wrench: tuple[Any, Any],
     """Return the parent's wrench with a link's added."""
     force, moment = step.inward(wrench[0]), step.inward(wrench[1])
     return above[0] + force, above[1] + (moment + cross(step.offset, force))
-

@@ -18,7 +18,7 @@ from kane_dynamics.ros.parameters import controller_settings
 from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.surroundings import (BEST_EFFORT, check_surroundings, RELIABLE,
-                                              Surroundings)
+                                            Surroundings)
 from kane_dynamics.ros.torque_path import TorquePath
 from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.stepping import compile_simulation

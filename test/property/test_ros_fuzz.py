@@ -200,6 +200,7 @@ def requests(chance):
     """Return serialised good requests and their types."""
     def numbers():
         return [chance.uniform(-1, 1) for _ in range(2)]
+
     def push():
         message = WrenchStamped()
         message.header.frame_id = FRAME

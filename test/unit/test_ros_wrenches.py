@@ -68,7 +68,7 @@ class Rig:
         self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
         self.wrenches = self.path.wrenches = Wrenches(ROBOT, lambda: self.time, self.values,
-                                                     self.reject)
+                                                      self.reject)
         self.contact = Contact(ROBOT, self.values, self.outputs, self.log, self.reject)
         self.path.add_watch(self.contact, need_effort=True)
         self.path.start()
