@@ -21,7 +21,7 @@ class PowerBalance(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """What does not balance, W: zero but for rounding if the equations are right."""
+        """Return what does not balance, W: zero but for rounding if the equations are right."""
         return self.joints + self.external - self.friction - self.energy_rate
 
 
