@@ -52,6 +52,7 @@ setup(
     ],
     entry_points={'console_scripts': [
         'dynamics_node = kane_dynamics.ros.main:main',
+        'plant_node = kane_dynamics.ros.plant.main:main',
         'kane-dynamics = kane_dynamics.cli:main',
     ]},
     zip_safe=False,

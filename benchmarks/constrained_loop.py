@@ -1,16 +1,15 @@
-"""What chosen speeds and constraints cost, beside the plain arm; a closed loop in real time."""
+"""What chosen speeds and constraints cost, beside the plain arm; mechanisms in real time."""
 
 import sys
 import time
 
 from interleaved import interleaved, Timing
-from kane_dynamics import (absolute_rates, Closure, Coupling, knife_edge, Model, ModelBuilder,
-                           momenta, PointVelocity, Robot, rod, simulate)
+from kane_dynamics import (absolute_rates, Closure, Coupling, FlexibleLink, knife_edge, Model,
+                           ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod, simulate)
 from native_loop import kernel_loop, Race, shipped_arm, STATES
 import numpy as np
 
 PLAIN, CLOCK = 'the plain arm', 'the clock'
-STEP, SIMULATED = 1e-3, 10.0  # s
 
 
 def choices(model: Model) -> dict[str, dict[str, object]]:
@@ -58,27 +57,50 @@ def four_bar() -> Robot:
                  independent=['crank'])
 
 
-def real_time() -> Race:
-    """Race a simulated second of the loop against a second."""
-    robot = four_bar()
-    q = robot.closed_posture((0.8, 0.0, -1.5), fixed=['crank'])
+def flexible_arm(modes: tuple[int, int], **joint: object) -> Robot:
+    """Return an arm of two beams with a load at its tip."""
+    b = ModelBuilder(f'flexible arm, {sum(modes)} modes a link')
+    for name, on in (('upper', 'world'), ('fore', 'upper/tip')):
+        b.beam(name, on, FlexibleLink(1.0, 1.0, 400.0, modes), armature=0.05, **joint)
+        joint = {'axis': (0, -1, 0)} if joint else {}
+    b.load('fore/tip', point_mass(0.5))
+    return Robot(b.model())
+
+
+def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float) -> Race:
+    """Race a simulated second against a second."""
+    simulated = 10_000 * step
 
     def run() -> None:
-        simulate(robot, q, [5.0], SIMULATED, step=STEP, sample=SIMULATED)
+        simulate(robot, q, u, simulated, step=step, sample=simulated)
     run()
     seconds = []
     for _ in range(25):
         start = time.perf_counter()
         run()
-        seconds.append((time.perf_counter() - start) / SIMULATED)
+        seconds.append((time.perf_counter() - start) / simulated)
     timing = Timing({'ours': np.array(seconds), CLOCK: np.ones(len(seconds))})
-    return Race('four-bar', robot.n, 'a second simulated at 1 ms', CLOCK, timing.median('ours'),
-                1.0, timing.ratio(CLOCK, 'ours'))
+    return Race(name, robot.n, f'a second simulated at {1e3 * step:g} ms', CLOCK,
+                timing.median('ours'), 1.0, timing.ratio(CLOCK, 'ours'))
+
+
+def clocked() -> list[Race]:
+    """Race mechanisms against the clock."""
+    loop = four_bar()
+    result = [real_time('four-bar', loop, loop.closed_posture((0.8, 0.0, -1.5), fixed=['crank']),
+                        np.array([5.0]), 1e-3)]
+    for name, robot in (('planar flexible arm', flexible_arm((3, 0))),
+                        ('spatial flexible arm', flexible_arm((2, 1), axis=(0, -1, 0)))):
+        q, u = np.zeros((2, robot.n))
+        q[robot.joint_names.index('fore')] = 0.5
+        u[robot.joint_names.index('upper')] = 1.0
+        result.append(real_time(name, robot, q, u, 1e-4))
+    return result
 
 
 def races() -> list[Race]:
     """Return all races."""
-    return [*costs('ur10e'), *costs('fr3'), real_time()]
+    return [*costs('ur10e'), *costs('fr3'), *clocked()]
 
 
 def main() -> int:

@@ -67,7 +67,9 @@ def gates() -> list[Gate]:
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
         Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE),
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
-        Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',))]
+        Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',)),
+        Gate('a second simulated at 0.1 ms', CLOCK, 200.0, 400.0, ('planar flexible arm',)),
+        Gate('a second simulated at 0.1 ms', CLOCK, 50.0, 100.0, ('spatial flexible arm',))]
 
 
 START_GATES = {'inverse dynamics': ((0.08, 0.04), (0.005, 0.002))}  # s: compiled, from the cache

@@ -1,24 +1,33 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
+from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.build import ModelBuilder
+from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
+from kane_dynamics.flexing import with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
                                             Speeds)
+from kane_dynamics.mode_shapes import Bending
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
+from kane_dynamics.observer import MomentumObserver
+from kane_dynamics.power import power_balance
 from kane_dynamics.robot import Robot
 from kane_dynamics.shapes import ball, box, disc, point_mass, rod
 from kane_dynamics.simulation import simulate
 from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
+from kane_dynamics.vibration import natural_vibration
 
-__all__ = ['Body', 'Closure', 'CompileError', 'ComputedTorque', 'ConstraintError', 'Controller',
-           'Coupling', 'DependentSpeeds', 'Frame', 'Inertial', 'InputError', 'Joint', 'KaneError',
-           'Limits', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'Motion',
+__all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
+           'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
+           'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
+           'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
            'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Trajectory',
            'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc',
-           'knife_edge', 'load_urdf', 'momenta', 'point_mass', 'rod', 'simulate']
+           'frame_wrench', 'knife_edge', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
+           'power_balance', 'rod', 'simulate', 'with_beam']

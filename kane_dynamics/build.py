@@ -1,21 +1,20 @@
 """A `Model` built in a few lines of Python: bodies, joints, matter, frames."""
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
+from kane_dynamics.beam import AssumedModes, FlexibleLink
+from kane_dynamics.build_checks import (check_moments, check_properties, checked_turns, direction,
+                                        further, pose)
 from kane_dynamics.errors import ModelError
-from kane_dynamics.mechanics.vector import axis_rotation
-from kane_dynamics.model import (Array, Body, constant, Frame, GRAVITY, Inertial, Joint, Model,
+from kane_dynamics.model import (Body, constant, Frame, GRAVITY, Inertial, Joint, Model,
                                  WORLD)
 from kane_dynamics.urdf.assembly import Place
-from kane_dynamics.urdf.tree import expanded, listing, snapped, UrdfJoint
+from kane_dynamics.urdf.tree import expanded, listing, UrdfJoint
 import numpy as np
 from numpy.typing import ArrayLike
 
 KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating')
-PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
-              'stiffness', 'rest')
 ORIGIN = (0.0, 0.0, 0.0)
 NOTHING = Inertial()
 
@@ -52,6 +51,7 @@ class ModelBuilder:
         self._coordinates: list[str] = []
         self._places = {'world': Place(WORLD)}
         self._base = NOTHING
+        self._shapes: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
 
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
@@ -97,20 +97,16 @@ class ModelBuilder:
         if kind not in KINDS:
             raise ModelError(f"{what}: kind is '{kind}'; valid: {', '.join(KINDS)}; what does not "
                              'move is a frame')
-        turns = turns[:2] if kind == 'universal' else turns
-        if (len(turns) != (2 if kind == 'universal' else 3) or not set(turns) <= set('xyz')
-                or any(a == b for a, b in pairwise(turns))):
-            raise ModelError(f"{what}: turns is '{turns}'; expected a letter of x, y, z for each "
-                             'turn, other than the one before')
-        R, p = _pose(at, rpy, what)
-        singles = expanded(UrdfJoint(joint, kind, on, name, R, p, _axis(axis, what),
+        turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
+        R, p = pose(at, rpy, what)
+        singles = expanded(UrdfJoint(joint, kind, on, name, R, p, direction(axis, what),
                                      turns=turns), 0)
         if properties and len(singles) > 1:
             names = ', '.join(single.name for single in singles)
             raise ModelError(f"{what} has {len(singles)} freedoms: give {', '.join(properties)} "
                              f'by joint() to one of {names}')
-        _check_properties(joint, properties)
-        _check_moments(name, matter)
+        check_properties(joint, properties)
+        check_moments(name, matter)
         place = self._place(on, what)
         self._check_new(name)
         for single in singles:
@@ -125,6 +121,68 @@ class ModelBuilder:
             place = Place(len(self._bodies) - 1)
         self._places[name] = place
         self.load(name, matter)
+
+    def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
+             **options: Any) -> None:
+        """
+        Add a body that bends, and the joint that carries it.
+
+        Frame `name` is its root's; `name/tip` moves and turns with the other end, `section` adds
+        frames between. Modal coordinates are called `name/mode_1` and so on.
+
+        Parameters
+        ----------
+        name : str
+            Of the body.
+        on : str
+            The frame that carries the joint.
+        link : FlexibleLink
+            The beam; `matter` adds what its root carries.
+        kind, **options
+            As for `body`, whose errors are also this one's.
+
+        """
+        shape = link.checked(name)
+        matter = options.pop('matter', NOTHING)
+        self.body(name, on, kind, matter=matter + shape.inertial, **options)
+        first = len(self._coordinates)
+        self._coordinates += [f'{name}/mode_{k + 1}' for k in range(shape.count)]
+        self._shapes[name] = shape, tuple(range(first, len(self._coordinates)))
+        if shape.count:
+            place = self._places[name]
+            self._bodies[place.body] = replace(self._bodies[place.body],
+                                               beam=shape.beam(self._shapes[name][1]))
+        self.section(f'{name}/tip', name, shape.length)
+
+    def section(self, name: str, of: str, at: float) -> None:
+        """
+        Add a frame that moves and turns with a section of a beam.
+
+        Parameters
+        ----------
+        name : str
+            Of the frame.
+        of : str
+            The beam.
+        at : float
+            How far from its root, m; ModelError if it is not on the beam.
+
+        """
+        if of not in self._shapes:
+            raise ModelError(f"no beam '{of}'; valid: {listing(list(self._shapes))}")
+        shape, coordinates = self._shapes[of]
+        if not 0.0 < at <= shape.length:
+            raise ModelError(f"frame '{name}': {at} m is not on beam '{of}', which is "
+                             f'{shape.length:g} m long')
+        self._check_new(name)
+        place = self._places[of].frame(np.eye(3), at * shape.axes[0])
+        if coordinates:
+            for part, moves, axis, deflection in shape.deflections(at, coordinates):
+                self._bodies.append(Body(f'{name}/{part}', place.body, Joint(
+                    f'{name}/{part}', moves, axis, place.rotation, place.translation,
+                    coordinates[0], deflection=deflection)))
+                place = Place(len(self._bodies) - 1)
+        self._places[name] = place
 
     def joint(self, name: str, **properties: Any) -> None:
         """
@@ -141,7 +199,7 @@ class ModelBuilder:
         names = [body.joint.name for body in self._bodies]
         if name not in names:
             raise ModelError(f"no joint '{name}'; valid: {listing(names)}")
-        _check_properties(name, properties)
+        check_properties(name, properties)
         body = self._bodies[k := names.index(name)]
         self._bodies[k] = replace(body, joint=replace(body.joint, **properties))
 
@@ -156,7 +214,7 @@ class ModelBuilder:
 
         """
         place = self._place(on, 'load')
-        _check_moments(on, matter)
+        check_moments(on, matter)
         moved = matter.moved(place.rotation, place.translation)
         if place.body == WORLD:
             self._base = self._base + moved
@@ -169,7 +227,7 @@ class ModelBuilder:
         """Add a frame fixed on another, at a point, m, and roll, pitch, yaw, rad."""
         self._check_new(name)
         self._places[name] = self._place(on, f"frame '{name}'").frame(
-            *_pose(at, rpy, f"frame '{name}'"))
+            *pose(at, rpy, f"frame '{name}'"))
 
     def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
               prefix: str = '') -> None:
@@ -193,7 +251,7 @@ class ModelBuilder:
             A name is taken; choose a prefix.
 
         """
-        base = self._place(on, f"model '{model.name}'").frame(*_pose(at, rpy, 'mount'))
+        base = self._place(on, f"model '{model.name}'").frame(*pose(at, rpy, 'mount'))
         names = {prefix + frame.name for frame in model.frames} | {prefix + model.base_name}
         for name in sorted(names):
             self._check_new(name)
@@ -202,13 +260,15 @@ class ModelBuilder:
         first, joints = len(self._bodies), len(self._coordinates)
         for body in model.bodies:
             joint = replace(body.joint, name=prefix + body.joint.name,
-                            coordinate=joints + body.joint.coordinate)
+                            coordinate=joints + body.joint.coordinate,
+                            deflection=further(body.joint.deflection, joints))
             parent = first + body.parent
             if body.parent == WORLD:
                 place = base.frame(joint.rotation, joint.translation)
                 parent = place.body
                 joint = replace(joint, rotation=place.rotation, translation=place.translation)
-            self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial))
+            self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial,
+                                     further(body.beam, joints)))
         self._coordinates += [prefix + name for name in model.coordinate_names]
         self._places[prefix + model.base_name] = base
         for frame in model.frames:
@@ -237,36 +297,3 @@ class ModelBuilder:
     def _check_joint(self, name: str) -> None:
         if name in (body.joint.name for body in self._bodies):
             raise ModelError(f"joint '{name}' exists; names must be unique")
-
-
-def _check_properties(joint: str, properties: dict[str, Any]) -> None:
-    """Raise ModelError for a property that joints do not have."""
-    unknown = sorted(set(properties) - set(PROPERTIES))
-    if unknown:
-        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; valid: "
-                         f'{", ".join(PROPERTIES)}')
-
-
-def _check_moments(on: str, matter: Inertial) -> None:
-    """Raise ModelError for moments of inertia that no matter has."""
-    low, middle, high = np.linalg.eigvalsh(matter.inertia).tolist()
-    noise = 1e-9 * max(abs(low), abs(high))
-    if low < -noise or high > low + middle + noise:
-        raise ModelError(f"'{on}': principal moments of inertia are {low:g}, {middle:g}, "
-                         f'{high:g} kg m^2; none may be negative, nor larger than the sum of '
-                         'the others')
-
-
-def _axis(axis: ArrayLike, what: str) -> Array:
-    direction = constant(axis, (3,), f'{what}: axis')
-    if not direction.any():
-        raise ModelError(f'{what}: axis is {direction.tolist()}; an axis must not be zero')
-    return direction
-
-
-def _pose(at: ArrayLike, rpy: ArrayLike, what: str) -> tuple[Array, Array]:
-    """Return the rotation and translation of a place given as URDF gives it."""
-    R: Array = np.eye(3)
-    for axis, angle in zip(np.eye(3), constant(rpy, (3,), f'{what}: rpy')):
-        R = axis_rotation(axis, np.sin(angle), np.cos(angle)) @ R
-    return snapped(R), constant(at, (3,), f'{what}: at')

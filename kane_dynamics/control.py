@@ -186,7 +186,8 @@ class Controller:
         return self._limiter.rate
 
     def command(self, t: float, q: ArrayLike, u: ArrayLike | None = None,
-                motion: Motion | None = None, motion_time: float | None = None) -> Command:
+                motion: Motion | None = None, motion_time: float | None = None,
+                external: ArrayLike | None = None) -> Command:
         """
         Return the torques to apply at the measured state.
 
@@ -203,6 +204,9 @@ class Controller:
             The desired motion, of the robot's joints in the robot's order.
         motion_time : float, optional
             Time since the motion began, s. Default: t.
+        external : (n,) array_like, optional
+            What the environment is known to do (`Robot.external_force`), N m or N; the command
+            makes up for it, but in gravity compensation, where it is the hand that guides.
 
         Returns
         -------
@@ -228,11 +232,12 @@ class Controller:
                 raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
+        external = None if external is None else self._measured(external, 'external torque')
         return self.command_checked(t, q, q if u is None else u, motion,
-                                    t if motion_time is None else motion_time)
+                                    t if motion_time is None else motion_time, external)
 
     def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
-                        moment: float) -> Command:
+                        moment: float, external: Array | None = None) -> Command:
         """
         Return the torques to apply, as `command` does, without looking at the arguments.
 
@@ -247,6 +252,8 @@ class Controller:
                    else self._forward @ self.robot.torque_terms(q_d, u_d, udot_d))
         else:
             tau = self.robot.gravity_force(q) if self.compensate.gravity else self._zero.copy()
+        if external is not None and self.mode is not Mode.GRAVITY_COMPENSATION:
+            tau = tau - external
         return self._limiter.apply(t, tau)
 
     def stop(self) -> Command:

@@ -58,8 +58,10 @@ class KernelSet:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that are one kernel; for a large robot not all of them are."""
-        return tuple(name for name in ALL if hasattr(self.equations, name) and (
-            self.equations.n <= LONG or name != 'forward_dynamics_derivatives'))
+        left_out = [*self.equations.unsupported,
+                    *(['forward_dynamics_derivatives'] if self.equations.n > LONG else [])]
+        return tuple(name for name in ALL
+                     if hasattr(self.equations, name) and name not in left_out)
 
     def quantity(self, name: str) -> Kernel:
         """Return the kernel of one of `names`; InputError lists them for another name."""

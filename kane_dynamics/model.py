@@ -12,6 +12,7 @@ import hashlib
 import math
 from typing import Any, Literal
 
+from kane_dynamics.beam import Beam, Deflection
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.inertial import Array, constant, freeze, Inertial
 import numpy as np
@@ -67,6 +68,9 @@ class Joint:
         Rotor inertia seen through the gear, kg m^2 or kg.
     stiffness, rest : float
         Spring that pulls the joint's position to `rest`, N m/rad or N/m; rad or m.
+    deflection : Deflection, optional
+        A place on a beam that bends: the joint's position is `offset` plus this function of
+        modal coordinates, instead of what its coordinate gives.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class Joint:
     armature: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    deflection: Deflection | None = None
 
     def __post_init__(self) -> None:
         """Check and freeze the numbers."""
@@ -121,12 +126,13 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body: its name, the index of its parent (WORLD: -1), its joint, its inertial."""
+    """A body: its name, the index of its parent (WORLD: -1), its joint, its inertial, its beam."""
 
     name: str
     parent: int
     joint: Joint
     inertial: Inertial = field(default_factory=Inertial)
+    beam: Beam | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +148,7 @@ class Frame:
 @dataclass(frozen=True, eq=False)
 class Model:
     """
-    A tree of rigid bodies on a fixed base.
+    A tree of bodies on a fixed base, rigid but for those that are beams.
 
     Parameters
     ----------
@@ -150,7 +156,7 @@ class Model:
     bodies : tuple of Body
         The moving bodies, parents before children.
     coordinate_names : tuple of str
-        Names of the entries of q, in order: the joints that move freely.
+        Names of the entries of q, in order: the joints that move freely, and beams' modes.
     frames : tuple of Frame
         Every frame that may be asked for by name; each link of a URDF is one.
     gravity : (3,) array
@@ -188,6 +194,7 @@ class Model:
                 raise ModelError(f"joint '{body.joint.name}': coordinate is "
                                  f'{body.joint.coordinate}; valid: 0 to {n - 1}')
         used = {body.joint.coordinate for body in self.bodies}
+        used |= {k for body in self.bodies if body.beam for k in body.beam.coordinates}
         for k, name in enumerate(self.coordinate_names):
             if k not in used:
                 raise ModelError(f"coordinate '{name}' moves no joint")
@@ -212,9 +219,22 @@ class Model:
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
-        """Return the joint that carries each coordinate (never a mimic's), in the order of q."""
+        """
+        Return the joint that carries each coordinate (never a mimic's), in the order of q.
+
+        A mode has none; a joint without limits stands in for it.
+        """
         by_name = {body.joint.name: body.joint for body in self.bodies}
-        return tuple(by_name[name] for name in self.coordinate_names)
+        modal = {self.coordinate_names[k]: body.beam for body in self.bodies if body.beam
+                 for k in body.beam.coordinates}
+        return tuple(by_name[name] if name in by_name else
+                     Joint(name, 'prismatic', modal[name].direction, coordinate=k)
+                     for k, name in enumerate(self.coordinate_names))
+
+    @property
+    def flexible(self) -> bool:
+        """Tell whether any body is a beam."""
+        return any(body.beam is not None for body in self.bodies)
 
     def frame(self, name: str) -> Frame:
         """Return the frame called `name`; InputError lists the valid names."""

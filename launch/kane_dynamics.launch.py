@@ -1,9 +1,10 @@
 """
-Start the dynamics node, and robot_state_publisher with it if asked to.
+Start the dynamics node, with a simulated robot and robot_state_publisher if asked to.
 
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=/my/arm.yaml namespace:=left
     ros2 launch kane_dynamics kane_dynamics.launch.py urdf:=/my/arm.urdf state_publisher:=true
+    ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml plant:=plant.yaml
 """
 
 import os
@@ -22,8 +23,18 @@ ARGUMENTS = {
     'commands': ('commands', 'topic of the torques; a controller has its own, <name>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
     'use_sim_time': ('false', 'take the time from /clock'),
+    'plant': ('', 'parameter file of a simulated robot to start too; found as config is'),
     'state_publisher': ('false', 'start robot_state_publisher too; needs urdf:='),
 }
+
+
+def parameter_file(argument, name):
+    """Return the path of a parameter file, given as such or by a name in share."""
+    path = name if os.path.dirname(name) else os.path.join(
+        get_package_share_directory(PACKAGE), 'config', name)
+    if not os.path.isfile(path):
+        raise FileNotFoundError(f"{argument} is '{path}', which does not exist")
+    return path
 
 
 def nodes(context):
@@ -32,19 +43,21 @@ def nodes(context):
     common = {'use_sim_time': value['use_sim_time'].lower() in ('true', '1', 'yes')}
     parameters = []
     if value['config']:
-        config = value['config']
-        if os.path.dirname(config) == '':
-            config = os.path.join(get_package_share_directory(PACKAGE), 'config', config)
-        if not os.path.isfile(config):
-            raise FileNotFoundError(f"config is '{config}', which does not exist")
-        parameters.append(config)
+        parameters.append(parameter_file('config', value['config']))
     if value['urdf']:
         parameters.append({'urdf': value['urdf']})
+    remappings = [(topic, value[topic]) for topic in ('commands', 'joint_states')
+                  if value[topic] != topic]
     started = [Node(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
-        parameters=[*parameters, common], output='screen',
-        remappings=[(topic, value[topic]) for topic in ('commands', 'joint_states')
-                    if value[topic] != topic])]
+        parameters=[*parameters, common], output='screen', remappings=remappings)]
+    if value['plant']:
+        urdf = [{'urdf': value['urdf']}] if value['urdf'] else []
+        started.append(Node(
+            package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],
+            parameters=[parameter_file('plant', value['plant']), *urdf,
+                        {'publish_clock': common['use_sim_time']}],
+            output='screen', remappings=remappings))
     if value['state_publisher'].lower() in ('true', '1', 'yes'):
         if not value['urdf']:
             raise ValueError('state_publisher:=true needs urdf:=')

@@ -59,7 +59,8 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
                         rng.uniform(10, 100))
         extra = {'damping': rng.uniform(0, 1), 'friction': rng.uniform(0, 1),
                  'armature': rng.uniform(0, 0.1), 'stiffness': rng.uniform(0, 5),
-                 'rest': rng.normal(), 'friction_offset': rng.normal()} if passive else {}
+                 'rest': rng.normal(),
+                 'friction_offset': np.random.default_rng((seed, i)).normal()} if passive else {}
         coordinate = int(rng.integers(n)) if follows else len(names)
         multiplier, offset = (rng.uniform(-2, 2), rng.normal()) if follows else (1.0, 0.0)
         name = f'joint{i}'

@@ -134,31 +134,18 @@ def identify(options: Namespace) -> None:
     """Identify friction and inertials from a recording; print, and write on request."""
     model, _ = _load(options)
     data = identification.run(options, _source(options), model)
-    if options.json:
-        _print_json(data)
-    else:
-        identification.print_data(data)
+    (_print_json if options.json else identification.print_data)(data)
 
 
 def replay(options: Namespace) -> None:
     """Compare a recording's measured torques with those of the equations of motion."""
     plot = _extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
     model, robot = _load(options)
-    recording = identification.recorded(options, model)
-    data = replaying.compared(robot, recording)
-    if options.out:
-        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
-            write_states(stream, recording.t, {
-                'q': recording.q, 'u': recording.u, 'udot': recording.udot,
-                'tau': data['computed']}, robot.joint_names)
+    data = replaying.run(options, robot, identification.recorded(options, model))
     if plot is not None:
-        plot.plot_replay(recording.t, recording.tau, data['computed'], robot.joint_names,
+        plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
                          options.plot, prismatic=_sliding(model))
-    files = [path for path in (options.out, options.plot) if path]
-    if options.json:
-        _print_json({**data, 'files': files})
-    else:
-        replaying.print_comparison(data, files)
+    (_print_json if options.json else replaying.print_comparison)(data)
 
 
 def demo(options: Namespace) -> int:

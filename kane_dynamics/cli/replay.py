@@ -1,15 +1,27 @@
 """The command `replay`: torques along a recording, beside those that were measured."""
 
-from collections.abc import Sequence
+from argparse import Namespace
 from typing import Any
 
 from kane_dynamics.cli import inspection
+from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recording import Recording
 from kane_dynamics.model import Array
 from kane_dynamics.robot import Robot
 import numpy as np
 
 CLEARLY = 0.5  # of the error with gravity, or with the other sign: so much better is a finding
+
+
+def run(options: Namespace, robot: Robot, recording: Recording) -> dict[str, Any]:
+    """Compare, write what --out asks for, and return the result as plain data."""
+    data = compared(robot, recording)
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, recording.t, {
+                'q': recording.q, 'u': recording.u, 'udot': recording.udot,
+                'tau': data['computed']}, robot.joint_names)
+    return {**data, 'files': [path for path in (options.out, options.plot) if path]}
 
 
 def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
@@ -41,8 +53,8 @@ def rms(values: Array) -> Array:
     return result
 
 
-def print_comparison(data: dict[str, Any], files: Sequence[str]) -> None:
-    """Print what `compared` returned, and the files that were written."""
+def print_comparison(data: dict[str, Any]) -> None:
+    """Print what `run` returned."""
     print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
     inspection.print_table(
         ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
@@ -50,5 +62,5 @@ def print_comparison(data: dict[str, Any], files: Sequence[str]) -> None:
             data['largest_error'], strict=True))
     for remark in data['remarks']:
         print(f'\nremark: {remark}')
-    for path in files:
+    for path in data['files']:
         print(f'wrote {path}')

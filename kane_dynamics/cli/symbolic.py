@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+from kane_dynamics.errors import ModelError
 from kane_dynamics.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
@@ -151,12 +152,19 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
         m mass, r mass centre, I moment of inertia, l place of the joint, k stiffness, s rest
         position, d damping, f friction and w its speed, J armature, with the body's number.
 
+    Raises
+    ------
+    ModelError
+        A body of it bends.
+
     """
+    if model.flexible:
+        raise ModelError(f"model '{model.name}' bends: closed forms are of rigid bodies")
     given = Parameters()
     g = model.gravity
     bodies = [SimpleNamespace(name=body.name, parent=body.parent,
                               inertial=_inertial(given, k + 1, body),
-                              joint=_joint(given, k + 1, body.joint))
+                              joint=_joint(given, k + 1, body.joint), beam=None)
               for k, body in enumerate(model.bodies)]
     gravity = given.vector('g', g, 'm/s^2', 'gravity')
     return (SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
@@ -191,7 +199,8 @@ def _joint(given: Parameters, k: int, joint: Joint) -> Any:
     return SimpleNamespace(name=joint.name, kind=joint.kind, axis=joint.axis,
                            rotation=joint.rotation, translation=place,
                            coordinate=joint.coordinate, multiplier=joint.multiplier,
-                           offset=joint.offset, friction_speed=speed, **values)
+                           offset=joint.offset, friction_speed=speed, deflection=None,
+                           **values)
 
 
 def shortened(expression: Any, q: Iterable[Any], u: Iterable[Any] = ()) -> Any:

@@ -86,6 +86,7 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     Parameters
     ----------
     model : Model
+        The arm.
     speeds : (n,) array
         At which each joint's Coulomb friction sets in, rad/s or m/s.
     states : int
@@ -128,6 +129,7 @@ def fit_base(data: Rows, model: Model, speeds: Array, *, weighted: bool = True) 
     Parameters
     ----------
     data : Rows
+        Regressor and torques.
     model : Model
         Whose structure counts, not its masses.
     speeds : (n,) array

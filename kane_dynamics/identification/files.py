@@ -25,6 +25,7 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     source : path, or str or bytes of XML
         The URDF that the model came from.
     model : Model
+        What to say.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base import true_unknowns
 from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
                                                     friction_speeds, full_regressor, Rows, rows,
-                                                    STANDSTILL, stacked, triangle, weights)
+                                                    stacked, STANDSTILL, triangle, weights)
 from kane_dynamics.identification.physical import (physical, prior_metric,
                                                    pseudo_inertia_of)
 from kane_dynamics.identification.recording import Recording

@@ -67,6 +67,11 @@ class ConstrainedEquations:
                                   f'speeds ({", ".join(self.speed_names)}) need as many')
         return places
 
+    @property
+    def unsupported(self) -> tuple[str, ...]:
+        """Return the names of the methods that do not know what a beam's modes do."""
+        return self.tree.unsupported
+
     def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> JointMotion:
         """Return the joints' motion."""
         return self.mechanism.joint_motion(q, u, udot, t, self.tree.geometry)

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.recursive import inertia_wrench, link_motion, Motion, Step, Z
 from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import cross, symmetric
@@ -128,7 +128,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     places, carried = [], []
     for link in links:
         step = Step(link, q)
-        motion.append(link_motion(link, step, motion, u, udot, gravity))
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
         velocity = NONE
         if link.parent != WORLD:
             velocity = cross(motion[link.parent][0], step.offset)

@@ -24,7 +24,7 @@ def joint_matrix(joint: Joint, q: Any) -> Any:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = joint.rotation, joint.translation
     K, KK = generator(joint)
-    x = joint.multiplier * q[joint.coordinate] + joint.offset
+    x = _position(joint, q)
     if joint.kind == 'prismatic':
         return T + (T @ K) * x
     return T + (T @ K) * np.sin(x) + (T @ KK) * (1.0 - np.cos(x))  # Rodrigues: T exp(K x)
@@ -58,7 +58,7 @@ def pose_rates(model: Model, q: Any, u: Any) -> list[Any]:
     for i, body in enumerate(model.bodies):
         joint = body.joint
         # The joint turns or slides about its own axis, so its generator commutes with exp(K x).
-        rate = (here[i] @ generator(joint)[0]) * (joint.multiplier * u[joint.coordinate])
+        rate = (here[i] @ generator(joint)[0]) * _rate(joint, q, u)
         if body.parent != WORLD:
             rate = result[body.parent] @ joint_matrix(joint, q) + rate
         result.append(rate)
@@ -82,7 +82,45 @@ def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
         twice = twice + np.sum((T @ body.inertial.pseudo_inertia) * T)
         rate = body.joint.multiplier * u[body.joint.coordinate]
         twice = twice + body.joint.armature * (rate * rate)
+    bent = [i for i, body in enumerate(model.bodies) if body.beam is not None]
+    if bent:
+        here, moved = poses(model, q), pose_rates(model, q, u)
+        for i in bent:
+            twice = twice + _bending(model.bodies[i].beam, here[i], moved[i], q, u)
     return 0.5 * twice
+
+
+def _bending(beam: Any, T: Any, T_rate: Any, q: Any, u: Any) -> Any:
+    """
+    Return twice what bending adds to a beam's kinetic energy, J, by the volume integral.
+
+    To the second power of the modes: 2 v_0 . (v_1 + v_2) + v_1 . v_1, v by powers.
+    """
+    eta, speed = (x[list(beam.coordinates)] for x in (q, u))
+    total: Any = 0.0
+    for x, dm, phi, H in zip(beam.points, beam.weights, beam.shapes, beam.shortening):
+        shorter, rate = (H @ eta) @ eta * -0.5, -((H @ eta) @ speed)
+        v_0 = T_rate[:3, :3] @ x + T_rate[:3, 3]
+        v_1 = T_rate[:3, :3] @ (eta @ phi) + T[:3, :3] @ (speed @ phi)
+        v_2 = (T_rate[:3, :3] @ beam.direction) * shorter + (T[:3, :3] @ beam.direction) * rate
+        total = total + dm * (2.0 * (v_0 @ (v_1 + v_2)) + v_1 @ v_1)
+    return total
+
+
+def _position(joint: Joint, q: Any) -> Any:
+    bent = joint.deflection
+    if bent is None:
+        return joint.multiplier * q[joint.coordinate] + joint.offset
+    eta = q[list(bent.coordinates)]
+    return bent.slope @ eta + 0.5 * ((bent.curvature @ eta) @ eta) + joint.offset
+
+
+def _rate(joint: Joint, q: Any, u: Any) -> Any:
+    bent = joint.deflection
+    if bent is None:
+        return joint.multiplier * u[joint.coordinate]
+    eta, speed = (x[list(bent.coordinates)] for x in (q, u))
+    return bent.slope @ speed + (bent.curvature @ eta) @ speed
 
 
 def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
@@ -95,6 +133,13 @@ def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
         joint = body.joint
         stretch = joint.multiplier * q[joint.coordinate] + joint.offset - joint.rest
         total = total + 0.5 * joint.stiffness * (stretch * stretch)
+        beam = body.beam
+        if beam is not None:
+            eta = q[list(beam.coordinates)]
+            total = total + 0.5 * ((beam.stiffness @ eta) @ eta)
+            for dm, phi, H in zip(beam.weights, beam.shapes, beam.shortening):
+                d = eta @ phi + beam.direction * ((H @ eta) @ eta * -0.5)
+                total = total - dm * (g @ (T[:3, :3] @ d))
     return total
 
 
@@ -137,6 +182,9 @@ def friction_force(model: Model, u: Array) -> Array:
         held = (joint.damping * rate + joint.friction * math.tanh(rate / joint.friction_speed)
                 + joint.friction_offset)
         force[joint.coordinate] -= held * joint.multiplier
+        if body.beam is not None:
+            modes = list(body.beam.coordinates)
+            force[modes] -= body.beam.damping @ u[modes]
     return force
 
 

@@ -9,16 +9,19 @@ tests run them on numbers.
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from kane_dynamics.beam import Beam
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics import frames, reactions, recursive, regressor
 from kane_dynamics.mechanics.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
-from kane_dynamics.mechanics.linkage import (carrying, denavit_hartenberg, homogeneous, Link,
-                                             linkage, regrouped)
+from kane_dynamics.mechanics.link import homogeneous, Link
+from kane_dynamics.mechanics.linkage import carrying, denavit_hartenberg, linkage, regrouped
 from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.model import Frame, Joint, Model, WORLD
 import numpy as np
 
+RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
+              'regressor', 'body_torques')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 
 
@@ -52,8 +55,10 @@ class Equations:
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
         links = self._raw_links = linkage(model)
         self._links = denavit_hartenberg(links) if frame_reduction else links
-        self.order = list(dict.fromkeys(link.coordinate for link in links))
-        self.n_parameters = 3 if self.payload_frame is None else 13
+        self.order = list(dict.fromkeys(k for link in links for k in (
+            *([] if link.deflection else [link.coordinate]),
+            *(link.beam.coordinates if link.beam else []))))
+        self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
 
     timed = False  # no method depends on time
 
@@ -189,6 +194,10 @@ class Equations:
         for joint in self._joints():
             stretch = _position(joint, q) - joint.rest
             springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
+        for body in self.model.bodies:
+            if body.beam is not None:
+                eta = q[list(body.beam.coordinates)]
+                springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
         return recursive.potential_energy(self.links(parameters), q, parameters[:3]) + springs
 
     def frame_pose(self, frame: Frame, q: Any) -> Any:
@@ -229,10 +238,9 @@ class Equations:
             total = joint.damping * rate
             if joint.friction:
                 total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
-            if joint.friction_offset:
-                total = total + joint.friction_offset
-            return joint.multiplier * total
-        return self._by_coordinate(force)
+            return joint.multiplier * (total + joint.friction_offset)
+        return self._of_beams(self._by_coordinate(force),
+                              lambda beam: beam.damping @ u[list(beam.coordinates)])
 
     def _friction_slope(self, u: Any) -> Any:
         """Return d friction_force / du, (n,)."""
@@ -249,9 +257,19 @@ class Equations:
         return self._by_coordinate(slope)
 
     def spring_force(self, q: Any) -> Any:
-        """Return k (position - rest) of every joint, (n,): what torque holds."""
-        return self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
-                                   * (_position(j, q) - j.rest))
+        """Return k (position - rest) of joints, K eta of beams, (n,): what torque holds."""
+        springs = self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
+                                      * (_position(j, q) - j.rest))
+        return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
+
+    def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
+        """Return a force, (n,), with that of every beam on its modes added."""
+        result = list(total)
+        for body in self.model.bodies:
+            if body.beam is not None:
+                for k, value in zip(body.beam.coordinates, force(body.beam)):
+                    result[k] = result[k] + value
+        return np.array(result)
 
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""

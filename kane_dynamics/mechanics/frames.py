@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link, Z
+from kane_dynamics.mechanics.link import Link
+from kane_dynamics.mechanics.linkage import Z
 from kane_dynamics.mechanics.recursive import Step
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Frame, WORLD
@@ -62,7 +63,8 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
             column = np.concatenate([cross(s, p_f - p), s])
         else:
             column = np.concatenate([s, np.zeros(3)])
-        columns[link.coordinate] = columns[link.coordinate] + link.multiplier * column
+        for r, weight in link.partials(q):
+            columns[r] = columns[r] + weight * column
         k = link.parent
     return np.stack(columns, axis=1)
 
@@ -78,7 +80,7 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) 
     if frame.body == WORLD:
         return np.stack(columns, axis=1)
     poses = link_poses(links, q)
-    motion = _motions(links, poses, u, np.zeros(len(q)).astype(object))
+    motion = _motions(links, poses, q, u, np.zeros(len(q)).astype(object))
     r_f = poses[frame.body][0] @ frame_in_link(links, frame)[1]
     p_f = poses[frame.body][1] + r_f
     v_f = motion[frame.body][2] + cross(motion[frame.body][0], r_f)
@@ -91,7 +93,11 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) 
             column = np.concatenate([cross(turning, p_f - p) + cross(s, v_f - v), turning])
         else:
             column = np.concatenate([turning, np.zeros(3)])
-        columns[link.coordinate] = columns[link.coordinate] + link.multiplier * column
+        for r, weight in link.partials(q):
+            columns[r] = columns[r] + weight * column
+        for r, rate in link.partial_rates(u):
+            along = ([*cross(s, p_f - p), *s] if link.kind == 'revolute' else [*s, *np.zeros(3)])
+            columns[r] = columns[r] + rate * np.array(along)
         k = link.parent
     return np.stack(columns, axis=1)
 
@@ -105,12 +111,12 @@ def frame_motion(links: Sequence[Link], frame: Frame, q: Any, u: Any, udot: Any)
     if frame.body == WORLD:
         return np.zeros((2, 6))
     poses = link_poses(links, q)
-    omega, alpha, v, a = _motions(links, poses, u, udot)[frame.body]
+    omega, alpha, v, a = _motions(links, poses, q, u, udot)[frame.body]
     v, a = _carried(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
     return np.stack([np.concatenate([v, omega]), np.concatenate([a, alpha])])
 
 
-def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], u: Any,
+def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], q: Any, u: Any,
              udot: Any) -> list[tuple[Any, Any, Any, Any]]:
     """Return omega, alpha, v and a of every link's origin, world axes, gravity not in it."""
     motion: list[tuple[Any, Any, Any, Any]] = []
@@ -121,7 +127,7 @@ def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], u: Any,
             omega, alpha, v, a = motion[link.parent]
             origin = poses[link.parent][1]
         v, a = _carried(omega, alpha, v, a, p - origin)
-        rate, acceleration = (link.multiplier * x[link.coordinate] * (R @ Z) for x in (u, udot))
+        rate, acceleration = link.rate(q, u) * (R @ Z), link.growth(q, u, udot) * (R @ Z)
         if link.kind == 'revolute':
             motion.append((omega + rate, alpha + acceleration + cross(omega, rate), v, a))
         else:

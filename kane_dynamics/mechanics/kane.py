@@ -17,6 +17,7 @@ In the code the sum over k is a loop and the index r runs down the rows of array
 from collections.abc import Mapping
 from typing import Any
 
+from kane_dynamics.mechanics import beams
 from kane_dynamics.mechanics.kinematics import (Configuration, configurations,
                                                 frame_partial_velocities, motions,
                                                 position, rate)
@@ -66,12 +67,14 @@ def generalized_inertia_force(model: Model, q: Any, u: Any, udot: Any) -> Any:
     """
     bodies = configurations(model, q)
     force: Any = np.zeros(model.n)
-    for body, here, motion in zip(model.bodies, bodies, motions(model, bodies, u, udot)):
+    for body, here, motion in zip(model.bodies, bodies, motions(model, bodies, q, u, udot)):
         inertia = central_inertia(body, here)
         torque = inertia @ motion.alpha + cross(motion.omega, inertia @ motion.omega)
         force = force - (here.partial_velocity @ (body.inertial.mass * motion.a_com)
                          + here.partial_angular_velocity @ torque)
         force = force - on_coordinate(model, body.joint, rotor_torque(body.joint, udot))
+        if body.beam is not None:
+            force = force + beams.inertia_force(body.beam, here, motion, q, u, udot)
     return force
 
 
@@ -104,6 +107,9 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
         force = force - on_coordinate(model, body.joint, spring_torque(body.joint, q))
         if friction:
             force = force - on_coordinate(model, body.joint, friction_torque(body.joint, u))
+        if body.beam is not None:
+            force = force + beams.weight(body.beam, here, q, g)
+            force = force + beams.modal_force(body.beam, q, u, friction)
     for name, (push, moment) in (wrenches or {}).items():
         partials = frame_partial_velocities(model, model.frame(name), q)
         force = force + partials[:3].T @ push + partials[3:].T @ moment
@@ -130,6 +136,8 @@ def gravity_force(model: Model, q: Any, *, gravity: Any = None) -> Any:
     force: Any = np.zeros(model.n)
     for body, here in zip(model.bodies, configurations(model, q)):
         force = force - here.partial_velocity @ (body.inertial.mass * g)
+        if body.beam is not None:
+            force = force - beams.weight(body.beam, here, q, g)
     return force
 
 
@@ -142,6 +150,8 @@ def mass_matrix(model: Model, q: Any) -> Any:
         joint = body.joint
         rotor = on_coordinate(model, joint, joint.multiplier * joint.armature)
         M = M + np.diag(rotor)
+        if body.beam is not None:
+            M = M + beams.mass_matrix(body.beam, here, q)
     return M
 
 

@@ -72,12 +72,34 @@ class Motion:
 
 def position(joint: Joint, q: Any) -> Any:
     """Return a joint's position, rad or m."""
-    return joint.multiplier * q[joint.coordinate] + joint.offset
+    bent = joint.deflection
+    if bent is None:
+        return joint.multiplier * q[joint.coordinate] + joint.offset
+    eta = q[list(bent.coordinates)]
+    return joint.offset + bent.slope @ eta + 0.5 * (eta @ bent.curvature @ eta)
+
+
+def partials(joint: Joint, q: Any) -> Any:
+    """Return the coefficients of the speeds in a joint's rate, (n,)."""
+    bent = joint.deflection
+    if bent is None:
+        return joint.multiplier * np.eye(len(q))[joint.coordinate]
+    places = list(bent.coordinates)
+    return (bent.slope + bent.curvature @ q[places]) @ np.eye(len(q))[places]
 
 
 def rate(joint: Joint, u: Any) -> Any:
     """Return a joint's rate given the speeds, or its acceleration given their rates."""
     return joint.multiplier * u[joint.coordinate]
+
+
+def growth(joint: Joint, q: Any, u: Any, udot: Any) -> Any:
+    """Return a joint's acceleration."""
+    bent = joint.deflection
+    if bent is None:
+        return rate(joint, udot)
+    speed = u[list(bent.coordinates)]
+    return partials(joint, q) @ udot + speed @ bent.curvature @ speed
 
 
 def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
@@ -109,7 +131,7 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
         r = R @ joint.translation
         R = R @ joint.rotation
         s = R @ joint.axis
-        of_joint = np.outer(joint.multiplier * np.eye(model.n)[joint.coordinate], s)
+        of_joint = np.outer(partials(joint, q), s)
         x = position(joint, q)
         if joint.kind == 'revolute':
             v = v + w @ skew(r)  # rows omega^r x r
@@ -124,7 +146,7 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
     return tuple(bodies)
 
 
-def motions(model: Model, bodies: Sequence[Configuration], u: Any,
+def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
             udot: Any) -> tuple[Motion, ...]:
     """
     Return the motion of every body.
@@ -135,8 +157,8 @@ def motions(model: Model, bodies: Sequence[Configuration], u: Any,
         The mechanism.
     bodies : sequence of Configuration
         From `configurations`.
-    u, udot : (n,) arrays of scalars
-        Speeds and their rates.
+    q, u, udot : (n,) arrays of scalars
+        Coordinates, speeds and their rates.
 
     Notes
     -----
@@ -153,11 +175,12 @@ def motions(model: Model, bodies: Sequence[Configuration], u: Any,
             alpha, a, omega_parent = parent.alpha, parent.a, parent.omega
             r = here.p_wb - bodies[body.parent].p_wb
         a = _carried(a, omega_parent, alpha, r)
-        relative, growth = rate(joint, u) * here.axis, rate(joint, udot) * here.axis
+        relative = (partials(joint, q) @ u) * here.axis
+        along = growth(joint, q, u, udot) * here.axis
         if joint.kind == 'revolute':
-            alpha = alpha + growth + cross(omega_parent, relative)
+            alpha = alpha + along + cross(omega_parent, relative)
         else:
-            a = a + growth + 2.0 * cross(omega_parent, relative)
+            a = a + along + 2.0 * cross(omega_parent, relative)
         omega = u @ here.partial_angular_velocity
         result.append(Motion(
             omega, alpha, u @ here.partial_velocity_origin, a, u @ here.partial_velocity,
@@ -188,7 +211,7 @@ def frame_motion(model: Model, frame: Frame, q: Any, u: Any, udot: Any) -> tuple
     if frame.body == WORLD:
         return np.zeros(6), np.zeros(6)
     bodies = configurations(model, q)
-    motion = motions(model, bodies, u, udot)[frame.body]
+    motion = motions(model, bodies, q, u, udot)[frame.body]
     r = bodies[frame.body].R_wb @ frame.translation
     v = motion.v + cross(motion.omega, r)
     a = _carried(motion.a, motion.omega, motion.alpha, r)

@@ -18,87 +18,17 @@ Pseudo-inertias may hold traced values (a payload); everything else here is numb
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
-from typing import Any, Literal
+from typing import Any
 
+from kane_dynamics.mechanics.link import homogeneous, inverse, Link
 from kane_dynamics.model import Array, Model, WORLD
 import numpy as np
 
 SNAP = 1e-14  # entries this close to 0, 1 or -1 are rounding; coarser would cost accuracy
 NEARLY_PARALLEL = 1e-4  # rad: the common normal of such axes lies far off, at a loss of digits
 Z = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, eq=False)
-class Link:
-    """
-    A body as the recursions see it: its joint turns about, or slides along, its z axis.
-
-    Attributes
-    ----------
-    parent : int
-        Index of the parent link, -1 for the world.
-    kind : 'revolute' or 'prismatic'
-    pose : (4, 4) array
-        Pose of the joint frame in the parent link at position 0, m.
-    coordinate, multiplier, offset : int, float, float
-        The joint's position is ``multiplier * q[coordinate] + offset``.
-    pseudo_inertia : (4, 4) array
-        About the link's origin, in link axes: second moment, first moment, mass.
-    body : (4, 4) array
-        Pose of the model's body frame in link axes.
-
-    """
-
-    parent: int
-    kind: Literal['revolute', 'prismatic']
-    pose: Array
-    coordinate: int
-    multiplier: float
-    offset: float
-    pseudo_inertia: Any
-    body: Array
-
-    @property
-    def rotation(self) -> Array:
-        """Axes of the joint frame in the parent link, (3, 3)."""
-        return self.pose[:3, :3]
-
-    @property
-    def translation(self) -> Array:
-        """Origin of the joint frame in the parent link, (3,), m."""
-        return self.pose[:3, 3]
-
-    @property
-    def mass(self) -> Any:
-        """Mass, kg."""
-        return self.pseudo_inertia[3, 3]
-
-    @property
-    def first_moment(self) -> Any:
-        """Mass times mass centre, (3,), kg m."""
-        return self.pseudo_inertia[:3, 3]
-
-    @property
-    def second_moment(self) -> Any:
-        """Int r r^T dm, (3, 3), kg m^2."""
-        return self.pseudo_inertia[:3, :3]
-
-
-def homogeneous(rotation: Any = None, translation: Any = None) -> Array:
-    """Return the (4, 4) matrix that maps [r; 1] by r -> R r + p."""
-    T = np.eye(4)
-    if rotation is not None:
-        T[:3, :3] = rotation
-    if translation is not None:
-        T[:3, 3] = translation
-    return T
-
-
-def inverse(T: Array) -> Array:
-    """Return the inverse of a pose."""
-    return homogeneous(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
 
 
 def snap(array: Array) -> Array:
@@ -125,7 +55,8 @@ def linkage(model: Model) -> tuple[Link, ...]:
         pose = above.T @ homogeneous(joint.rotation, joint.translation) @ C
         links.append(Link(body.parent, joint.kind, _clean(pose), joint.coordinate,
                           joint.multiplier, joint.offset,
-                          C.T @ body.inertial.pseudo_inertia @ C, C.T))
+                          C.T @ body.inertial.pseudo_inertia @ C, C.T, joint.deflection,
+                          body.beam))
     return tuple(links)
 
 

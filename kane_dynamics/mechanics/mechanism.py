@@ -21,7 +21,7 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics import frames, kinematics, linear
 from kane_dynamics.mechanics.constraints import Constraint, Rows
 from kane_dynamics.mechanics.dual import moving, rates
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.speeds import chosen, Speeds
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Model, WORLD

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics.mechanics.frames import frame_in_link, link_poses
-from kane_dynamics.mechanics.linkage import Link
-from kane_dynamics.mechanics.recursive import inertia_wrench, link_motion, Motion, Step
+from kane_dynamics.mechanics.link import Link
+from kane_dynamics.mechanics.modes import bent
+from kane_dynamics.mechanics.recursive import link_forces, link_motion, Motion, Step
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Frame, WORLD
 import numpy as np
@@ -35,8 +36,9 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
         The environment's wrenches, force then moment at the frame's origin, world axes.
 
     """
+    links = bent(links, q)
     steps = [Step(link, q) for link in links]
-    wrenches = _inertia_wrenches(links, steps, u, udot, gravity)
+    wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
     for k in reversed(range(len(links))):
         if links[k].parent != WORLD:
             wrenches[links[k].parent] = _handed_down(steps[k], wrenches[k],
@@ -59,7 +61,7 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
 def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
     """Return (n_bodies, n): the joint torques that each body's inertia and weight ask for."""
     steps = [Step(link, q) for link in links]
-    wrenches = _inertia_wrenches(links, steps, u, udot, gravity)
+    wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
     result: list[list[Any]] = [[0.0] * len(q) for _ in links]
     for k, (force, moment) in enumerate(wrenches):
         j = k
@@ -76,13 +78,13 @@ def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any)
     return np.array(result).reshape(len(links), len(q))
 
 
-def _inertia_wrenches(links: Sequence[Link], steps: Sequence[Step], u: Any, udot: Any,
+def _inertia_wrenches(links: Sequence[Link], steps: Sequence[Step], q: Any, u: Any, udot: Any,
                       gravity: Any) -> list[tuple[Any, Any]]:
     """Return what every link alone takes, force and moment about its origin, link axes."""
     motion: list[Motion] = []
     for link, step in zip(links, steps):
-        motion.append(link_motion(link, step, motion, u, udot, gravity))
-    return [inertia_wrench(link, m) for link, m in zip(links, motion)]
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
+    return [link_forces(link, m, q, u, udot)[:2] for link, m in zip(links, motion)]
 
 
 def _handed_down(step: Step, wrench: tuple[Any, Any],
@@ -90,4 +92,3 @@ def _handed_down(step: Step, wrench: tuple[Any, Any],
     """Return the parent's wrench with a link's added."""
     force, moment = step.inward(wrench[0]), step.inward(wrench[1])
     return above[0] + force, above[1] + (moment + cross(step.offset, force))
-

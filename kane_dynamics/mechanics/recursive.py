@@ -10,13 +10,14 @@ Gravity enters as an acceleration of the base, -g. A joint that shares its coord
 (a mimic) adds its multiplier times its own axis to the coordinate's partial velocities.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
-from kane_dynamics.mechanics.vector import (cross, inertia_moment, rate_tensor, rotated_about_z,
-                                            sin_cos, symmetric)
+from kane_dynamics.mechanics.link import Link
+from kane_dynamics.mechanics.modes import bent, Modes
+from kane_dynamics.mechanics.vector import (cross, inertia_moment, is_zero, rate_tensor,
+                                            rotated_about_z, sin_cos, symmetric)
 from kane_dynamics.model import WORLD
 import numpy as np
 
@@ -32,7 +33,8 @@ class Step:
 
     def __init__(self, link: Link, q: Any) -> None:
         """Take the joint's position from the coordinates q (n,)."""
-        angle = link.multiplier * q[link.coordinate]
+        angle = link.position(q)
+        self.partials = link.partials(q)
         self.rotation = link.rotation
         self.axis = link.rotation @ Z
         self.turns = link.kind == 'revolute'
@@ -65,10 +67,10 @@ class Step:
         return symmetric(self.rotation @ turned @ self.rotation.T)
 
 
-def link_motion(link: Link, step: Step, before: Sequence[Motion], u: Any, udot: Any,
+def link_motion(link: Link, step: Step, before: Sequence[Motion], q: Any, u: Any, udot: Any,
                 gravity: Any) -> Motion:
     """Return the motion of a link, given those of the links `before` it; see `Motion`."""
-    rate, acceleration = (link.multiplier * x[link.coordinate] for x in (u, udot))
+    rate, acceleration = link.rate(q, u), link.growth(q, u, udot)
     omega, alpha, a, U = (REST, REST, -gravity, AT_REST) if link.parent == WORLD else (
         before[link.parent])
     U_z = step.outward(U @ step.axis)
@@ -90,11 +92,22 @@ def link_motion(link: Link, step: Step, before: Sequence[Motion], u: Any, udot: 
 
 
 def inertia_wrench(link: Link, motion: Motion) -> tuple[Any, Any]:
-    """Return a link's inertia force, and moment about its origin, negated; link axes."""
+    """Return a rigid link's inertia force, and moment about its origin, negated; link axes."""
     omega, _, a, U = motion
     h = link.first_moment
     return (link.mass * a + U @ h,
             inertia_moment(link.second_moment, omega, U) + cross(h, a))
+
+
+def link_forces(link: Link, motion: Motion, q: Any, u: Any,
+                udot: Any) -> tuple[Any, Any, list[tuple[int, Any]]]:
+    """Return `inertia_wrench`, of a beam too, and what its modes take, by their places in q."""
+    force, moment = inertia_wrench(link, motion)
+    if link.beam is None:
+        return force, moment, []
+    modes = Modes(link, q)
+    more, turning, modal = modes.inertia_force(motion, u, udot)
+    return force + more, moment + turning, list(zip(modes.coordinates, modal))
 
 
 def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
@@ -116,17 +129,22 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
         N m or N.
 
     """
+    links = bent(links, q)
     steps = [Step(link, q) for link in links]
     motion: list[Motion] = []
     wrench: list[tuple[Any, Any]] = []
-    for link, step in zip(links, steps):
-        motion.append(link_motion(link, step, motion, u, udot, gravity))
-        wrench.append(inertia_wrench(link, motion[-1]))
     tau = [0.0] * len(q)
+    for link, step in zip(links, steps):
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
+        force, moment, modal = link_forces(link, motion[-1], q, u, udot)
+        wrench.append((force, moment))
+        for k, along in modal:
+            tau[k] = tau[k] + along
     for i in reversed(range(len(links))):
         link, step, (force, moment) = links[i], steps[i], wrench[i]
         along = moment[2] if link.kind == 'revolute' else force[2]
-        tau[link.coordinate] = tau[link.coordinate] + link.multiplier * along
+        for k, weight in step.partials:
+            tau[k] = tau[k] + weight * along
         if link.parent != WORLD:
             force, moment = step.inward(force), step.inward(moment)
             above = wrench[link.parent]
@@ -142,10 +160,11 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
     Joint s accelerating alone moves all that it carries as one rigid body; the force and moment
     for that, seen through the axes of s and of the joints below it, are column s.
     """
-    n = len(q)
+    links = bent(links, q)
     steps = [Step(link, q) for link in links]
     composite = [(link.mass, link.first_moment, link.second_moment) for link in links]
-    M = [[0.0] * n for _ in range(n)]
+    seen: list[dict[int, Any]] = [{} for _ in links]  # [i][k]: what joint k sees when i moves
+    M = [[0.0] * len(q) for _ in q]
     for i in reversed(range(len(links))):
         mass, h, S = composite[i]
         if links[i].kind == 'revolute':
@@ -153,7 +172,10 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
             moment = np.array([-S[0, 2], -S[1, 2], S[0, 0] + S[1, 1]])
         else:
             force, moment = mass * Z, np.array([h[1], -h[0], 0.0])
-        _fill_column(links, steps, i, force, moment, M)
+        for k, along in _column(links, steps, i, force, moment):
+            seen[i][k] = seen[k][i] = along
+        if links[i].beam is not None:
+            _add_modes(links, steps, i, q, M)
         if links[i].parent != WORLD:
             p = steps[i].offset
             h, S = steps[i].inward(h), steps[i].inward_tensor(S)
@@ -162,33 +184,49 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
             shifted = S + np.outer(p, h) + np.outer(hp, p)
             composite[links[i].parent] = (above[0] + mass, above[1] + hp,
                                           above[2] + symmetric(shifted))
-    return np.array(M)
+    for i, step in enumerate(steps):  # from joints to the coordinates that move them
+        half = [0.0] * len(q)
+        for k, along in seen[i].items():
+            for s, weight in steps[k].partials:
+                half[s] = half[s] + weight * along
+        for r, weight in step.partials:
+            for s, entry in enumerate(half):
+                if s >= r and not is_zero(entry):
+                    M[r][s] = M[r][s] + weight * entry
+    return np.array([[M[min(r, s)][max(r, s)] for s in range(len(q))] for r in range(len(q))])
 
 
-def _fill_column(links: Sequence[Link], steps: Sequence[Step], i: int, force: Any, moment: Any,
-                 M: list[list[Any]]) -> None:
-    """Add to M what link i's joint, accelerating alone, asks of itself and the joints below."""
-    k, r = i, links[i].coordinate
-    while True:
-        link = links[k]
-        s = link.coordinate
-        along = moment[2] if link.kind == 'revolute' else force[2]
-        entry = links[i].multiplier * link.multiplier * along
-        M[r][s] = M[r][s] + entry
-        if k != i:
-            M[s][r] = M[s][r] + entry
-        if link.parent == WORLD:
-            return
+def _column(links: Sequence[Link], steps: Sequence[Step], i: int, force: Any,
+            moment: Any) -> Iterator[tuple[int, Any]]:
+    """Yield what a wrench on link i is along its joint's axis and those of the joints below."""
+    k = i
+    while k != WORLD:
+        yield k, moment[2] if links[k].kind == 'revolute' else force[2]
         force, moment = steps[k].inward(force), steps[k].inward(moment)
         moment = moment + cross(steps[k].offset, force)
-        k = link.parent
+        k = links[k].parent
+
+
+def _add_modes(links: Sequence[Link], steps: Sequence[Step], i: int, q: Any,
+               M: list[list[Any]]) -> None:
+    """Add to the upper half of M what the modes of link i, a beam, move of it."""
+    modes = Modes(links[i], q)
+    for r, force, moment in zip(modes.coordinates, modes.momentum, modes.spin):
+        for k, along in _column(links, steps, i, force, moment):
+            for s, weight in steps[k].partials:
+                low, high = min(r, s), max(r, s)
+                M[low][high] = M[low][high] + weight * along
+    for r, row in zip(modes.coordinates, modes.mass):
+        for s, value in zip(modes.coordinates, row):
+            if s >= r:
+                M[r][s] = M[r][s] + value
 
 
 def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
     """Return every link's (omega, v of its origin), in link axes, rad/s and m/s."""
     result: list[tuple[Any, Any]] = []
     for link in links:
-        step, rate = Step(link, q), link.multiplier * u[link.coordinate]
+        step, rate = Step(link, q), link.rate(q, u)
         omega, v = REST, REST
         if link.parent != WORLD:
             omega, v = result[link.parent]
@@ -204,7 +242,10 @@ def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
 def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
     """Return sum 1/2 int v . v dm over all links, J."""
     twice: Any = 0.0
+    links = bent(links, q)
     for link, (omega, v) in zip(links, velocities(links, q, u)):
+        if link.beam is not None:
+            twice = twice + Modes(link, q).twice_energy(omega, v, u)
         S, h = link.second_moment, link.first_moment
         spin = S[0, 0] + S[1, 1] + S[2, 2]
         twice = (twice + link.mass * (v @ v) + 2.0 * (v @ cross(omega, h))
@@ -214,6 +255,7 @@ def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
 
 def potential_energy(links: Sequence[Link], q: Any, gravity: Any) -> Any:
     """Return -sum m g . p* over all links, J, zero at the world's origin."""
+    links = bent(links, q)
     moments = [(link.mass, link.first_moment) for link in links]
     total: Any = REST
     for i in reversed(range(len(links))):

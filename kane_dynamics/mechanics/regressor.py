@@ -14,7 +14,7 @@ body's origin make generalized forces of both.
 from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics.mechanics.linkage import Link
+from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.recursive import link_motion, Motion, REST, Step, Z
 from kane_dynamics.mechanics.sharing import directly, Share
 from kane_dynamics.mechanics.vector import cross
@@ -59,7 +59,7 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
     Y: list[list[Any]] = [[0.0] * (10 * len(links)) for _ in range(n)]
     for k, link in enumerate(links):
         step = Step(link, q)
-        motion.append(link_motion(link, step, motion, u, udot, gravity))
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
         omega, alpha, a, U = motion[k]
         state = np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
         own = np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])

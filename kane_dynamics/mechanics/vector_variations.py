@@ -14,6 +14,7 @@ Source: vector variations, Journal of Robotic Systems 5 (1988) 553.
 
 from collections.abc import Sequence
 
+from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.admissible import Admissible
 from kane_dynamics.mechanics.finite_posture import PossibleMotion
 from kane_dynamics.mechanics.variations import (absolute, angular_velocity_variation, relative,
@@ -45,6 +46,8 @@ class VectorVariations:
     def inertia_force(self, motion: Admissible, variations: Array) -> Array:
         """Return F*, (k,), for the columns of `variations`, (n_q, k)."""
         model, posture = motion.posture.model, motion.posture
+        if model.flexible:
+            raise ModelError('the variations of vectors here are of rigid bodies; a beam bends')
         centres = [posture.mass_centre(k) for k in range(len(model.bodies))]
         possible = [centre.along(variations) for centre in centres]
         force = np.zeros(variations.shape[1])

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from kane_dynamics.control import Controller
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model import Model
 from kane_dynamics.quantities import IN_LOOPS
 from kane_dynamics.robot import Robot
@@ -17,17 +17,20 @@ from kane_dynamics.ros.loads import checked_payload, Loads, PayloadBounds, start
 from kane_dynamics.ros.parameters import controller_settings
 from kane_dynamics.ros.requests import Served
 from kane_dynamics.ros.services import Services
+from kane_dynamics.ros.surroundings import (BEST_EFFORT, check_surroundings, RELIABLE,
+                                            Surroundings)
 from kane_dynamics.ros.torque_path import TorquePath
+from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.stepping import compile_simulation
+import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
-# Of the sensor data profile: what came during a stall of some ms is answered late, not never.
-BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# What of the loads follows from which parameters, when these change.
+GIVEN = {'gravity': ('gravity',),
+         'payload': ('payload.mass', 'payload.com', 'payload.inertia')}
 ACKNOWLEDGE = 0.3  # s to wait for zeros to be acknowledged
 
 
@@ -62,6 +65,11 @@ class Arm:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
+        if model.flexible:
+            modes = ', '.join(model.coordinate_names[k] for body in model.bodies if body.beam
+                              for k in body.beam.coordinates)
+            raise ModelError('the node commands arms of rigid links, and no joint state tells of '
+                             f'{modes}: leave beams out of its supplement')
         self.values, self._node, self._server, self._warn = values, node, server, warn
         self._statistics, self._clock = statistics, node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
@@ -72,9 +80,12 @@ class Arm:
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
         self.robot, self._for_requests, self._for_simulations = robots = [
-            Robot(model, payload_frame=values['payload.frame'] or None) for _ in range(3)]
+            Robot(model, payload_frame=values['payload.frame'] or None,
+                  wrench_frames=values['wrench.frames']) for _ in range(3)]
+        check_surroundings(values, self.robot)
         for robot in robots:  # the first compiles, the others find it in the cache
-            robot.compile(*IN_LOOPS)
+            robot.compile(*IN_LOOPS, 'external_force', 'body_torques')
+        self._request_frames = WrenchFrames(self._for_requests)
         compile_simulation(self._for_simulations)
         self.verified = self.robot.verify()
         controller = Controller(self.robot, **controller_settings(values, self.robot.joint_names))
@@ -86,6 +97,8 @@ class Arm:
             controller, commands, torques, self._now,
             values['state_timeout'], statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
+        self.surroundings = Surroundings(node, server, self.path, values, self._now,
+                                         self._reject)
         self._distribute()
         self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT, raw=True)
@@ -97,6 +110,12 @@ class Arm:
     def _now(self) -> int:
         """Return the node's clock, ns; the system's own is the same where none is simulated."""
         return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
+
+    def clock_jumped(self) -> None:
+        """Take notice that the node's clock was set back, or that it is another one now."""
+        self._simulated_time = bool(self._clock.ros_time_is_active)
+        if self.path.running:
+            self.path.clock_jumped()
 
     @property
     def sources(self) -> int:
@@ -114,6 +133,7 @@ class Arm:
         """Close the topics and let the services answer that nothing is configured."""
         self._server.served = None
         self._node.destroy_subscription(self._states)
+        self.surroundings.close()
         if self._imu is not None:
             self._server.destroy_subscription(self._imu)
         for publisher in self._publishers:
@@ -122,6 +142,8 @@ class Arm:
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise InputError if these parameters do not fit this arm."""
         controller_settings(values, self.robot.joint_names)
+        start_loads(self.robot.model, values)
+        check_surroundings(values, self.robot)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity' is not used while imu.topic is set: its "
@@ -129,12 +151,15 @@ class Arm:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next cycle and the next request on."""
-        turned = (values['gravity'] != self.values['gravity']).any()
-        self.values = values
-        self._simulated_time = bool(self._clock.ros_time_is_active)
+        before, self.values = self.values, values
         self.path.set_timeout(values['state_timeout'])
         self.path.controller.update(**controller_settings(values, self.robot.joint_names))
-        self._change(**({'gravity': values['gravity']} if turned else {}))
+        if self.gravity_source is not None:
+            self.gravity_source.time_constant = values['imu.time_constant']
+        self.surroundings.update(values)
+        given = start_loads(self.robot.model, values)
+        self._change(**{name: getattr(given, name) for name, parameters in GIVEN.items() if any(
+            not np.array_equal(before[each], values[each]) for each in parameters)})
 
     def set_payload(self, request: Any) -> None:
         """
@@ -160,8 +185,12 @@ class Arm:
         try:
             self.gravity_source.take(message)
         except InputError as error:
-            self._statistics.rejected['imu'] += 1
-            self._warn('imu', str(error))
+            self._reject('imu', str(error))
+
+    def _reject(self, reason: str, detail: str) -> None:
+        """Count and tell that a message was not used."""
+        self._statistics.rejected[reason] += 1
+        self._warn(reason, detail)
 
     def _change(self, **changes: Any) -> None:
         """Replace some of the loads and hand them, with the parameters, to all threads."""
@@ -173,4 +202,5 @@ class Arm:
         self.path.set_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = Served.from_values(self._for_requests, self._for_simulations,
-                                                 self.loads, self.values)
+                                                 self.loads, self.values,
+                                                 self._request_frames)

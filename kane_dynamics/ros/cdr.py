@@ -219,6 +219,14 @@ def joint_efforts(names: Sequence[str]) -> Prepared:
     return Prepared(writer, offsets[2], len(names))
 
 
+def wrench_stamped(frame_id: str) -> Prepared:
+    """Return a geometry_msgs/WrenchStamped at a frame; its numbers are force, then torque."""
+    writer = Writer()
+    writer.take(4, 2)
+    writer.text(frame_id)
+    return Prepared(writer, writer.take(8, 6), 6)
+
+
 def numbers(count: int) -> Prepared:
     """Return a std_msgs/Float64MultiArray of `count` numbers without a layout."""
     writer = Writer()

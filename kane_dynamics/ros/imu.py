@@ -48,7 +48,7 @@ class GravityFromImu:
     def __init__(self, model: Model, frame: str, magnitude: float, time_constant: float,
                  use: Callable[[Array], None]) -> None:
         self._model, self._frame, self._magnitude = model, frame, magnitude
-        self._time_constant, self._use = time_constant, use
+        self.time_constant, self._use = time_constant, use
         if frame:
             self._rotation(frame)
         if magnitude == 0.0:
@@ -72,13 +72,13 @@ class GravityFromImu:
         g = -self._magnitude / float(np.linalg.norm(f)) * f
         stamp = nanoseconds(message.header.stamp)
         elapsed = (stamp - self._last) / NANO
-        if self._filtered is None or not 0.0 <= elapsed <= GAP * self._time_constant:
+        if self._filtered is None or not 0.0 <= elapsed <= GAP * self.time_constant:
             self._filtered, self._first = g, stamp
         else:
-            self._filtered = self._filtered + -math.expm1(-elapsed / self._time_constant) * (
+            self._filtered = self._filtered + -math.expm1(-elapsed / self.time_constant) * (
                 g - self._filtered)
         self._last = stamp
-        if (stamp - self._first) / NANO >= SETTLED * self._time_constant:
+        if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
             found = self._magnitude / float(np.linalg.norm(self._filtered)) * self._filtered
             if np.abs(found - self._used).max() > STEP * self._magnitude:
                 self._used = found

@@ -121,7 +121,10 @@ def start_loads(model: Model, values: Mapping[str, Any]) -> Loads:
     """
     payload = None
     if values['payload.frame'] or values['payload.mass'] > 0.0:
-        payload = checked_payload(model, PayloadBounds.from_values(values), '',
-                                  values['payload.mass'], values['payload.com'],
-                                  values['payload.inertia'])
+        try:
+            payload = checked_payload(model, PayloadBounds.from_values(values), '',
+                                      values['payload.mass'], values['payload.com'],
+                                      values['payload.inertia'])
+        except InputError as error:
+            raise InputError(f"parameters 'payload.*': {error}") from None
     return Loads(values['gravity'], payload)

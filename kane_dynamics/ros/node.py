@@ -1,5 +1,6 @@
 """The lifecycle node: it finds the URDF, compiles the robot, and wires the torque path."""
 
+from collections.abc import Mapping
 import gc
 from pathlib import Path
 import time
@@ -7,25 +8,27 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros import parameters, realtime
+from kane_dynamics.ros import realtime
 from kane_dynamics.ros.arm import ACKNOWLEDGE, Arm
 from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load, located
+from kane_dynamics.ros.live import LiveParameters
 from kane_dynamics.ros.report import report
 from kane_dynamics.ros.services import Services
+from kane_dynamics.ros.specs import SPECS
+from kane_dynamics.ros.throttle import ThrottledWarning
 from kane_dynamics.ros.trajectories import read_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
-import numpy as np
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
+BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
+                     on_clock_change=False)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-WARN_PERIOD = 1.0  # s between two warnings of one kind
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -42,25 +45,31 @@ class DynamicsNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('kane_dynamics')
-        self.values = parameters.declare(self)
+        self._live = LiveParameters(self, SPECS, self._frozen, self._check_parameters,
+                                    self._apply_parameters)
         self.statistics = Statistics()
         self.arm: Arm | None = None
-        self._staged: dict[str, Any] = {}
         self._description = ''  # of the topic
-        self._warned: dict[str, float] = {}
+        self._warn = ThrottledWarning(self.get_logger())
         self._reported = time.monotonic()
         self._sources = 1  # publishers of joint states at the last report
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._simulated_time = bool(self.get_clock().ros_time_is_active)
+        self._jumps = self.get_clock().create_jump_callback(
+            BACK, post_callback=self._on_jump)  # lasts as long as it is kept
+        self.clock_remark = ''
+        self._reported_time = 0  # on the node's clock, ns, at the last report
         self._timers_of_rate: list[Any] = []
-        for remark in parameters.misspelt(list(getattr(self, '_parameter_overrides', {}))):
-            self.get_logger().warning(remark)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   QoSProfile(depth=1))
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         self.server = Services(self, self._on_trajectory, self._on_payload)
         self._set_timers()
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return the checked parameters by name."""
+        return self._live.values
 
     @property
     def state(self) -> str:
@@ -180,6 +189,8 @@ class DynamicsNode(LifecycleNode):
             message = read_trajectory(data, limit)
             motion = motion_from_message(message, arm.robot.joint_names, limit)
             now = self.get_clock().now().nanoseconds
+            if now == 0:
+                raise InputError('use_sim_time is set, and nothing has come on /clock')
             start = nanoseconds(message.header.stamp) or now
             if start + motion.duration * NANO < now and start != now:
                 raise InputError(f'it ended {(now - start) / NANO - motion.duration:.3f} s ago')
@@ -195,67 +206,62 @@ class DynamicsNode(LifecycleNode):
         self.arm.set_payload(request)
         self.get_logger().info(f'payload: {request.payload.m:g} kg')
 
-    def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Check a set of changes as a whole; nothing is applied yet."""
-        staged = dict(self.values)
-        try:
-            for change in changes:
-                spec = parameters.BY_NAME.get(change.name)
-                if spec is None:
-                    continue
-                value = parameters.read(change.name, change.value)
-                if not spec.live and self.state != 'unconfigured' and not np.array_equal(
-                        value, staged[change.name]):
-                    raise InputError(f"parameter '{change.name}' is used when the node "
-                                     f'configures, and it is {self.state}; deactivate it and '
-                                     'clean up first')
-                staged[change.name] = value
-            if self.arm is not None:
-                self.arm.check(staged)
-        except KaneError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self._staged = staged
-        return SetParametersResult(successful=True)
+    def _frozen(self) -> str:
+        """Return why only live parameters may change now; empty: all may."""
+        return '' if self.state == 'unconfigured' else (
+            f'it is used when the node configures, and that is {self.state}; deactivate it and '
+            'clean up first')
 
-    def _apply_parameters(self, changes: list[Parameter]) -> None:
+    def _check_parameters(self, values: Mapping[str, Any]) -> None:
+        if self.arm is not None:
+            self.arm.check(values)
+
+    def _apply_parameters(self, before: Mapping[str, Any]) -> None:
         """Apply what was checked; between two cycles, since both run in the main thread."""
-        before, self.values = self.values, self._staged
-        if before['diagnostics_rate'] != self.values['diagnostics_rate'] or (
-                before['state_timeout'] != self.values['state_timeout']):
+        simulated = bool(self.get_clock().ros_time_is_active)
+        exchanged, self._simulated_time = simulated != self._simulated_time, simulated
+        if exchanged or any(before[name] != self.values[name]
+                            for name in ('diagnostics_rate', 'state_timeout')):
             self._set_timers()
         if self.arm is not None:
             self.arm.update(self.values)
+            if exchanged:
+                self.arm.clock_jumped()
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        """Take notice of a clock that was set back as soon as that is known."""
+        if self.arm is not None:
+            self.arm.clock_jumped()
 
     def _set_timers(self) -> None:
         """
-        Start watchdog and diagnostics, on steady time: a paused clock stops neither.
+        Start watchdog and diagnostics.
 
-        The diagnostics run in the services' thread: a report takes longer than a cycle may wait.
+        The watchdog looks at simulated time where that is used, however fast it goes: while it
+        stands, nothing grows older. Else it runs on steady time, which no one sets. So do the
+        diagnostics always, in the services' thread: a report takes longer than a cycle may wait.
         """
+        watched = self.get_clock() if self._simulated_time else self._steady
         for node, timer in self._timers_of_rate:
             node.destroy_timer(timer)
         watch = max(0.2 * self.values['state_timeout'], 1e-3)
         self._timers_of_rate = [
-            (node, node.create_timer(period, callback, clock=self._steady))
-            for node, period, callback in (
-                (self, watch, self._watch),
-                (self.server, 1.0 / self.values['diagnostics_rate'], self._report))]
+            (node, node.create_timer(period, callback, clock=clock))
+            for node, period, callback, clock in (
+                (self, watch, self._watch, watched),
+                (self.server, 1.0 / self.values['diagnostics_rate'], self._report, self._steady))]
         self.server.spinner.wake()
 
     def _watch(self) -> None:
         if self.arm is not None:
             self.arm.path.watch()
 
-    def _warn(self, reason: str, detail: str) -> None:
-        """Warn of a message that was dropped, once a second for each reason."""
-        now = time.monotonic()
-        if now - self._warned.get(reason, -WARN_PERIOD) >= WARN_PERIOD:
-            self._warned[reason] = now
-            self.get_logger().warning(f'{reason}: {detail}')
-
     def _report(self) -> None:
         now = time.monotonic()
         period, self._reported = now - self._reported, now
+        before, self._reported_time = self._reported_time, self.get_clock().now().nanoseconds
+        self.clock_remark = '' if before != self._reported_time else (
+            'the clock stands' if before else 'nothing has come on /clock')
         message = DiagnosticArray(status=[report(self, period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

@@ -1,6 +1,6 @@
 """The node's parameters: declared from their table, and checked, saying in words what is wrong."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 import difflib
 import math
 from typing import Any
@@ -84,7 +84,7 @@ _READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
     'per_joint': _per_joint}
 
 
-def read(name: str, value: Any) -> Any:
+def read(spec: Spec, value: Any) -> Any:
     """
     Return the checked value of one parameter.
 
@@ -94,17 +94,17 @@ def read(name: str, value: Any) -> Any:
         Names the parameter, the value, and what is valid.
 
     """
-    spec = BY_NAME[name]
     try:
         return _READERS[spec.kind](spec, value)
     except (TypeError, ValueError):
         shown = value if isinstance(value, (str, int, float)) or value is None else list(value)
-        raise InputError(f"parameter '{name}' is {shown!r}; valid: {spec.constraint}") from None
+        raise InputError(f"parameter '{spec.name}' is {shown!r}; "
+                         f'valid: {spec.constraint}') from None
 
 
-def declare(node: Node) -> dict[str, Any]:
+def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     """
-    Declare every parameter on `node` and return the checked values by name.
+    Declare parameters on `node` and return the checked values by name.
 
     Raises
     ------
@@ -113,22 +113,22 @@ def declare(node: Node) -> dict[str, Any]:
 
     """
     values = {}
-    for spec in SPECS:
+    for spec in specs:
         descriptor = ParameterDescriptor(
             description=spec.description, additional_constraints=spec.constraint,
-            read_only=spec.read_only, dynamic_typing=spec.kind not in ('text', 'flag'))
+            read_only=spec.read_only, dynamic_typing=True)  # `read` refuses with better words
         value = node.declare_parameter(spec.name, spec.default, descriptor).value
-        values[spec.name] = read(spec.name, spec.default if value is None else value)
+        values[spec.name] = read(spec, spec.default if value is None else value)
     return values
 
 
-def misspelt(given: Sequence[str]) -> list[str]:
-    """Return a remark for every given parameter that the node does not have."""
+def misspelt(given: Sequence[str], known: Collection[str]) -> list[str]:
+    """Return a remark for every given parameter that is not known."""
     remarks = []
     for name in given:
-        if name in BY_NAME or name.split('.')[0] in FOREIGN:
+        if name in known or name.split('.')[0] in FOREIGN:
             continue
-        near = difflib.get_close_matches(name, BY_NAME, n=1)
+        near = difflib.get_close_matches(name, known, n=1)
         remarks.append(f"parameter '{name}' does not exist and is ignored"
                        + (f"; did you mean '{near[0]}'?" if near else ''))
     return remarks
@@ -150,7 +150,7 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
         value = np.asarray(empty, dtype=np.float64)
     if value.shape not in ((), (len(joints),)):
         raise InputError(f"parameter '{name}' has {value.size} entries for {len(joints)} joints "
-                         f"({', '.join(joints)}); valid: {BY_NAME[name].constraint}")
+                         f"({', '.join(joints)}); valid: one number, or one per joint")
     return np.broadcast_to(value, (len(joints),)).copy()
 
 

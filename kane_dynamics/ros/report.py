@@ -13,6 +13,7 @@ class Reporting(Protocol):
     state: str
     statistics: Statistics
     arm: Arm | None
+    clock_remark: str
     values: dict[str, object]
 
     def get_fully_qualified_name(self) -> str:
@@ -34,11 +35,15 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
         elif dropped:
             level = DiagnosticStatus.WARN
             message += f', {dropped} joint states dropped'
+        if arm.surroundings.collision is not None:
+            level = max(level, DiagnosticStatus.WARN)
+            message += f"; collision at joint '{arm.surroundings.collision}'"
         if arm.sources > 1:
             level = max(level, DiagnosticStatus.WARN)
             message += f'; {arm.sources} publishers on joint_states'
     elif node.state == 'inactive':
         level = DiagnosticStatus.OK
+    message += node.clock_remark and f'; {node.clock_remark}'
     figures['state'] = node.state
     if arm is not None:
         payload = arm.loads.payload
@@ -47,5 +52,6 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
                     'gravity': ' '.join(f'{g:.3f}' for g in arm.loads.gravity) + ' m/s^2',
                     'payload': f'{0.0 if payload is None else payload.mass:g} kg',
                     'publishers of joint states': str(arm.sources)}
+        figures |= arm.surroundings.figures()
     return status(f'{node.get_fully_qualified_name()}: torques',
                   arm.robot.model.name if arm is not None else '', level, message, figures)

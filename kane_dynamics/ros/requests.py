@@ -13,6 +13,7 @@ from kane_dynamics.ros.conversion import (Array, doubles, Index, motion_from_mes
                                           trajectory_message, vector)
 from kane_dynamics.ros.loads import Loads
 from kane_dynamics.ros.parameters import per_joint
+from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.simulation import simulate
 import numpy as np
 
@@ -44,6 +45,8 @@ class Served:
     kp, kd : (n,) arrays
         The node's gains.
     bounds : Bounds
+    frames : WrenchFrames
+        Those of `robot` at which a request may put wrenches.
 
     """
 
@@ -53,16 +56,17 @@ class Served:
     kp: Array
     kd: Array
     bounds: Bounds
+    frames: WrenchFrames
 
     @classmethod
     def from_values(cls, robot: Robot, simulated: Robot, loads: Loads,
-                    values: Mapping[str, Any]) -> 'Served':
+                    values: Mapping[str, Any], frames: WrenchFrames) -> 'Served':
         """Take gains and bounds from the node's parameters."""
         kp, kd = (per_joint(values, name, robot.joint_names, 0.0)
                   for name in ('gains.kp', 'gains.kd'))
         return cls(robot, simulated, loads, kp, kd, Bounds(
             values['simulation.max_duration'], values['simulation.max_steps'],
-            values['simulation.max_points'], values['trajectory.max_points']))
+            values['simulation.max_points'], values['trajectory.max_points']), frames)
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,13 @@ from typing import Any
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import as_wrench, doubles, Index, order, vector
+from kane_dynamics.ros.explanation import explanation_message
 from kane_dynamics.ros.requests import Served, Simulation
 from kane_dynamics.ros.worker import Worker
+from kane_dynamics.ros.wrenches import wrenches_of_request
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseDynamics,
-                                          SetPayload, Simulate)
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+                                          InverseDynamics, SetPayload, Simulate)
 import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -64,6 +66,7 @@ class Services(Node):
         for kind, name, call in ((InverseDynamics, 'inverse_dynamics', inverse_dynamics),
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
                                  (GetDynamics, 'get_dynamics', get_dynamics),
+                                 (Explain, 'explain', explain),
                                  (SetPayload, 'set_payload',
                                   lambda served, request, response: on_payload(request))):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
@@ -226,3 +229,12 @@ def get_dynamics(served: Served, request: Any, response: Any) -> None:
     response.friction_force = doubles(_back(robot.friction_force(u), index))
     response.kinetic_energy = float(robot.kinetic_energy(q, u))
     response.potential_energy = float(robot.potential_energy(q))
+
+
+def explain(served: Served, request: Any, response: Any) -> None:
+    """Answer with the torques of a motion by source and by body, and their power."""
+    robot = served.robot
+    index, q, u, udot = _state(robot, request, 'position', 'velocity', 'acceleration')
+    wrench = wrenches_of_request(served.frames, q, request.wrenches)
+    response.explanation = explanation_message(robot, (q, u, udot), wrench,
+                                               _names(robot, request), index)

@@ -42,7 +42,8 @@ class Spec:
         """Say in words which values are valid."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
-        number = 'positive' if self.positive else f'at least {self.low:g}'
+        number = ('positive' if self.positive else 'finite' if self.low == -math.inf else
+                  f'at least {self.low:g}')
         if self.high < math.inf:
             number += f', at most {self.high:g}'
         number += ' or infinite' if self.infinite else ''
@@ -73,11 +74,11 @@ SPECS = (
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
     Spec('payload.frame', 'text', '', 'frame in which a payload is given and on whose link it is '
          'carried; empty: the node carries none'),
-    Spec('payload.mass', 'number', 0.0, 'what the arm carries at the start, kg; ~/set_payload '
-         'changes it', low=0.0),
-    Spec('payload.com', 'vector', [0.0, 0.0, 0.0], 'mass centre of that payload from the origin '
+    live('payload.mass', 'number', 0.0, 'what the arm carries, kg, until ~/set_payload or this '
+         'parameter changes it', low=0.0),
+    live('payload.com', 'vector', [0.0, 0.0, 0.0], 'mass centre of that payload from the origin '
          'of payload.frame, in its axes, m'),
-    Spec('payload.inertia', 'six', [0.0] * 6, 'inertia xx, xy, xz, yy, yz, zz of that payload '
+    live('payload.inertia', 'six', [0.0] * 6, 'inertia xx, xy, xz, yy, yz, zz of that payload '
          'about its mass centre, kg m^2'),
     live('payload.max_mass', 'number', 50.0, 'largest payload accepted, kg', positive=True,
          low=0.0),
@@ -87,8 +88,16 @@ SPECS = (
          'the direction of gravity is taken; its magnitude stays that of `gravity`; empty: none'),
     Spec('imu.frame', 'text', '', 'frame of the IMU, fixed to the base; empty: the one that its '
          'messages name'),
-    Spec('imu.time_constant', 'number', 1.0, 'low-pass of the direction, s; it is used after as '
+    live('imu.time_constant', 'number', 1.0, 'low-pass of the direction, s; it is used after as '
          'long at rest', positive=True, low=0.0, high=3600.0),
+    Spec('wrench.frames', 'names', [], 'frames at which ~/wrench may tell what the environment '
+         'exerts on the robot; the torques make up for it; empty: none'),
+    live('wrench.timeout', 'number', 0.1, 'age of a wrench, in s, from which on its frame counts '
+         'as unloaded', positive=True, low=0.0, high=3600.0),
+    live('wrench.max_force', 'number', 1000.0, 'largest component of a force accepted, N',
+         positive=True, low=0.0),
+    live('wrench.max_moment', 'number', 300.0, 'largest component of a torque accepted, N m',
+         positive=True, low=0.0),
     live('mode', 'text', 'inverse_dynamics', 'what `commands` holds', choices=tuple(Mode)),
     live('compensate.gravity', 'flag', True, 'let `commands` carry gravity; false for an arm '
          'that adds it itself'),
@@ -102,6 +111,28 @@ SPECS = (
          'of the URDF holds; empty: the URDF alone', positive=True, infinite=True, low=0.0),
     live('limits.rate', 'per_joint', [], 'largest change of effort, N m/s or N/s; empty: none',
          positive=True, infinite=True, low=0.0),
+    Spec('observer.enabled', 'flag', False, 'estimate external torques, publish them and a '
+         'collision flag'),
+    live('observer.torque', 'text', 'auto', 'torque that acts on the arm: the effort of the joint '
+         'states, the own command (right only if nothing else commands the arm), or auto: effort '
+         'where each joint has one', choices=('auto', 'effort', 'command')),
+    live('observer.gain', 'per_joint', 50.0, 'bandwidth of the estimate, 1/s: a push is found to '
+         '63 % after 1/gain', positive=True, low=0.0, high=1e4),
+    live('observer.threshold', 'per_joint', [], 'external torque that is a collision, N m or N; '
+         'it must exceed what the model lacks, friction above all; empty: 2 % of the effort '
+         'limits', positive=True, infinite=True, low=0.0),
+    live('observer.confirm', 'number', 0.005, 'time beyond a threshold after which it is a '
+         'collision, s', low=0.0, high=10.0),
+    live('observer.release', 'number', 0.5, 'share of the thresholds below which a collision '
+         'ends', positive=True, low=0.0, high=1.0),
+    live('observer.clear', 'number', 0.2, 'time below that after which it ends, s', low=0.0,
+         high=60.0),
+    Spec('observer.frame', 'text', '', 'frame of ~/external_wrench; empty: `tip`, or the last '
+         'link'),
+    live('observer.rate', 'number', 100.0, 'external torques and wrenches published, at most, '
+         '1/s', positive=True, low=0.0, high=1e4),
+    Spec('explanation.rate', 'number', 0.0, 'messages on ~/torque_by_source, 1/s; 0: none',
+         low=0.0, high=100.0),
     live('state_timeout', 'number', 0.1, 'age of the joint states, in s, from which on zeros '
          'are commanded', positive=True, low=0.0, high=3600.0),
     live('diagnostics_rate', 'number', 1.0, 'reports on /diagnostics, 1/s', positive=True,

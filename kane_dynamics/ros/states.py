@@ -5,7 +5,7 @@ import math
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.cdr import Block, Reader, STAMP, STAMP_AT, TooShortError, write_joint_state
-from kane_dynamics.ros.conversion import Index, NANO
+from kane_dynamics.ros.conversion import Array, Index, NANO
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -14,7 +14,33 @@ from sensor_msgs.msg import JointState
 MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, GARBLED = (
     'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite',
     'not a joint state')
+OLD, FUTURE, DISORDER = (
+    'older than state_timeout', 'stamp from the future', 'stamp before the last one')
 MOST_LAYOUTS = 8  # kept at a time: that many publishers may differ
+
+
+def time_fault(stamp: int, now: int, last: int, timeout: int,
+               old: str = OLD) -> tuple[str, str] | None:
+    """
+    Return why a message of this stamp must not be used, and the details, if so.
+
+    Parameters
+    ----------
+    stamp, now, last : int
+        Of the message, of the node's clock, and of the last good message, ns.
+    timeout : int
+        Age from which on it is stale, and the most that clocks may differ, ns.
+    old : str
+        The reason to give for a stale one.
+
+    """
+    if now - stamp > timeout:
+        return old, f'{(now - stamp) / NANO:.3f} s old'
+    if stamp - now > timeout:
+        return FUTURE, f'{(stamp - now) / NANO:.3f} s ahead of the clock'
+    if stamp < last:
+        return DISORDER, f'{(last - stamp) / NANO:.6f} s before'
+    return None
 
 
 class Layout:
@@ -44,7 +70,7 @@ class Layout:
         counts = [len(reader.doubles()) for _ in range(3)]
         if reader.order != '<' or counts[0] != len(names):
             raise InputError('the message is big endian, or not a position for each name')
-        writer, (positions, velocities, _) = write_joint_state(names, frame_id, counts)
+        writer, (positions, velocities, efforts) = write_joint_state(names, frame_id, counts)
         full, _ = write_joint_state(names, frame_id, counts, fill=0xff)
         # Whole messages as numbers: the fastest masked comparison that the language has.
         self.expected = int.from_bytes(writer.data, 'little')
@@ -53,15 +79,19 @@ class Layout:
         block = Block(len(data))
         self.landing = memoryview(block.bytes)
         self.moving = counts[1] == len(names)  # whether each joint has a velocity
+        # Efforts, which lie apart: most nodes have no use for them.
+        self.efforts = block.doubles(efforts, len(names)) if counts[2] == len(names) else None
         # Eight bytes lie between positions and velocities, the count of these and padding: both
         # are gathered from one row of doubles.
         self.between = (velocities - positions) // 8
         self.numbers = block.doubles(positions, self.between + len(names) if self.moving
                                      else len(names))
-        self.index: Index = np.zeros(0, dtype=np.intp)
+        self.entry: Index = np.zeros(0, dtype=np.intp)
+        self.index = self.entry
 
     def choose(self, index: Index) -> None:
         """Gather the joints that have these entries: their positions, then their velocities."""
+        self.entry = index
         self.index = np.concatenate([index, index + self.between]) if self.moving else index
 
 
@@ -78,6 +108,12 @@ class StateReader:
         The last state; as good as meaningless after `read` has returned a reason.
     sec, nanosec : int
         Its stamp.
+    effort : (n,) array
+        The efforts of the last state, N m or N, if `measured`.
+    measured : bool
+        Whether that state had a finite effort for each joint.
+    need_effort : bool
+        Whether efforts are read at all; False at first.
     detail : str
         What exactly was wrong with the last message that was not good.
     normal : int
@@ -87,8 +123,10 @@ class StateReader:
 
     def __init__(self, joints: Sequence[str]) -> None:
         self.joints = tuple(joints)
+        self.need_effort = False
         self._state = np.zeros(2 * len(self.joints))
         self.q, self.u = np.split(self._state, 2)
+        self.effort, self.measured = np.zeros(len(self.joints)), False
         self.sec = self.nanosec = 0
         self.detail = ''
         self.normal = 0
@@ -112,6 +150,8 @@ class StateReader:
         else:
             layout.numbers.take(layout.index, out=self.q, mode='clip')
             self.u.fill(0.0)
+        if self.need_effort:
+            self._take_effort(layout.efforts, layout.entry)
         return self._finite()
 
     def _read_normally(self, data: bytes, need_velocity: bool) -> str | None:
@@ -155,7 +195,17 @@ class StateReader:
             return SHORT if speeds else NO_VELOCITY
         else:
             self.u.fill(0.0)
+        if self.need_effort:
+            self._take_effort(np.frombuffer(message.effort) if len(message.effort) == count
+                              else None, index)
         return self._finite()
+
+    def _take_effort(self, efforts: Array | None, index: Index) -> None:
+        """Gather efforts, which a driver may leave out or fill with NaN: that is no fault."""
+        self.measured = efforts is not None
+        if efforts is not None:
+            efforts.take(index, out=self.effort, mode='clip')
+            self.measured = math.isfinite(sum(self.effort.tolist()))
 
     def _index(self, names: list[str]) -> Index | str:
         """Return the entry of each joint, or why there is not one of each."""

@@ -15,12 +15,12 @@ from kane_dynamics.ros.cdr import joint_efforts, numbers
 from kane_dynamics.ros.conversion import Array, NANO
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.loads import Loads
-from kane_dynamics.ros.states import StateReader
+from kane_dynamics.ros.states import StateReader, time_fault
+from kane_dynamics.ros.watch import Cycle, Watch
+from kane_dynamics.ros.wrenches import Wrenches
 from rclpy.publisher import Publisher
 
-OLD, FUTURE, DISORDER, BEYOND = (
-    'older than state_timeout', 'stamp from the future', 'stamp before the last one',
-    'no finite torque')
+BEYOND = 'no finite torque'
 
 
 class TorquePath:
@@ -53,6 +53,8 @@ class TorquePath:
         self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
         self._reader = StateReader(joints)
         self._command_message, self._torque_message = numbers(len(joints)), joint_efforts(joints)
+        self.wrenches: Wrenches | None = None
+        self._watches: list[Watch] = []
         self._loads: Loads | None = None
         self._loads_in_force: Loads | None = None
         self._motion: tuple[Motion, int] | None = None
@@ -62,6 +64,11 @@ class TorquePath:
     def set_timeout(self, timeout: float) -> None:
         """Change the age, s, from which on a state is stale."""
         self._timeout = round(timeout * NANO)
+
+    def add_watch(self, watch: Watch, need_effort: bool) -> None:
+        """Let `watch` look on, at the efforts of the states too if it needs them."""
+        self._watches.append(watch)
+        self._reader.need_effort |= need_effort
 
     def set_motion(self, motion: Motion, start: int) -> None:
         """Follow `motion` from `start` on, ns of the node's clock; safe from any thread."""
@@ -78,6 +85,8 @@ class TorquePath:
         self._last_now = self._heard = self._now()
         self._last_stamp = 0
         self.controller.stop()
+        for watch in self._watches:
+            watch.start()
         self.running = True
 
     def stop(self) -> None:
@@ -85,6 +94,8 @@ class TorquePath:
         self.running = False
         self._motion = None
         self.zero()
+        for watch in self._watches:
+            watch.stop()
 
     def zero(self) -> None:
         """Command zeros now, past every limit."""
@@ -117,17 +128,22 @@ class TorquePath:
         controller, reader = self.controller, self._reader
         fault = reader.read(data, controller.mode is not Mode.GRAVITY_COMPENSATION)
         stamp = reader.stamp or now
-        fault = fault or self._time_fault(stamp, now)
         if fault is not None:
             self._drop(fault, reader.detail)
+            return
+        late = time_fault(stamp, now, self._last_stamp, self._timeout)
+        if late is not None:
+            self._drop(*late)
             return
         # Between two cycles, so that all of one command is computed with the same loads.
         if self._loads is not self._loads_in_force:
             self._take_loads()
         motion, start = self._motion or (None, 0)
+        moment = (stamp - start) / NANO
         try:
-            command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion,
-                                                 (stamp - start) / NANO)
+            external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
+            command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion, moment,
+                                                 external)
         except InputError as error:  # the state is finite, but its torques are not
             self._drop(BEYOND, str(error))
             return
@@ -138,6 +154,8 @@ class TorquePath:
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
                                 command.limited)
         self.statistics.normal_road = reader.normal
+        for watch in self._watches:  # last, so that no command waits for them
+            watch.take(Cycle(stamp, reader, motion, moment, command.tau, external))
 
     def _take_loads(self) -> None:
         """Put gravity and payload into the kernels' parameters."""
@@ -145,6 +163,8 @@ class TorquePath:
         if loads is not None:
             loads.apply(self.controller.robot)
         self._loads_in_force = loads
+        for watch in self._watches:
+            watch.refresh()
 
     def _publish(self, tau: Array) -> None:
         """Send both messages, first the one that a controller waits for."""
@@ -157,25 +177,20 @@ class TorquePath:
         """Return the node's time, ns; a jump backwards forgets the motion and all stamps."""
         now = self._now()
         if now < self._last_now:
-            self._motion = None
-            self._heard, self._last_stamp = now, 0
-            self.controller.stop()
-            self._warn('clock', 'it jumped backwards: the desired motion is forgotten')
+            self.clock_jumped()
         self._last_now = now
         return now
 
-    def _time_fault(self, stamp: int, now: int) -> str | None:
-        """Return why a state of this stamp must not be used, if so."""
-        if now - stamp > self._timeout:
-            self._reader.detail = f'{(now - stamp) / NANO:.3f} s old'
-            return OLD
-        if stamp - now > self._timeout:
-            self._reader.detail = f'{(stamp - now) / NANO:.3f} s ahead of the clock'
-            return FUTURE
-        if stamp < self._last_stamp:
-            self._reader.detail = f'{(self._last_stamp - stamp) / NANO:.6f} s before'
-            return DISORDER
-        return None
+    def clock_jumped(self) -> None:
+        """Forget motion, wrenches and all stamps: they are of a time that is no more."""
+        self._motion = None
+        self._heard = self._last_now = self._now()
+        self._last_stamp = 0
+        self.controller.stop()
+        if self.wrenches is not None:
+            self.wrenches.forget()
+        self._warn('clock', 'it jumped backwards, or is another one now: the desired motion is '
+                   'forgotten')
 
     def _drop(self, reason: str, detail: str) -> None:
         self.statistics.dropped[reason] += 1

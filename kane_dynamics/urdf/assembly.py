@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 import heapq
 import math
+from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Array, Body, constant, Frame, Inertial, Joint, Limits, Model, WORLD
@@ -149,8 +150,8 @@ def _joint(body: Moving, selection: Selection, index: dict[str, int], supplement
     """Return the joint of a moving body."""
     single, source = body.single, body.single.source
     mimic = selection.followers.get(single.name)
-    own = {'damping': source.damping, 'friction': source.friction,
-           **supplement.joints.get(single.name, {})}
+    own: dict[str, Any] = {'damping': source.damping, 'friction': source.friction,
+                           **supplement.joints.get(single.name, {})}
     return Joint(
         single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute', single.axis,
         body.place.rotation, body.place.translation,

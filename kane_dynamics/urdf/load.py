@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.flexing import with_beam
 from kane_dynamics.model import Array, GRAVITY, Inertial, Model
 from kane_dynamics.urdf.assembly import assemble
 from kane_dynamics.urdf.document import Element, parse, read_source, rebuilt
@@ -86,6 +87,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     extra = read_supplement(supplement)
     check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])
     model = assemble(tree, selection, extra, gravity, notices, strict=strict)
+    for link, beam in extra.beams.items():
+        model = with_beam(model, link, beam)
     notices.issue()
     return model
 

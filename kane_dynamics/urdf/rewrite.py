@@ -19,6 +19,7 @@ def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, In
     Parameters
     ----------
     source : path, or str or bytes of XML
+        The URDF.
     inertials : mapping of link to Inertial
         What the links weigh from now on.
     emptied : collection of str

@@ -18,6 +18,16 @@ Schema, every key optional::
       com: [0.0, 0.0, 0.05]     # mass centre from the link's origin, in its axes, m; default 0
       inertia:                  # about the mass centre, in the link's axes, kg m^2; default 0
         {ixx: 0.01, iyy: 0.01, izz: 0.01, ixy: 0.0, ixz: 0.0, iyz: 0.0}
+    beams:
+      <link>:                   # a moving link that bends; its own inertial is the beam's then
+        length: 1.0             # required: m, along `direction` from the link's joint
+        density: 2.0            # required: mass per length, kg/m
+        stiffness: 100.0        # required: EI, N m^2; or two, along `up` and across it
+        modes: [3, 0]           # how many in these two directions; default 3 each
+        direction: [1, 0, 0]    # in the link's axes
+        up: [0, 1, 0]
+        damping: 0.0            # material damping, s
+        tip_mass: 0.0           # that the modes' shapes assume, kg
 
 What is said of a joint that is locked, or on a branch that was cut off, has no effect.
 """
@@ -32,7 +42,9 @@ from pathlib import Path
 from reprlib import Repr
 from typing import Any
 
+from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.mode_shapes import Bending
 from kane_dynamics.model import Inertial
 from kane_dynamics.urdf.tree import listing
 import numpy as np
@@ -41,6 +53,7 @@ import yaml
 JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
               'friction_offset')
 SIGNED_KEYS = ('rest', 'friction_offset')
+BEAM_KEYS = ('length', 'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
 SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
 SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
@@ -49,10 +62,11 @@ INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 @dataclass(frozen=True)
 class Supplement:
-    """Values by joint name and key; the payload's link and inertial."""
+    """Values by joint name and key; the payload's link and inertial; beams by link."""
 
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
     payload: tuple[str, Inertial] | None = None
+    beams: dict[str, FlexibleLink] = field(default_factory=dict)
 
 
 def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -> Supplement:
@@ -70,7 +84,7 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
     if source is None:
         return Supplement()
     data = source if isinstance(source, Mapping) else _load(source)
-    top = _mapping(data, 'supplement', ('joints', 'payload'))
+    top = _mapping(data, 'supplement', ('joints', 'payload', 'beams'))
     joints = _mapping(top.get('joints', {}), 'supplement: joints')
     values = {}
     for name, entry in joints.items():
@@ -79,7 +93,9 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
                                      positive=key == 'friction_speed')
                         for key, value in _mapping(entry, what, JOINT_KEYS).items()}
     payload = top.get('payload')
-    return Supplement(values, None if payload is None else _payload(payload))
+    beams = _mapping(top.get('beams', {}), 'supplement: beams')
+    return Supplement(values, None if payload is None else _payload(payload),
+                      {name: _beam(name, entry) for name, entry in beams.items()})
 
 
 def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
@@ -143,6 +159,24 @@ def _number(value: Any, what: str, *, signed: bool = False, positive: bool = Fal
             'positive number' if positive else 'finite number that is not negative')
         raise UrdfError(f'{what} is {SHORT.repr(value)}; expected a {expected}')
     return number
+
+
+def _beam(name: str, data: Any) -> FlexibleLink:
+    """Return the beam that a link becomes; `FlexibleLink.checked` judges the numbers."""
+    what = f"supplement: beam '{name}'"
+    entry = dict(_mapping(data, what, BEAM_KEYS))
+    for key in BEAM_KEYS[:3]:
+        if key not in entry:
+            raise UrdfError(f'{what}: {key} is missing')
+    tip_mass = _number(entry.pop('tip_mass', 0.0), f'{what}: tip_mass')
+    for key in ('length', 'density', 'damping'):
+        if key in entry:
+            entry[key] = _number(entry[key], f'{what}: {key}')
+    stiffness = entry['stiffness']
+    entry['stiffness'] = ([_number(x, f'{what}: stiffness') for x in stiffness]
+                          if isinstance(stiffness, list) else
+                          _number(stiffness, f'{what}: stiffness'))
+    return FlexibleLink(**entry, bending=Bending.clamped_free(tip_mass))
 
 
 def _payload(data: Any) -> tuple[str, Inertial]:

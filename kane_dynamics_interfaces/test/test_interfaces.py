@@ -1,22 +1,28 @@
 """Every interface exists, and survives serialisation."""
 
-from geometry_msgs.msg import Inertia
+from geometry_msgs.msg import Inertia, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics, InverseDynamics,
-                                          SetPayload, Simulate)
+from kane_dynamics_interfaces.msg import TorqueExplanation
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+                                          InverseDynamics, SetPayload, Simulate)
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
-PARTS = [part for service in (ForwardDynamics, GetDynamics, InverseDynamics, SetPayload,
+PARTS = [part for service in (Explain, ForwardDynamics, GetDynamics, InverseDynamics, SetPayload,
                               Simulate)
          for part in (service.Request, service.Response)]
-PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback]
+PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation]
 
 
 VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
           'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2,
           'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
+          'sequence<geometry_msgs/Wrench>': [Wrench(force=Vector3(x=1.0))],
+          'sequence<geometry_msgs/WrenchStamped>': [WrenchStamped(header=Header(frame_id='tip'))],
+          'kane_dynamics_interfaces/TorqueExplanation': TorqueExplanation(joint_names=['a']),
+          'std_msgs/Header': Header(frame_id='tip'),
           'trajectory_msgs/JointTrajectory': JointTrajectory(joint_names=['a'])}
 
 

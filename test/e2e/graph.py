@@ -56,10 +56,10 @@ def model():
 
 
 class Process:
-    """The node in a process of its own."""
+    """A node in a process of its own; the dynamics node unless another module is named."""
 
-    def __init__(self, *arguments, **parameters):
-        command = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args']
+    def __init__(self, *arguments, module='kane_dynamics.ros.main', **parameters):
+        command = [sys.executable, '-m', module, '--ros-args']
         for name, value in parameters.items():
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''
@@ -214,12 +214,12 @@ class Client(Node):
     def state(self):
         return self.call(GetState, 'get_state').current_state.label
 
-    def adjust(self, **parameters):
-        """Set parameters together; return the node's answer."""
+    def adjust(self, node=NAME, /, **parameters):
+        """Set parameters of a node together; return its answer."""
         messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                     for name, value in parameters.items()]
         assert all(isinstance(message, ParameterMessage) for message in messages)
-        return self.call(SetParametersAtomically, 'set_parameters_atomically',
+        return self.call(SetParametersAtomically, f'{node}/set_parameters_atomically',
                          parameters=messages).result
 
     def follow(self, points, names=None, start=None, velocities=None):

@@ -81,6 +81,14 @@ def test_mobile_manipulator():
     assert numbers(torques)[-1] < 1e-12  # m/s sideways: the wheels roll
 
 
+def test_spin_up():
+    lag, torque, astray = printed('spin_up')
+    assert numbers(lag)[0] == pytest.approx(0.57, abs=0.01)  # m; the time, then the end
+    assert abs(numbers(lag)[2]) < 0.01
+    assert numbers(torque)[0] > 100.0
+    assert numbers(astray)[0] > 5.0
+
+
 def test_rolling_disc():
     held, circle = printed('rolling_disc')
     spin, left = numbers(held)

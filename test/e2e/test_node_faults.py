@@ -51,6 +51,9 @@ def test_a_plant_that_dies_brings_zeros_and_one_that_restarts_in_another_order_i
 def test_a_simulated_clock_may_pause_jump_ahead_and_jump_back(client, start, holding):
     node = start(use_sim_time='true', state_timeout=0.5)
     node.wait_for('active, mode')
+    assert wait_until(lambda: client.motions.get_subscription_count())
+    client.follow([(0.0, [0, 0, 0]), (50.0, [1, 1, 0.1])])
+    node.wait_for('joint_trajectory rejected: use_sim_time is set, and nothing has come on /clock')
     publisher = client.create_publisher(Clock, '/clock', 1)
 
     def at(seconds):

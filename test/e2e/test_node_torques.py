@@ -5,9 +5,11 @@ import time
 
 from graph import JOINTS, model, URDF, wait_until
 from kane_dynamics import Controller, Motion, Robot, Terms
+from kane_dynamics.ros.specs import SPECS
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
+from rcl_interfaces.srv import DescribeParameters, GetParameters
 
 GENERATOR = np.random.default_rng(7)
 
@@ -207,9 +209,28 @@ def test_a_bad_parameter_is_refused_with_the_reason_and_changes_nothing(node, ro
     assert close(node.ask(q, np.zeros(3)), robot.gravity_force(q))
 
 
+BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one', 'vector': [1.0],
+       'six': [1.0], 'numbers': 1, 'per_joint': [-1.0]}
+
+
+def test_every_live_parameter_may_be_set_while_active_and_bad_values_are_refused_by_name(node):
+    before = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
+    for spec in SPECS:
+        name = spec.name.replace('.', '__')
+        if spec.live:
+            assert node.adjust(**{name: spec.default}).successful
+        answer = node.adjust(**{'state_timeout': 0.7, name: BAD[spec.kind]})
+        assert not answer.successful
+        assert spec.name in answer.reason
+        assert spec.read_only or f'valid: {spec.constraint}' in answer.reason
+    assert node.adjust(state_timeout=1.0).successful
+    after = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
+    for spec, old, new in zip(SPECS, before.values, after.values):
+        assert spec.live or old == new, spec.name
+    assert node.rest() is not None
+
+
 def test_a_second_client_sees_every_parameter_described(node):
-    from kane_dynamics.ros.parameters import SPECS
-    from rcl_interfaces.srv import DescribeParameters
     answer = node.call(DescribeParameters, 'describe_parameters',
                        names=[spec.name for spec in SPECS])
     assert all(each.description and each.additional_constraints for each in answer.descriptors)

@@ -1,4 +1,4 @@
-"""What the README shows works as it is written."""
+"""What README and docs show works as it is written."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
-BLOCKS = re.findall(r'```python\n(.*?)```', README, re.DOTALL)
+TEXTS = README, *(path.read_text(encoding='utf-8') for path in sorted(ROOT.glob('docs/*.md')))
+BLOCKS = [block for text in TEXTS for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL)]
 COMMANDS = re.findall(r'^    kane-dynamics (.*)$', README, re.MULTILINE)
 
 

@@ -87,7 +87,7 @@ def test_reactions_balance_newtons_and_eulers_equations_of_each_body(drawn):
     robot, q, u, udot = drawn
     model = robot.model
     bodies = kinematics.configurations(model, q)
-    motions = kinematics.motions(model, bodies, u, udot)
+    motions = kinematics.motions(model, bodies, q, u, udot)
     reactions = [robot.joint_reaction(body.joint.name, q, u, udot, wrench=PUSH)
                  for body in model.bodies]
     pushed = robot.equations.wrench_frames[0]

@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('kane_dynamics_interfaces')
 
+from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics.errors import InputError, KaneError  # noqa: E402
 from kane_dynamics.resources import resource_path  # noqa: E402
@@ -25,14 +26,17 @@ from kane_dynamics.ros.loads import Loads  # noqa: E402
 from kane_dynamics.ros.requests import Bounds, Served, Simulation  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.trajectories import read_trajectory  # noqa: E402
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,  # noqa: E402
-                                          InverseDynamics, Simulate)
+from kane_dynamics.ros.wrenches import WrenchFrames  # noqa: E402
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics,  # noqa: E402
+                                          GetDynamics, InverseDynamics, Simulate)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
 STATES, TRAJECTORIES, REQUESTS = 100_000, 10_000, 10_000
-ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
+FRAME = MODEL.bodies[-1].name
+ROBOT = Robot(MODEL, wrench_frames=(FRAME,))
 A, B = ROBOT.joint_names
 NOW, TIMEOUT = 100 * 10**9, 10**8
 WORDS = [0, 1, 2, 3, 5, 255, 2**16, 2**31 - 1, 2**31, 2**32 - 1]
@@ -196,6 +200,12 @@ def requests(chance):
     """Return serialised good requests and their types."""
     def numbers():
         return [chance.uniform(-1, 1) for _ in range(2)]
+
+    def push():
+        message = WrenchStamped()
+        message.header.frame_id = FRAME
+        message.wrench.force.x, message.wrench.torque.y = numbers()
+        return message
     kinds = [
         (InverseDynamics.Request(position=numbers(), velocity=numbers(), acceleration=numbers()),
          services.inverse_dynamics, InverseDynamics.Response),
@@ -203,6 +213,8 @@ def requests(chance):
          services.forward_dynamics, ForwardDynamics.Response),
         (GetDynamics.Request(joint_names=[B, A], position=numbers()), services.get_dynamics,
          GetDynamics.Response),
+        (Explain.Request(position=numbers(), acceleration=numbers(), wrenches=[push()]),
+         services.explain, Explain.Response),
         (Simulate.Request(position=numbers(), duration=0.02), None, Simulate.Response),
         (Simulate.Request(position=numbers(), duration=0.01, step=0.002, torque_source=1,
                           torques=numbers() * 5), None, Simulate.Response),
@@ -215,7 +227,7 @@ def requests(chance):
 def test_a_mutated_request_is_answered_or_refused_in_words():
     chance = random.Random(7)
     served = Served(ROBOT, ROBOT, Loads(ROBOT.model.gravity), np.ones(2), np.ones(2),
-                    Bounds(1.0, 200, 50, 20))
+                    Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT))
     seeds = requests(chance)
     outcomes = Counter()
     for _ in range(REQUESTS):
@@ -235,6 +247,7 @@ def test_a_mutated_request_is_answered_or_refused_in_words():
             outcomes['refused'] += 1
             continue
         outcomes['answered'] += 1
-        for field in ('effort', 'acceleration', 'bias_force'):
-            assert np.isfinite(getattr(response, field, [])).all()
+        for field in ('effort', 'acceleration', 'bias_force', 'by_source', 'by_body'):
+            part = getattr(response, 'explanation', response)
+            assert np.isfinite(getattr(part, field, [])).all()
     assert min(outcomes.values()) > 0.02 * REQUESTS, outcomes

@@ -8,6 +8,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PLANT = ROOT / 'config' / 'plant.yaml'
 LAUNCH = ROOT / 'launch' / 'kane_dynamics.launch.py'
 
 
@@ -65,7 +66,8 @@ def test_alone_it_starts_the_node_and_nothing_else(launch_file):
     assert node.remappings == []
 
 
-@pytest.mark.parametrize('path', sorted((ROOT / 'config').glob('*.yaml')), ids=lambda p: p.stem)
+@pytest.mark.parametrize('path', sorted(set((ROOT / 'config').glob('*.yaml')) - {PLANT}),
+                         ids=lambda path: path.stem)
 def test_every_shipped_configuration_is_found_by_its_name(launch_file, path):
     node, = start(launch_file, config=path.name)
     assert Path(node.parameters[0]) == path
@@ -90,9 +92,23 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
     assert publisher.namespace == 'left'
 
 
+@pytest.mark.parametrize('sim_time', ['true', 'false'])
+def test_a_simulated_robot_shares_names_and_keeps_the_clock_that_is_asked_for(launch_file,
+                                                                              sim_time):
+    node, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
+                        commands='effort/commands', use_sim_time=sim_time)
+    assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
+    assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
+    path, clock = plant.parameters
+    assert Path(path) == PLANT
+    assert clock == {'publish_clock': sim_time == 'true'}
+
+
 def test_what_cannot_be_started_is_refused_in_words(launch_file):
     with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
         start(launch_file, config='nowhere.yaml')
+    with pytest.raises(FileNotFoundError, match=r"plant is '/nowhere/p\.yaml'"):
+        start(launch_file, plant='/nowhere/p.yaml')
     with pytest.raises(ValueError, match='needs urdf'):
         start(launch_file, state_publisher='true')
 

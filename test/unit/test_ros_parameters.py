@@ -2,16 +2,25 @@
 
 import math
 from pathlib import Path
+import re
 
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.files import located
 from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read
+from kane_dynamics.ros.plant import specs as plant_specs
+from kane_dynamics.ros.specs import SPECS
 import numpy as np
 import pytest
 import yaml
 
-CONFIG = sorted((Path(__file__).parents[2] / 'config').glob('*.yaml'))
+FOLDER = Path(__file__).parents[2] / 'config'
+TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
+          for path in sorted(FOLDER.glob('*.yaml'))}
+# What a file says about its own arm; everything else stands there with its default.
+OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
+       'wrench.frames', 'compensate.gravity', 'limits.rate'}
+FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 
 def flat(tree, prefix=''):
@@ -22,15 +31,31 @@ def flat(tree, prefix=''):
             yield prefix + name, value
 
 
-@pytest.mark.parametrize('path', CONFIG, ids=lambda path: path.stem)
+def given(path):
+    return dict(flat(yaml.safe_load(path.read_text())['/**']['ros__parameters']))
+
+
+@FILES
 def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
-    given = dict(flat(yaml.safe_load(path.read_text())['/**']['ros__parameters']))
-    assert set(given) == set(BY_NAME) - {'robot_description'}
-    values = {name: read(name, value) for name, value in given.items()}
+    specs = {spec.name: spec for spec in TABLES[path]}
+    values = {name: read(specs[name], value) for name, value in given(path).items()}
+    assert set(values) == set(specs) - {'robot_description'}
     model = load_urdf(located('urdf', values['urdf']), joints=list(values['joints']))
     assert model.joint_names == values['joints']
-    for name in ('gains.kp', 'gains.kd', 'limits.effort', 'limits.rate'):
-        assert per_joint(values, name, model.joint_names, math.inf).shape == (model.n,)
+    for name, value in values.items():
+        if specs[name].kind == 'per_joint':
+            assert per_joint(values, name, model.joint_names, math.inf).shape == (model.n,)
+        if name not in OWN:
+            np.testing.assert_array_equal(value, read(specs[name], specs[name].default), name)
+
+
+@FILES
+def test_a_shipped_file_says_of_every_parameter_what_its_table_says(path):
+    text = path.read_text().replace('# robot_description:', 'robot_description:')
+    said = [' '.join(block.replace('# ', '').split())
+            for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
+    assert said == [f'{spec.description}{" (live)" * spec.live}; valid: {spec.constraint}'
+                    for spec in TABLES[path]]
 
 
 @pytest.mark.parametrize(('name', 'value'), [
@@ -45,7 +70,7 @@ def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
 ])
 def test_a_bad_value_is_refused_by_name(name, value):
     with pytest.raises(InputError, match=rf"parameter '{name}' is .*; valid: "):
-        read(name, value)
+        read(BY_NAME[name], value)
 
 
 @pytest.mark.parametrize(('name', 'value', 'expected'), [
@@ -54,7 +79,7 @@ def test_a_bad_value_is_refused_by_name(name, value):
     ('joints', [], ()), ('gravity', [0, 0, -1], np.array([0.0, 0.0, -1.0])),
 ])
 def test_whole_numbers_and_single_numbers_do(name, value, expected):
-    result = read(name, value)
+    result = read(BY_NAME[name], value)
     assert np.array_equal(result, expected)
     assert type(result) is type(expected)
 
@@ -65,8 +90,8 @@ def test_a_list_of_the_wrong_length_names_the_joints():
 
 
 def test_a_misspelt_name_is_told_its_neighbour():
-    assert misspelt(['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth']) == []
-    remark, = misspelt(['gains.pk'])
+    assert misspelt(['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth'], BY_NAME) == []
+    remark, = misspelt(['gains.pk'], BY_NAME)
     assert "did you mean 'gains.kp'" in remark
 
 

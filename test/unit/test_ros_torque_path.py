@@ -11,7 +11,8 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I1
 from kane_dynamics.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.torque_path import DISORDER, FUTURE, OLD, TorquePath  # noqa: E402
+from kane_dynamics.ros.states import DISORDER, FUTURE, OLD  # noqa: E402
+from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -79,6 +80,16 @@ def test_a_clock_that_jumps_back_forgets_the_motion_and_goes_on():
     np.testing.assert_array_equal(rig.state(after=-50.0), gravity())
     assert 'clock' in rig.warnings
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
+
+
+def test_a_clock_set_back_a_little_between_two_looks_at_it_forgets_the_motion_too():
+    rig = Rig()
+    rig.state()
+    rig.time += 2 * NANO
+    rig.path.set_motion(MOTION, rig.time - NANO)
+    rig.time -= NANO  # still ahead of the last look
+    rig.path.clock_jumped()
+    np.testing.assert_array_equal(rig.state(), gravity())
 
 
 def test_a_paused_clock_neither_times_out_nor_stops_the_answers():

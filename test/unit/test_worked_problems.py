@@ -138,7 +138,7 @@ def test_two_rods_have_the_velocities_and_active_forces_of_the_lecture():
         q, u, u3 = np.array([q1, q2, 0.0]), np.array([u1, u2, 1.7]), 1.7
         (s1, s2), (c1, c2) = np.sin((q1, q2)), np.cos((q1, q2))
         bodies = kinematics.configurations(model, q)
-        _, A, B = kinematics.motions(model, bodies, u, np.zeros(3))
+        _, A, B = kinematics.motions(model, bodies, q, u, np.zeros(3))
         a = bodies[1].R_wb  # columns a1, a2, a3 in world axes
         for value, expected in (
                 (A.omega, [u3, u1, 0.0]), (B.omega, [u3, u1, u2]),

@@ -1,0 +1,102 @@
+"""A link of a loaded model made a beam."""
+
+from dataclasses import replace
+from typing import Any
+
+from kane_dynamics.beam import AssumedModes, FlexibleLink
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model import Array, Body, Frame, Joint, Model
+import numpy as np
+
+ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it
+
+
+def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
+    """
+    Return the model with one of its links bending.
+
+    The beam begins at the link's joint. Its matter takes the place of the link's own. Joints and
+    frames on the link move and turn with the beam's section beside which they are; what is behind
+    the joint stays with the root.
+
+    Parameters
+    ----------
+    model : Model
+        A chain or tree, rigid or with other beams.
+    link : str
+        The name of a moving body; its axes are those of the beam's `direction` and `up`.
+    beam : FlexibleLink
+        What it becomes.
+
+    Raises
+    ------
+    ModelError
+        No such body, or it is a beam already; or a value of the beam is not possible.
+
+    """
+    names = [body.name for body in model.bodies]
+    if link not in names:
+        raise ModelError(f"no moving link '{link}' to bend; valid: {', '.join(names)}")
+    k = names.index(link)
+    if model.bodies[k].beam is not None:
+        raise ModelError(f"link '{link}' is a beam already")
+    shape = beam.checked(link)
+    coordinates = tuple(range(model.n, model.n + shape.count))
+    own = replace(model.bodies[k], inertial=shape.inertial,
+                  beam=shape.beam(coordinates) if shape.count else None)
+    sections = _Sections(shape, k, coordinates)
+    children = {i: sections.place(body.joint.translation, body.joint.rotation)
+                for i, body in enumerate(model.bodies) if body.parent == k}
+    frames = {frame.name: sections.place(frame.translation, frame.rotation)
+              for frame in model.frames if frame.body == k}
+    tip, _, _ = sections.place(shape.length * shape.axes[0], np.eye(3))
+    more = len(sections.bodies)
+
+    def number(i: int) -> int:
+        return i if i <= k else i + more
+    rest = []
+    for i, body in enumerate(model.bodies[k + 1:], k + 1):
+        parent, joint = number(body.parent), body.joint
+        if i in children:
+            parent, p, R = children[i]
+            joint = replace(joint, translation=p, rotation=R)
+        rest.append(replace(body, parent=parent, joint=joint))
+    moved = [Frame(frame.name, *_turned(frames[frame.name])) if frame.name in frames else
+             replace(frame, body=number(frame.body)) for frame in model.frames]
+    moved.append(Frame(f'{link}/tip', tip))
+    return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
+                   frames=tuple(moved), coordinate_names=(
+                       *model.coordinate_names,
+                       *(f'{link}/mode_{j + 1}' for j in range(shape.count))))
+
+
+class _Sections:
+    """Sections of a beam as they are asked for: massless bodies behind one another."""
+
+    def __init__(self, modes: AssumedModes, body: int, coordinates: tuple[int, ...]) -> None:
+        self.bodies: list[Body] = []
+        self._shape, self._body, self._coordinates = modes, body, coordinates
+        self._ends: dict[float, int] = {}
+
+    def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
+        """Return the body that a place of the straight beam rides on, and where it is on it."""
+        e, length = self._shape.axes[0], self._shape.length
+        x = min(float(p @ e), length)
+        if x <= ON_AXIS * length or not self._coordinates:
+            return self._body, p, R
+        x = next((at for at in self._ends if abs(at - x) < ON_AXIS * length), x)
+        if x not in self._ends:
+            parent, start = self._body, x * e
+            for name, kind, axis, deflection in self._shape.deflections(x, self._coordinates):
+                label = f'{self._shape.name}/at_{x:.6g}/{name}'
+                self.bodies.append(Body(label, parent, Joint(
+                    label, kind, axis, np.eye(3), start, self._coordinates[0],
+                    deflection=deflection)))
+                parent, start = self._body + len(self.bodies), np.zeros(3)
+            self._ends[x] = parent
+        return self._ends[x], p - x * e, R
+
+
+def _turned(place: tuple[int, Any, Any]) -> tuple[int, Any, Any]:
+    body, p, R = place
+    return body, R, p

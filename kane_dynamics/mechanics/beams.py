@@ -1,0 +1,89 @@
+"""
+Kane's sums over the matter of a beam, as they are defined: volume integrals, by quadrature.
+
+The reference for `recursive`, which has the integrals taken once. With the point at rho from the
+body's origin split by powers of the modal coordinates and speeds, rho = rho_0 + rho_1 + rho_2, so
+split are its partial velocities and its acceleration,
+
+    v_i^r = (v_O^r + omega^r x rho)_i + d rho_i / d eta_r,    a_j likewise,
+
+and sum over i + j <= 2 of v_i^r . a_j is what the kinetic energy to the second power gives. The
+part i = j = 0 is the straight beam's, a rigid body, and left out. World axes, any scalar.
+"""
+
+from typing import Any
+
+from kane_dynamics.beam import Beam
+from kane_dynamics.mechanics.kinematics import Configuration, Motion
+from kane_dynamics.mechanics.vector import cross
+import numpy as np
+
+
+class Matter:
+    """A beam's points at one posture: places and partial velocities by powers of the modes."""
+
+    def __init__(self, beam: Beam, here: Configuration, q: Any) -> None:
+        """Take the body's configuration and the coordinates, (n,)."""
+        self.beam, R = beam, here.R_wb
+        eta = q[list(beam.coordinates)]
+        unit = np.eye(len(q))[list(beam.coordinates)]
+        bent, shorter = beam.displacement(eta)
+        self.places = [points @ R.T for points in (beam.points, bent, shorter)]  # (g, 3) each
+        across = [shapes @ R.T for shapes in beam.shapes]
+        along = [np.multiply.outer(-(H @ eta), R @ beam.direction) for H in beam.shortening]
+        self.modal = [across, along]  # [0]: d rho_1 / d eta, [1]: d rho_2 / d eta, (m, 3) a point
+        self.partials = []  # of each point: v_0, v_1 and v_2, (n, 3)
+        for g in range(len(beam.weights)):
+            v = [np.array([cross(row, places[g]) for row in here.partial_angular_velocity])
+                 for places in self.places]
+            self.partials.append([v[0] + here.partial_velocity_origin,
+                                  v[1] + unit.T @ across[g], v[2] + unit.T @ along[g]])
+
+    def total(self, vectors: Any) -> Any:
+        """Return the integral of v_i^r . a_j; `vectors(g)` gives a_0, a_1, a_2 of a point."""
+        result: Any = 0.0
+        for g, dm in enumerate(self.beam.weights):
+            v, a = self.partials[g], vectors(g)
+            result = result + dm * (v[0] @ a[1] + v[1] @ a[0]
+                                    + v[0] @ a[2] + v[1] @ a[1] + v[2] @ a[0])
+        return result
+
+
+def inertia_force(beam: Beam, here: Configuration, motion: Motion, q: Any, u: Any,
+                  udot: Any) -> Any:
+    """Return what bending adds to F_r*, (n,), N m or N."""
+    matter = Matter(beam, here, q)
+    speed, gain = (x[list(beam.coordinates)] for x in (u, udot))
+    omega = motion.omega
+
+    def accelerations(g: int) -> list[Any]:
+        a = [cross(motion.alpha, places[g]) + cross(omega, cross(omega, places[g]))
+             for places in matter.places]
+        a[0] = a[0] + motion.a
+        for power in (1, 2):
+            shapes = matter.modal[power - 1][g]
+            a[power] = a[power] + 2.0 * cross(omega, speed @ shapes) + gain @ shapes
+        a[2] = a[2] - (speed @ beam.shortening[g] @ speed) * (here.R_wb @ beam.direction)
+        return a
+    return -matter.total(accelerations)
+
+
+def mass_matrix(beam: Beam, here: Configuration, q: Any) -> Any:
+    """Return what bending adds to M, (n, n)."""
+    matter = Matter(beam, here, q)
+    return matter.total(lambda g: [v.T for v in matter.partials[g]])
+
+
+def weight(beam: Beam, here: Configuration, q: Any, gravity: Any) -> Any:
+    """Return what bending adds to the generalized active force of gravity, (n,)."""
+    none = np.zeros(3)
+    return Matter(beam, here, q).total(lambda g: [gravity, none, none])
+
+
+def modal_force(beam: Beam, q: Any, u: Any, friction: bool) -> Any:
+    """Return what elasticity and material damping exert on the modes, (n,)."""
+    modes = list(beam.coordinates)
+    force = beam.stiffness @ q[modes]
+    if friction:
+        force = force + beam.damping @ u[modes]
+    return -(force @ np.eye(len(q))[modes])

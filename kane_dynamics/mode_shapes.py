@@ -1,0 +1,127 @@
+"""Assumed shapes of a bending beam: those of uniform beams in closed form, or a user's own."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import Literal
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.inertial import Array
+import numpy as np
+
+Shapes = tuple[Array, Array, Array]  # phi, phi' and phi'', (k, len(x)) each
+Function = Callable[[Array], Shapes]
+
+
+@dataclass(frozen=True, eq=False)
+class Bending:
+    """
+    A family of assumed shapes; `clamped_free`, `pinned_free` and `shapes` make one.
+
+    Parameters
+    ----------
+    kind : 'clamped_free', 'pinned_free' or 'own'
+    tip_mass : float
+        What the shapes assume at the tip, kg; the beam does not carry it for that.
+    function : callable, optional
+        Of kind 'own': returns phi, phi' and phi'' at places x.
+
+    """
+
+    kind: Literal['clamped_free', 'pinned_free', 'own'] = 'clamped_free'
+    tip_mass: float = 0.0
+    function: Function | None = None
+
+    @classmethod
+    def clamped_free(cls, tip_mass: float = 0.0) -> 'Bending':
+        """Return the modes of a beam clamped at its root, with a mass at its tip, kg."""
+        if not (math.isfinite(tip_mass) and tip_mass >= 0.0):
+            raise ModelError(f'tip_mass is {tip_mass}; it must not be negative')
+        return cls('clamped_free', float(tip_mass))
+
+    @classmethod
+    def pinned_free(cls) -> 'Bending':
+        """Return the modes of a beam pinned at its root, its turn as a whole left out."""
+        return cls('pinned_free')
+
+    @classmethod
+    def shapes(cls, function: Function) -> 'Bending':
+        """
+        Return a user's own shapes.
+
+        Parameters
+        ----------
+        function : callable
+            ``function(x)`` returns phi, phi' and phi'' at places x, (k, len(x)) arrays of k
+            shapes. They are made orthonormal; phi and phi' at 0 are 0 for a clamped root.
+
+        """
+        return cls('own', 0.0, function)
+
+    def at(self, x: Array, length: float, mass: float, count: int) -> Shapes:
+        """Return phi, phi' and phi'' of the first `count` shapes at places x, (count, len(x))."""
+        if self.function is not None:
+            values = [np.asarray(part, dtype=np.float64) for part in self.function(x)]
+            if any(part.shape != (count, len(x)) or not np.isfinite(part).all()
+                   for part in values):
+                raise ModelError('shapes of bending must be three finite arrays of shape '
+                                 f'({count}, {len(x)}); given '
+                                 f'{[part.shape for part in values]}')
+            return values[0], values[1], values[2]
+        wave = np.array([self.wave_number(k, mass) for k in range(count)])
+        of = _clamped if self.kind == 'clamped_free' else _pinned
+        rows = [of(beta, x / length) for beta in wave]
+        return (np.array([row[0] for row in rows]).reshape(count, len(x)),
+                np.array([row[1] for row in rows]).reshape(count, len(x)) / length,
+                np.array([row[2] for row in rows]).reshape(count, len(x)) / length**2)
+
+    def wave_number(self, k: int, mass: float) -> float:
+        """Return beta L of mode k (from 0): the root of the beam's frequency equation."""
+        ratio = self.tip_mass / mass
+
+        def clamped(b: float) -> float:
+            return (math.cos(b) + 1.0 / math.cosh(b)
+                    + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
+
+        def pinned(b: float) -> float:
+            return math.sin(b) - math.cos(b) * math.tanh(b)
+        if self.kind == 'clamped_free':
+            return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
+        return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+
+
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Return the root between two signs, to rounding."""
+    sign = math.copysign(1.0, f(low))
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        if f(middle) * sign > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _clamped(b: float, x: Array) -> Shapes:
+    """Return cosh bx - cos bx - s (sinh bx - sin bx) and its derivatives by x."""
+    total = math.sinh(b) + math.sin(b)
+    s = (math.cosh(b) + math.cos(b)) / total
+    less = (math.sin(b) - math.cos(b) - math.exp(-b)) / total  # 1 - s, without cancellation
+    grown, faded = 0.5 * less * np.exp(b * x), 0.5 * (1.0 + s) * np.exp(-b * x)
+    sine, cosine = np.sin(b * x), np.cos(b * x)
+    return (grown + faded - cosine + s * sine, b * (grown - faded + sine + s * cosine),
+            b * b * (grown + faded + cosine - s * sine))
+
+
+def _pinned(b: float, x: Array) -> Shapes:
+    """Return sin bx + (sin b / sinh b) sinh bx and its derivatives by x."""
+    sine, cosine = np.sin(b * x), np.cos(b * x)
+    part = math.sin(b) / math.sinh(b)
+    grown, faded = part * np.sinh(b * x), part * np.cosh(b * x)
+    return sine + grown, b * (cosine + faded), b * b * (grown - sine)
+
+
+def gauss(length: float, modes: int) -> tuple[Array, Array]:
+    """Return places and weights of Gauss's quadrature on (0, length), enough for so many modes."""
+    x, weights = np.polynomial.legendre.leggauss(16 + 8 * modes)
+    return 0.5 * length * (x + 1.0), 0.5 * length * weights

@@ -1,0 +1,70 @@
+"""The balance of power: what joints and environment put in is stored or lost to friction."""
+
+import math
+from typing import NamedTuple
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+from kane_dynamics.robot import Robot
+import numpy as np
+
+STEP = 1e-3  # largest motion, rad or m, between two of the energies that give their rate
+
+
+class PowerBalance(NamedTuple):
+    """Power, W: of the joints, of the environment, lost to friction, and the energy's rate."""
+
+    joints: float
+    external: float
+    friction: float
+    energy_rate: float
+
+    @property
+    def residual(self) -> float:
+        """Return what does not balance, W: zero but for rounding if the equations are right."""
+        return self.joints + self.external - self.friction - self.energy_rate
+
+
+def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
+                  wrench: Array | None = None) -> PowerBalance:
+    """
+    Return the power of a motion: ``tau u + external u = friction u + d(T + V)/dt``.
+
+    The energy's rate comes from the energies alone, by central differences of fourth order along
+    the motion, so the residual holds torques against an independent road.
+
+    Parameters
+    ----------
+    robot : Robot
+        With joint rates for speeds.
+    q, u, udot : (n,) arrays
+        rad or m, and s.
+    wrench : (k, 6) array, optional
+        As in `Robot.inverse_dynamics`.
+
+    Raises
+    ------
+    InputError
+        Names the argument, what was given and what is expected; also where a power is not finite.
+
+    """
+    tau = robot.inverse_dynamics(q, u, udot, wrench=wrench)
+    external = robot.external_force(q, wrench=wrench)
+    with np.errstate(over='ignore', invalid='ignore'):  # refused below, in words
+        balance = PowerBalance(float(tau @ u), float(external @ u),
+                               float(robot.friction_force(u) @ u), _energy_rate(robot, q, u, udot))
+    if not all(map(math.isfinite, balance)):
+        raise InputError(f'the power is not finite: {balance}; the motion is beyond any physical '
+                         'range')
+    return balance
+
+
+def _energy_rate(robot: Robot, q: Array, u: Array, udot: Array) -> float:
+    # A step in time in which neither speed nor acceleration moves a joint by more than STEP.
+    h = STEP / max(np.abs(u).max(), math.sqrt(STEP * np.abs(udot).max()), STEP)
+
+    def energy(t: float) -> float:
+        at, speed = q + t * (u + 0.5 * t * udot), u + t * udot
+        return float(robot.kinetic_energy(at, speed) + robot.potential_energy(at))
+    near, far = energy(h) - energy(-h), energy(2.0 * h) - energy(-2.0 * h)
+    return float((8.0 * near - far) / (12.0 * h))

@@ -1,0 +1,186 @@
+"""Wrenches, contact and explanations over DDS, on one node that a plant at rest surrounds."""
+
+import time
+
+from geometry_msgs.msg import WrenchStamped
+from graph import DEEP, JOINTS, LATCHED, model, NAME, Process, URDF, wait_until
+from kane_dynamics import Robot
+from kane_dynamics_interfaces.msg import TorqueExplanation
+from kane_dynamics_interfaces.srv import Explain
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+Q = np.array([0.3, -0.4, 0.2])
+STILL = np.zeros(3)
+PUSH = np.array([4.0, -6.0, 2.0, 0.5, 0.2, -0.1])
+THRESHOLD = 2.0
+
+
+@pytest.fixture(scope='module')
+def robot():
+    return Robot(model(), wrench_frames=('c', 'b'))
+
+
+@pytest.fixture(scope='module')
+def module_node():
+    process = Process(robot_description=f"'{URDF}'", state_timeout=1.0, wrench__timeout=0.5,
+                      wrench__frames='[c,b]', observer__enabled=True,
+                      observer__threshold=THRESHOLD, observer__rate=1000.0,
+                      explanation__rate=20.0)
+    yield process
+    assert process.end()[0] == 0
+
+
+class Ear:
+    """Hears what the node publishes beside its torques."""
+
+    def __init__(self, client):
+        self.flags, self.efforts, self.pushes, self.explained = [], [], [], []
+        self.client = client
+        self.open = [client.create_subscription(kind, f'{NAME}/{topic}', heard.append, qos)
+                     for kind, topic, heard, qos in (
+                         (Bool, 'collision', self.flags, LATCHED),
+                         (JointState, 'external_torques', self.efforts, DEEP),
+                         (WrenchStamped, 'external_wrench', self.pushes, DEEP),
+                         (TorqueExplanation, 'torque_by_source', self.explained, DEEP))]
+
+    def close(self):
+        for subscription in self.open:
+            self.client.destroy_subscription(subscription)
+
+
+@pytest.fixture
+def node(module_node, client):
+    client.process = module_node
+    client.connect()
+    client.ear = Ear(client)
+    yield client
+    client.ear.close()
+
+
+def wrench(numbers, frame, stamp=None):
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(
+        time.time_ns() if stamp is None else stamp, 10**9)
+    force, torque = message.wrench.force, message.wrench.torque
+    force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, numbers)
+    return message
+
+
+def world(robot, frame):
+    R = robot.frame_pose(frame, Q)[:3, :3]
+    return np.concatenate([R @ PUSH[:3], R @ PUSH[3:]])
+
+
+def hold(node, effort, until, seconds=3.0):
+    """Publish states at rest with measured efforts until something holds; return whether so."""
+    message = JointState(name=list(JOINTS), position=Q.tolist(), velocity=[0.0] * 3,
+                         effort=np.asarray(effort).tolist())
+    end = time.monotonic() + seconds
+    while not (done := until()) and time.monotonic() < end:
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+        node.states.publish(message)
+        time.sleep(0.005)
+    return done
+
+
+def test_a_wrench_changes_the_next_torques_until_it_falls_silent(node, robot):
+    gravity = robot.gravity_force(Q)
+    publisher = node.create_publisher(WrenchStamped, f'{NAME}/wrench', 1)
+    assert wait_until(lambda: publisher.get_subscription_count() == 1)
+    rows = np.array([world(robot, 'c'), np.zeros(6)])
+    expected = gravity - robot.external_force(Q, wrench=rows)
+
+    def answer():
+        publisher.publish(wrench(PUSH, 'c'))
+        return np.allclose(node.ask(Q, STILL), expected, rtol=1e-12)
+    assert wait_until(answer)
+    for bad in (wrench(PUSH, 'claw'), wrench(PUSH * np.nan, 'c'),
+                wrench(PUSH, 'c', time.time_ns() + 10**10), wrench(PUSH, 'c', 10**9)):
+        publisher.publish(bad)
+    assert wait_until(lambda: np.allclose(node.ask(Q, STILL), gravity, rtol=1e-12))
+    words = ('frame not in wrench.frames', 'not finite', 'stamp from the future',
+             'older than wrench.timeout', 'silent for longer than wrench.timeout')
+    assert wait_until(lambda: {f'rejected: wrench: {word}' for word in words}
+                      <= set(node.diagnostics[-1][2] if node.diagnostics else ()))
+    node.destroy_publisher(publisher)
+
+
+def test_a_push_that_efforts_betray_is_published_and_its_joint_named(node, robot):
+    ear, gravity = node.ear, robot.gravity_force(Q)
+    push = np.array([0.5, 5.0, -1.0])
+    assert hold(node, gravity, lambda: bool(ear.efforts))
+    assert wait_until(lambda: [flag.data for flag in ear.flags] == [False]), 'it is latched'
+    assert hold(node, gravity - push, lambda: len(ear.flags) > 1)
+    assert ear.flags[-1].data
+    assert hold(node, gravity - push, lambda: np.allclose(ear.efforts[-1].effort, push,
+                                                          rtol=1e-3))
+    assert list(ear.efforts[-1].name) == list(JOINTS)
+    assert hold(node, gravity - push, lambda: (
+        node.diagnostics[-1][2].get('collision') if node.diagnostics else None) == 'lift')
+    assert "collision at joint 'lift'" in node.diagnostics[-1][1]
+    assert "collision at joint 'lift'" in node.process.log
+    found = ear.pushes[-1]
+    assert found.header.frame_id == 'c'
+    force, torque = found.wrench.force, found.wrench.torque
+    R = robot.frame_pose('c', Q)[:3, :3]
+    rows = np.zeros((2, 6))
+    rows[0] = [*(R @ [force.x, force.y, force.z]), *(R @ [torque.x, torque.y, torque.z])]
+    np.testing.assert_allclose(robot.external_force(Q, wrench=rows), push, rtol=0.01, atol=0.01)
+    assert hold(node, gravity, lambda: not ear.flags[-1].data)
+    assert [flag.data for flag in ear.flags] == [False, True, False]
+
+
+def test_explain_answers_in_the_order_of_the_request_with_the_power(node, robot):
+    u, udot, order = np.array([0.5, -1.0, 0.3]), np.array([1.0, 2.0, -1.0]), [2, 0, 1]
+    rows = np.array([world(robot, 'c'), np.zeros(6)])
+    expected = robot.explain(Q, u, udot, wrench=rows)
+    answer = node.call(Explain, 'explain', joint_names=[JOINTS[k] for k in order],
+                       position=Q[order].tolist(), velocity=u[order].tolist(),
+                       acceleration=udot[order].tolist(), wrenches=[wrench(PUSH, 'c')])
+    assert answer.success, answer.message
+    why = answer.explanation
+    assert list(why.joint_names) == [JOINTS[k] for k in order]
+    assert (list(why.sources), list(why.bodies)) == (list(expected.sources),
+                                                     list(expected.bodies))
+    np.testing.assert_allclose(np.reshape(why.by_source, (-1, 3)), expected.by_source[:, order],
+                               rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.reshape(why.by_body, (-1, 3)), expected.by_body[:, order],
+                               rtol=1e-12, atol=1e-12)
+    assert why.joint_power == pytest.approx(float(expected.torque @ u))
+    assert abs(why.power_residual) < 1e-8 * abs(why.energy_rate)
+
+
+@pytest.mark.parametrize(('words', 'pushes'), [
+    ("frame_id is 'claw'; valid: c, b", [wrench(PUSH, 'claw')]),
+    ("names frame 'b' twice", [wrench(PUSH, 'b'), wrench(PUSH, 'b')]),
+    ('finite', [wrench(PUSH * np.inf, 'b')])])
+def test_a_bad_wrench_in_a_request_is_refused_in_words(node, words, pushes):
+    answer = node.call(Explain, 'explain', position=Q.tolist(), acceleration=[0.0] * 3,
+                       wrenches=pushes)
+    assert not answer.success
+    assert words in answer.message
+
+
+def test_the_topic_explains_what_is_commanded(node, robot):
+    ear = node.ear
+    assert hold(node, robot.gravity_force(Q), lambda: len(ear.explained) > 2)
+    why = ear.explained[-1]
+    total = np.reshape(why.by_source, (-1, 3)).sum(axis=0)
+    np.testing.assert_allclose(total, list(node.torques.values())[-1], rtol=1e-12)
+    assert why.header.stamp.sec > 0
+
+
+def test_deactivation_lowers_the_flag_and_a_bad_threshold_is_refused(node, robot):
+    answer = node.adjust(observer__threshold=[1.0, 2.0])
+    assert not answer.successful
+    assert 'has 2 entries for 3 joints' in answer.reason
+    ear, gravity = node.ear, robot.gravity_force(Q)
+    assert hold(node, gravity - 5.0, lambda: bool(ear.flags) and ear.flags[-1].data)
+    assert node.transition(4)
+    assert wait_until(lambda: not ear.flags[-1].data)
+    assert node.transition(3)
+    node.connect()

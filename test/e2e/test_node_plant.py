@@ -1,0 +1,198 @@
+"""The simulated robot over DDS: what it publishes, takes and refuses, and the node beside it."""
+
+import math
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from graph import DEEP, JOINTS, model, Process, URDF, wait_until
+from kane_dynamics import Robot
+from kane_dynamics.resources import resource_path
+import numpy as np
+import pytest
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+PLANT = 'kane_dynamics.ros.plant.main'
+START = (0.3, -0.4, 0.2)
+NANO = 10**9
+
+
+class Watch:
+    """What a client sees and asks of one simulated robot."""
+
+    def __init__(self, client):
+        self.client = client
+        self.states, self.clock, self.reports = [], [], []
+        self.commands = client.create_publisher(Float64MultiArray, 'commands', 1)
+        self.wrenches = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
+        self._open = [
+            client.create_subscription(JointState, 'joint_states', self._on_state, DEEP),
+            client.create_subscription(Clock, '/clock', lambda m: self.clock.append(
+                m.clock.sec * NANO + m.clock.nanosec), DEEP),
+            client.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, DEEP)]
+
+    def _on_state(self, message):
+        stamp = message.header.stamp.sec * NANO + message.header.stamp.nanosec
+        self.states.append((stamp, np.array(message.position), np.array(message.velocity),
+                            np.array(message.effort)))
+        self.names = tuple(message.name)
+
+    def _on_report(self, message):
+        for status in message.status:
+            if status.name.endswith('simulated robot'):
+                self.reports.append((status.level, status.message,
+                                     {pair.key: pair.value for pair in status.values}))
+
+    def close(self):
+        for subscription in self._open:
+            self.client.destroy_subscription(subscription)
+        for publisher in (self.commands, self.wrenches):
+            self.client.destroy_publisher(publisher)
+
+    def fresh(self, count=1, timeout=5.0):
+        """Return the last of some joint states that come from now on."""
+        before = len(self.states)
+        assert wait_until(lambda: len(self.states) >= before + count, timeout), 'no joint states'
+        return self.states[-1]
+
+    def service(self, name, **fields):
+        kind = SetBool if name == 'pause' else Trigger
+        return self.client.call(kind, f'/plant/{name}', **fields)
+
+    def adjust(self, **parameters):
+        return self.client.adjust('/plant', **parameters)
+
+    def reported(self, key, value, timeout=5.0):
+        self.reports.clear()
+        return wait_until(lambda: any(values.get(key) == value for _, _, values in self.reports),
+                          timeout)
+
+    def push(self, frame, force):
+        message = WrenchStamped()
+        message.header.frame_id = frame
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
+        self.wrenches.publish(message)
+
+
+@pytest.fixture(scope='module')
+def process():
+    process = Process(module=PLANT, robot_description=f"'{URDF}'", publish_clock='true', rate=200,
+                      initial__position=list(START), wrench__frames='[c]', diagnostics_rate=20)
+    process.wait_for('200 joint states a second')
+    yield process
+    assert process.end()[0] == 0
+    assert 'Traceback' not in process.log
+
+
+@pytest.fixture
+def plant(process, client):
+    """Return a watch on a plant that is as it was at its start."""
+    watch = Watch(client)
+    assert watch.adjust(rate_factor=1.0, dropout__states=0.0, delay__states=0.0,
+                        reset_clock=False, after_timeout='zero').successful
+    assert watch.service('pause', data=False).success
+    assert watch.service('reset').success
+    assert wait_until(lambda: watch.commands.get_subscription_count() >= 2
+                      and watch.wrenches.get_subscription_count() >= 1)
+    watch.fresh(20)
+    watch.process = process
+    yield watch
+    watch.close()
+
+
+def test_brakes_hold_it_and_then_commands_move_it_as_the_library_says(plant):
+    _, q, u, effort = plant.fresh()
+    assert plant.names == JOINTS
+    assert (q.tolist(), u.tolist(), effort.tolist()) == (list(START), [0.0] * 3, [0.0] * 3)
+    robot, tau = Robot(model()), np.array([5.0, 60.0, 3.0])
+    plant.states.clear()
+    plant.commands.publish(Float64MultiArray(data=tau.tolist()))
+    assert wait_until(lambda: len(plant.states) > 15)
+    k = next(k for k, state in enumerate(plant.states) if state[2].any())
+    (t0, q0, u0, effort), (t1, q1, u1, _) = plant.states[k:k + 2]
+    assert effort.tolist() == tau.tolist()
+    assert t1 - t0 == 5_000_000
+    udot = robot.forward_dynamics(0.5 * (q0 + q1), 0.5 * (u0 + u1), tau)
+    np.testing.assert_allclose((u1 - u0) / 5e-3, udot, rtol=1e-3)
+    assert wait_until(lambda: not plant.states[-1][3].any(), 3.0), 'a late command must end'
+
+
+def test_bad_commands_move_nothing_and_are_counted(plant):
+    for data in ([1.0, 2.0], [1.0, math.nan, 0.0], []):
+        plant.commands.publish(Float64MultiArray(data=data))
+        assert plant.fresh(5)[1].tolist() == list(START)
+    plant.process.wait_for('commands rejected: commands has 2 entries; valid: 3')
+    assert plant.reported('rejected: commands', '3')
+
+
+def test_a_push_moves_the_arm_and_one_on_no_frame_of_its_is_refused(plant):
+    assert plant.adjust(after_timeout='hold').successful
+    hold = Robot(model()).gravity_force(np.array(START))
+    plant.commands.publish(Float64MultiArray(data=hold.tolist()))
+    still = plant.fresh(10)[1]
+    np.testing.assert_allclose(still, START, atol=1e-9)
+    plant.push('b', (40.0, 0.0, 0.0))
+    plant.process.wait_for("wrench rejected: frame_id is 'b'; valid: c")
+    np.testing.assert_allclose(plant.fresh(5)[1], START, atol=1e-9)
+    plant.push('c', (40.0, 0.0, 0.0))  # along the sliding joint
+    assert wait_until(lambda: plant.states[-1][1][2] > START[2] + 0.05)
+
+
+def test_paused_it_stands_until_it_is_stepped(plant):
+    assert plant.service('step').message == 'it is running; ~/pause it first'
+    assert plant.service('pause', data=True).success
+    time.sleep(0.1)
+    count, stamp = len(plant.states), plant.clock[-1]
+    time.sleep(0.3)
+    assert (len(plant.states), plant.clock[-1]) == (count, stamp)
+    assert plant.service('step').success
+    assert wait_until(lambda: len(plant.states) == count + 1)
+    assert plant.states[-1][0] - plant.states[-2][0] == 5_000_000
+    assert wait_until(lambda: plant.clock[-1] == stamp + 5_000_000)
+    assert plant.service('pause', data=False).success
+    plant.fresh(5)
+
+
+def test_time_goes_at_the_speed_that_is_asked_for_and_starts_anew(plant):
+    for factor in (4.0, 0.2):
+        assert plant.adjust(rate_factor=factor).successful
+        plant.fresh(2)
+        t0, begun = plant.fresh()[0], time.monotonic()
+        time.sleep(0.8)
+        t1, ended = plant.states[-1][0], time.monotonic()
+        assert 0.5 * factor < (t1 - t0) / NANO / (ended - begun) < 1.2 * factor
+    assert plant.adjust(reset_clock=True, rate_factor=1.0).successful
+    assert plant.service('reset').success
+    assert wait_until(lambda: plant.clock[-1] < 2 * NANO)
+
+
+def test_states_are_lost_and_delayed_on_request_and_bad_requests_change_nothing(plant):
+    refused = plant.adjust(dropout__states=1.0, delay__states=-1.0)
+    assert not refused.successful
+    assert refused.reason == (
+        "parameter 'delay.states' is -1.0; valid: a number, at least 0, at most 10")
+    assert 'start the node anew' in plant.adjust(dropout__states=1.0, rate=100.0).reason
+    plant.fresh(5)
+    assert plant.adjust(delay__states=0.2).successful
+    time.sleep(0.5)
+    assert plant.clock[-1] - plant.fresh()[0] == pytest.approx(0.2 * NANO, abs=0.05 * NANO)
+    assert plant.adjust(delay__states=0.0, dropout__states=1.0).successful
+    time.sleep(0.3)
+    count = len(plant.states)
+    time.sleep(0.2)
+    assert len(plant.states) == count
+
+
+def test_the_shipped_configuration_starts_it_and_a_missing_urdf_is_said(start):
+    node = start('--params-file', str(resource_path('config', 'plant.yaml')), module=PLANT,
+                 robot_description='""')
+    node.wait_for('ur10e: 6 joints')
+    assert 'does not exist' not in node.log
+    assert node.end()[0] == 0
+    node = start(module=PLANT, robot_description='""')
+    assert wait_until(lambda: not node.alive())
+    assert node.end()[0] == 1
+    assert "plant_node: no URDF: set parameter 'robot_description' or 'urdf'" in node.log

@@ -1,0 +1,95 @@
+"""Two arms in one graph, told apart by namespace and by the prefix of their joints."""
+
+import time
+
+from graph import DEEP, JOINTS, Process, URDF, wait_until
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics_interfaces.srv import GetDynamics
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+# One is heavier and stands elsewhere, so that no torque of one could pass for the other's.
+MASSES = {'left': '2.0', 'right': '5.0'}
+POSES = {'left': [0.3, -0.4, 0.2], 'right': [-0.5, 0.6, 0.1]}
+
+
+def urdf(side):
+    text = URDF.replace('value="2.0"', f'value="{MASSES[side]}"')
+    for joint in JOINTS:
+        text = text.replace(f'joint name="{joint}"', f'joint name="{side}_{joint}"')
+    return text
+
+
+class Side:
+    """What a client sees of one arm."""
+
+    def __init__(self, client, side):
+        self.robot = Robot(load_urdf(urdf(side)))
+        self.names, self.commands, self.torques, self.states = (), [], {}, {}
+        for topic, kind, heard in (
+                ('commands', Float64MultiArray, lambda m: self.commands.append(list(m.data))),
+                ('kane_dynamics/joint_torques', JointState, self._on_torques),
+                ('joint_states', JointState, self._on_state)):
+            client.create_subscription(kind, f'/{side}/{topic}', heard, DEEP)
+
+    def _on_torques(self, message):
+        self.names = tuple(message.name)
+        self.torques[message.header.stamp.sec, message.header.stamp.nanosec] = message.effort
+
+    def _on_state(self, message):
+        self.states[message.header.stamp.sec, message.header.stamp.nanosec] = message.position
+
+    def right_answers(self):
+        """Return how many answers there are; each must be of this arm at its own state."""
+        both = [(self.states[stamp], tau) for stamp, tau in list(self.torques.items())
+                if stamp in self.states]
+        for q, tau in both:
+            np.testing.assert_allclose(tau, self.robot.gravity_force(np.array(q)), rtol=1e-9)
+        return len(both)
+
+
+@pytest.fixture(scope='module')
+def arms(participant):
+    running = []
+    for side in MASSES:
+        common = {'robot_description': f"'{urdf(side)}'"}
+        namespace = ('-r', f'__ns:=/{side}')
+        running += [Process(*namespace, mode='gravity_compensation', state_timeout=0.5, **common),
+                    Process(*namespace, module='kane_dynamics.ros.plant.main', rate=200,
+                            initial__position=POSES[side], after_timeout='hold', **common)]
+    yield {side: Side(participant, side) for side in MASSES}
+    for process in running:
+        assert process.end()[0] == 0
+        assert 'Traceback' not in process.log
+
+
+def test_the_torques_of_two_arms_do_not_mix(arms, client):
+    for side, arm in arms.items():
+        assert wait_until(lambda arm=arm: len(arm.torques) > 100, 60.0)
+        assert arm.right_answers() > 50
+        assert arm.names == tuple(f'{side}_{joint}' for joint in JOINTS)
+        # Held by its own torques and no others, an arm stays where it is.
+        np.testing.assert_allclose(list(arm.states.values())[-1], POSES[side], atol=5e-3)
+        answer = client.call(GetDynamics, f'/{side}/kane_dynamics/get_dynamics',
+                             position=POSES[side])
+        assert answer.joint_names == list(arm.names)
+        np.testing.assert_allclose(answer.gravity_force,
+                                   arm.robot.gravity_force(np.array(POSES[side])), rtol=1e-9)
+
+
+def test_when_one_arm_falls_silent_it_alone_gets_zeros(arms, client):
+    left, right = arms['left'], arms['right']
+    assert wait_until(lambda: right.torques, 60.0)
+    assert client.call(SetBool, '/right/plant/pause', data=True).success
+    assert wait_until(lambda: not any(right.commands[-1]), 3.0)
+    left.commands.clear()
+    time.sleep(0.3)
+    assert len(left.commands) > 20
+    assert all(map(any, left.commands))
+    assert not any(right.commands[-1])
+    left.right_answers()
+    assert client.call(SetBool, '/right/plant/pause', data=False).success
+    assert wait_until(lambda: any(right.commands[-1]), 3.0)

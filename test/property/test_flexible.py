@@ -1,0 +1,377 @@
+"""Flexible links: the recursion with its integrals, Kane's sums over matter, the energy road."""
+
+from functools import cache
+
+from kane_dynamics import (ball, Bending, Closure, FlexibleLink, knife_edge, load_urdf,
+                           ModelBuilder, ModelError, natural_vibration, point_mass, Robot, rod,
+                           simulate, UrdfError, with_beam)
+from kane_dynamics.mechanics import energy, kane
+from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
+from kane_dynamics.resources import resource_path
+import numpy as np
+import pytest
+
+Y = (0, 1, 0)
+
+
+def arm(modes=(2, 1), **options):
+    """Return a spatial arm of two beams, with a load between and a hand."""
+    b = ModelBuilder('flexible arm')
+    b.body('base', 'world', matter=ball(1.0, 0.1))
+    b.beam('upper', 'base', FlexibleLink(0.8, 1.5, (400.0, 600.0), modes, direction=(1, 0, 0.3),
+                                         damping=0.01, **options),
+           axis=Y, at=(0, 0, 0.2), rpy=(0.3, 0.2, 0.1), armature=0.01, damping=0.1)
+    b.beam('fore', 'upper/tip', FlexibleLink(0.6, 1.0, (200.0, 300.0), modes, **options),
+           axis=(0, 1, 0.2), stiffness=2.0)
+    b.load('fore/tip', point_mass(0.7, (0.02, 0.01, 0)))
+    b.section('middle', 'fore', 0.25)
+    b.body('hand', 'fore/tip', axis=(1, 0, 0), matter=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
+    return b.model()
+
+
+@cache
+def arm_robot():
+    return Robot(arm(), wrench_frames=('middle', 'hand'))
+
+
+def states(model, seed=0):
+    """Return q, u, udot with deflections of a few centimetres."""
+    rng = np.random.default_rng(seed)
+    modal = np.array([0.02 if 'mode' in name else 1.0 for name in model.coordinate_names])
+    return rng.uniform(-1.0, 1.0, (3, model.n)) * modal
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_three_roads_give_one_torque(seed):
+    robot = arm_robot()
+    model = robot.model
+    q, u, udot = states(model, seed)
+    push = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, 6))
+    tau = robot.inverse_dynamics(q, u, udot, wrench=push)
+    wrenches = {name: (f[:3], f[3:]) for name, f in zip(('middle', 'hand'), push)}
+    expected = kane.inverse_dynamics(model, q, u, udot, wrenches=wrenches)
+    near = {'rtol': 0.0, 'atol': 1e-12 * (1.0 + np.abs(expected).max())}
+    np.testing.assert_allclose(tau, expected, **near)
+    J = [robot.partial_velocities(name, q) for name in ('middle', 'hand')]
+    by_energy = -(energy.generalized_inertia_force(model, q, u, udot)
+                  + energy.conservative_force(model, q) + energy.friction_force(model, u)
+                  + sum(partials.T @ f for partials, f in zip(J, push)))
+    np.testing.assert_allclose(by_energy, expected, **near)
+    np.testing.assert_allclose(robot.mass_matrix(q), energy.mass_matrix(model, q), atol=1e-12)
+    np.testing.assert_allclose(robot.mass_matrix(q), kane.mass_matrix(model, q), atol=1e-12)
+    assert robot.kinetic_energy(q, u) == pytest.approx(energy.kinetic_energy(model, q, u))
+    assert robot.potential_energy(q) == pytest.approx(energy.potential_energy(model, q))
+    np.testing.assert_allclose(robot.forward_dynamics(q, u, tau, wrench=push), udot, atol=1e-8)
+
+
+def test_frames_on_a_beam_move_as_finite_differences_of_their_poses():
+    robot, h = arm_robot(), 1e-6
+    q, u, udot = states(robot.model, 4)
+    for frame in ('middle', 'fore/tip', 'hand'):
+        after, before = (robot.frame_pose(frame, q + s * h * u) for s in (1.0, -1.0))
+        velocity = robot.frame_velocity(frame, q, u)
+        np.testing.assert_allclose(velocity[:3], (after - before)[:3, 3] / (2 * h), atol=1e-8)
+        spin = (after - before)[:3, :3] / (2 * h) @ robot.frame_pose(frame, q)[:3, :3].T
+        np.testing.assert_allclose(velocity[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
+        np.testing.assert_allclose(robot.partial_velocities(frame, q) @ u, velocity, atol=1e-12)
+        moved = [(robot.partial_velocities(frame, q + s * h * u),
+                  robot.frame_velocity(frame, q + s * h * u, u + s * h * udot))
+                 for s in (1.0, -1.0)]
+        np.testing.assert_allclose(robot.partial_velocity_rates(frame, q, u),
+                                   (moved[0][0] - moved[1][0]) / (2 * h), atol=1e-7)
+        np.testing.assert_allclose(robot.frame_acceleration(frame, q, u, udot),
+                                   (moved[0][1] - moved[1][1]) / (2 * h), atol=1e-7)
+
+
+def test_reaction_about_a_joint_is_the_torque_that_reaches_the_link():
+    robot = Robot(arm(), friction=False)
+    q, u, udot = states(robot.model, 5)
+    tau = robot.inverse_dynamics(q, u, udot)
+    for joint, own in (('upper', 0.01), ('fore', 0.0), ('hand', 0.0)):
+        k = robot.joint_names.index(joint)
+        body = next(b for b in robot.model.bodies if b.joint.name == joint)
+        axis = robot.frame_pose(joint, q)[:3, :3] @ body.joint.axis
+        held = tau[k] - own * udot[k] - body.joint.stiffness * q[k]
+        assert robot.joint_reaction(joint, q, u, udot)[3:] @ axis == pytest.approx(held)
+
+
+def test_no_modes_is_the_rigid_robot():
+    rigid, none = Robot(arm((0, 0))), ModelBuilder('rods')
+    end = 0.8 * np.array([1, 0, 0.3]) / np.linalg.norm([1, 0, 0.3])
+    none.body('base', 'world', matter=ball(1.0, 0.1))
+    none.body('upper', 'base', axis=Y, at=(0, 0, 0.2), rpy=(0.3, 0.2, 0.1), armature=0.01,
+              damping=0.1, matter=rod(1.2, (0, 0, 0), end))
+    none.body('fore', 'upper', axis=(0, 1, 0.2), at=end, stiffness=2.0,
+              matter=rod(0.6, (0, 0, 0), (0.6, 0, 0)))
+    none.frame('tip', 'fore', at=(0.6, 0, 0))
+    none.load('tip', point_mass(0.7, (0.02, 0.01, 0)))
+    none.body('hand', 'tip', axis=(1, 0, 0), matter=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
+    other = Robot(none.model())
+    assert not rigid.model.flexible
+    assert rigid.operation_count()['inverse_dynamics'] == (
+        other.operation_count()['inverse_dynamics'])
+    state = np.random.default_rng(0).uniform(-1, 1, (3, 4))
+    np.testing.assert_allclose(rigid.inverse_dynamics(*state), other.inverse_dynamics(*state),
+                               rtol=1e-12)
+
+
+def test_energy_split_is_the_volume_integral():
+    # 1/2 int v.v dm = KE_rigid + 1/2 int [(w x d)^2 + d'^2 + 2 (v_n.d' + v_n.w x d + d'.w x d)] dm
+    model = arm()
+    q, u, _ = states(model, 6)
+    rates, poses = energy.pose_rates(model, q, u), energy.poses(model, q)
+    for body, T, T_rate in zip(model.bodies, poses, rates):
+        beam = body.beam
+        if beam is None:
+            continue
+        eta, speed = q[list(beam.coordinates)], u[list(beam.coordinates)]
+        R, turning = T[:3, :3], T_rate[:3, :3] @ T[:3, :3].T
+        whole = split = rigid = 0.0
+        for x, dm, phi, H in zip(beam.points, beam.weights, beam.shapes, beam.shortening):
+            d = R @ (eta @ phi - 0.5 * (eta @ H @ eta) * beam.direction)
+            d_rate = R @ (speed @ phi - (eta @ H @ speed) * beam.direction)  # in the beam's axes
+            v_n = T_rate[:3, :3] @ x + T_rate[:3, 3]
+            v_p = T_rate[:3, 3] + turning @ (R @ x + d) + d_rate
+            across = turning @ d
+            whole += 0.5 * dm * v_p @ v_p
+            rigid += 0.5 * dm * v_n @ v_n
+            split += 0.5 * dm * (across @ across + d_rate @ d_rate + 2.0 * (
+                v_n @ d_rate + v_n @ across + d_rate @ across))
+        straight = np.sum((T_rate @ body.inertial.pseudo_inertia) * T_rate)
+        assert rigid == pytest.approx(0.5 * straight, rel=1e-12)
+        assert rigid + split == pytest.approx(whole, rel=1e-13)
+
+
+def cantilever(modes=4, tip=0.0, assumed=None, gravity=(0, 0, 0)):
+    """Return a beam of unit wave speed on a turning root: L = 2 m, EI / rho A = 16 m^4/s^2."""
+    b = ModelBuilder('cantilever', gravity=gravity)
+    b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0, (modes, 0), bending=assumed))
+    if tip:
+        b.load('beam/tip', point_mass(tip))
+    return Robot(b.model())
+
+
+def wave_numbers(robot, held=('beam',)):
+    """Return beta L of the vibrations: (omega / sqrt(EI / rho A L^4))^(1/2)."""
+    return np.sqrt(natural_vibration(robot, np.zeros(robot.n), held).frequencies)
+
+
+def test_natural_frequencies_are_those_of_the_beam():
+    exact = [1.875104, 4.694091, 7.854757, 10.995541]
+    np.testing.assert_allclose(wave_numbers(cantilever()), exact, rtol=1e-6)
+    pinned = [3.926602, 7.068583, 10.210176]
+    np.testing.assert_allclose(wave_numbers(cantilever(3, assumed=Bending.pinned_free()), ()),
+                               [0.0, *pinned], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(  # a mass of twice the beam's at the tip
+        wave_numbers(cantilever(3, 2.0, Bending.clamped_free(2.0))),
+        [1.076196, 3.982574, 7.102651], rtol=1e-6)
+
+
+@pytest.mark.parametrize('tip, hub, held, exact', [
+    (2.0, 0.0, ('beam',), [1.076196, 3.982574]), (0.0, 0.0, (), [3.926602, 7.068583])])
+def test_other_ends_are_found_to_a_thousandth_and_better_with_more_modes(tip, hub, held, exact):
+    errors = []
+    for modes in (3, 5, 8):
+        found = wave_numbers(cantilever(modes, tip), held)
+        found = found[found > 1e-3][:2]
+        errors.append(np.abs(found**2 / np.square(exact) - 1.0).max())
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < 1e-3
+
+
+def test_a_hub_of_inertia_makes_the_beam_that_the_frequency_equation_says():
+    inertia = 3.0  # of the hub, kg m^2, beside rho A L^3 = 4
+    b = ModelBuilder('hub', gravity=(0, 0, 0))
+    b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0, (8, 0)), armature=inertia)
+    found = wave_numbers(Robot(b.model()), ())[1:3]
+    ratio = inertia / 4.0
+
+    def equation(x):  # ratio x^3 (1 + cos cosh) = cos sinh - sin cosh
+        return ratio * x**3 * (1 + np.cos(x) * np.cosh(x)) + (
+            np.sin(x) * np.cosh(x) - np.cos(x) * np.sinh(x))
+    for x in found:
+        exact = x * (1.0 + np.linspace(-2e-3, 2e-3, 4001))
+        signs = np.sign(equation(exact))
+        root = exact[np.argmax(signs[1:] != signs[:-1])]
+        assert (signs[1:] != signs[:-1]).any()
+        assert x**2 == pytest.approx(root**2, rel=1e-3)
+
+
+def rotating_by_ritz(speed, hub):
+    """Return flap frequencies of a beam turning at a hub, in its own units, by polynomials."""
+    x, w = np.polynomial.legendre.leggauss(40)
+    x, w = 0.5 * (x + 1.0), 0.5 * w
+    rows = []
+    for k in range(9):
+        p = np.polynomial.Legendre.basis(k, domain=[0, 1])
+        square = np.polynomial.Polynomial([0, 0, 1]) * p.convert(
+            kind=np.polynomial.Polynomial)
+        rows.append([f(x) for f in (square, square.deriv(), square.deriv(2))])
+    phi, slope, bend = (np.array([row[j] for row in rows]) for j in range(3))
+    tension = speed**2 * (hub * (1 - x) + 0.5 * (1 - x**2))
+    M = (phi * w) @ phi.T
+    K = (bend * w) @ bend.T + (slope * (w * tension)) @ slope.T
+    return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real))
+
+
+@pytest.mark.parametrize('hub', [0.0, 1.0, 3.0])
+def test_a_turning_beam_stiffens(hub):
+    # In units of sqrt(EI / rho A L^4): flap as Ritz has it, lag^2 = flap^2 - speed^2.
+    b = ModelBuilder('rotor', gravity=(0, 0, 0))
+    b.body('hub', 'world', matter=ball(1.0, 0.1))
+    b.frame('rim', 'hub', at=(hub, 0, 0))
+    b.beam('blade', 'rim', FlexibleLink(1.0, 1.0, 1.0, (6, 6)), stiffness=1e9)
+    robot = Robot(b.model())
+    names = list(robot.coordinate_names)
+    lag, flap = (slice(names.index(f'blade/mode_{k}'), names.index(f'blade/mode_{k}') + 6)
+                 for k in (1, 7))
+    for speed in (0.0, 1.0, 3.0, 6.0, 12.0):
+        u = np.zeros(robot.n)
+        u[0] = speed
+
+        def bias(k, step, u=u):
+            q = np.zeros(robot.n)
+            q[k] = step
+            return robot.bias_force(q, u)
+        h = 1e-5
+        K = np.array([(bias(k, h) - bias(k, -h)) / (2 * h) for k in range(robot.n)]).T
+        exact = rotating_by_ritz(speed, hub)[:2]
+        for part, expected in ((flap, exact), (lag, np.sqrt(exact**2 - speed**2))):
+            found = np.sqrt(np.sort(np.linalg.eigvalsh(K[part, part]))[:2])
+            np.testing.assert_allclose(found, expected, rtol=5e-3)
+    published = {0.0: 3.5160, 3.0: 4.7973, 12.0: 13.1702}  # first flap, no hub
+    if hub == 0.0:
+        for speed, value in published.items():
+            assert rotating_by_ritz(speed, 0.0)[0] == pytest.approx(value, abs=1e-4)
+
+
+def test_energy_of_a_falling_arm_is_kept_at_the_integrators_order():
+    b = ModelBuilder('two beams')
+    for name, on in (('upper', 'world'), ('fore', 'upper/tip')):
+        b.beam(name, on, FlexibleLink(1.0, 1.0, 300.0, (2, 0), direction=(1, 0, 0),
+                                      up=(0, 0, 1)), axis=(0, -1, 0), armature=0.05)
+    robot = Robot(b.model())
+    errors = []
+    for step in (4e-4, 2e-4, 1e-4):
+        run = simulate(robot, np.zeros(robot.n), np.zeros(robot.n), 0.4, step=step)
+        total = run.energy.sum(axis=1)
+        errors.append(np.abs(total - total[0]).max())
+    assert errors[0] / errors[1] > 12.0
+    assert errors[1] / errors[2] > 12.0
+
+
+def flexible_four_bar():
+    """Return a four-bar whose coupler bends."""
+    b = ModelBuilder('flexible four-bar')
+    b.body('crank', 'world', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
+    b.beam('coupler', 'crank', FlexibleLink(0.9, 1.0, 60.0, (2, 0), up=(0, 0, 1), damping=1e-3),
+           axis=(0, -1, 0), at=(0.3, 0, 0))
+    b.body('rocker', 'coupler/tip', axis=(0, -1, 0), matter=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
+    b.frame('end', 'rocker', at=(0.7, 0, 0))
+    b.frame('ground', 'world', at=(1, 0, 0))
+    return Robot(b.model(), constraints=[Closure('end', 'ground', 'revolute', axis=Y)],
+                 independent=['crank', 'coupler/mode_1', 'coupler/mode_2'])
+
+
+def flexible_arm_on_a_blade():
+    """Return a sleigh on a knife edge that carries a bending mast."""
+    b = ModelBuilder('sleigh with a mast')
+    b.body('sleigh', 'world', 'planar', matter=ball(3.0, 0.4, at=(0.3, 0, 0)))
+    b.beam('mast', 'sleigh', FlexibleLink(1.0, 0.5, 30.0, (1, 1), direction=(0, 0, 1),
+                                          up=(1, 0, 0)), axis=(0, 1, 0), stiffness=50.0)
+    b.load('mast/tip', point_mass(0.3))
+    return Robot(b.model(), constraints=[knife_edge('sleigh', Y)],
+                 independent=['sleigh/x', 'sleigh/rz', 'mast', 'mast/mode_1', 'mast/mode_2'])
+
+
+@pytest.mark.parametrize('make', [flexible_four_bar, flexible_arm_on_a_blade])
+def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
+    robot = make()
+    start = np.array([0.8, 0.0, 0.0, 0.0, -1.5]) if robot.n_q == 5 else np.zeros(robot.n_q)
+    q = start
+    if make is flexible_four_bar:
+        q = robot.closed_posture(start, fixed=['crank', 'coupler/mode_1', 'coupler/mode_2'])
+    rng = np.random.default_rng(1)
+    modal = np.array([0.02 if 'mode' in name else 1.0 for name in robot.speed_names])
+    u, udot = rng.uniform(-1.0, 1.0, (2, robot.n)) * modal
+    road = EnergyRoad(robot.mechanism, PasserelloHuston())
+    tau = robot.inverse_dynamics(q, u, udot)
+    np.testing.assert_allclose(tau, road.inverse_dynamics(q, u, udot), rtol=1e-9,
+                               atol=1e-9 * (1.0 + np.abs(tau).max()))
+    np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), udot, atol=1e-8)
+    run = simulate(robot, q, u, 0.2, step=1e-4)
+    assert run.drift < 1e-9
+
+
+@pytest.mark.parametrize('values, words', [
+    ({'length': 0.0}, "beam 'b': length is 0; it must be positive"),
+    ({'density': -1.0}, "beam 'b': density is -1; it must be positive"),
+    ({'stiffness': -5.0}, "beam 'b': stiffness is -5.0; EI must be positive"),
+    ({'damping': -0.1}, "beam 'b': damping is -0.1; it must not be negative"),
+    ({'modes': 1.5}, "beam 'b': modes is 1.5; expected numbers of modes"),
+    ({'up': (2, 0, 0)}, "beam 'b': direction .* and up .* must be two directions"),
+    ({'bending': Bending.shapes(lambda x: (np.stack([x**2, 2 * x**2]), np.stack([2 * x, 4 * x]),
+                                           np.full((2, len(x)), 2.0))), 'modes': (2, 0)},
+     "beam 'b': the 2 shapes of bending depend on each other"),
+    ({'bending': Bending.shapes(lambda x: (x, x, x)), 'modes': (2, 0)},
+     r'shapes of bending must be three finite arrays of shape \(2, ')])
+def test_a_beam_that_cannot_be_is_refused_by_name_and_value(values, words):
+    given = {'length': 1.0, 'density': 1.0, 'stiffness': 5.0, **values}
+    with pytest.raises(ModelError, match=words):
+        ModelBuilder().beam('b', 'world', FlexibleLink(**given))
+
+
+def test_a_users_own_shapes_serve_as_well():
+    shapes = Bending.shapes(lambda x: (
+        np.stack([x**2, x**3, x**4]), np.stack([2 * x, 3 * x**2, 4 * x**3]),
+        np.stack([2 + 0 * x, 6 * x, 12 * x**2])))
+    found = wave_numbers(cantilever(3, assumed=shapes))
+    assert found[0]**2 == pytest.approx(1.875104**2, rel=1e-3)
+    with pytest.raises(ModelError, match=r"3.0 m is not on beam 'beam', which is 2 m long"):
+        b = ModelBuilder()
+        b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0))
+        b.section('beyond', 'beam', 3.0)
+
+
+UPPER_ARM = {'length': 0.6127, 'density': 12.0, 'stiffness': [5e3, 6e3], 'modes': [2, 1],
+             'direction': [-1, 0, 0], 'up': [0, 0, 1], 'damping': 1e-3}
+
+
+def ur10e(**beams):
+    return load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={'beams': beams})
+
+
+def test_a_link_of_a_urdf_bends_by_its_supplement():
+    model = ur10e(upper_arm_link=UPPER_ARM)
+    robot, rigid = Robot(model), Robot(ur10e())
+    assert robot.joint_names[6:] == tuple(f'upper_arm_link/mode_{k}' for k in (1, 2, 3))
+    assert robot.verify(2) < 1e-9
+    posture = np.array([0.3, -1.0, 1.0, 0.2, 0.1, 0.5])
+    q = np.append(posture, np.zeros(3))
+    for frame in ('tool0', 'forearm_link'):
+        np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, posture),
+                                   atol=1e-12)
+    # A stiff beam carries the rest as the rigid arm does, but for its own mass.
+    moved = robot.model.bodies[1].inertial
+    assert moved.mass == pytest.approx(12.0 * 0.6127)
+    found = natural_vibration(robot, q, held=robot.joint_names[:6]).frequencies / (2 * np.pi)
+    assert 5.0 < found[0] < 15.0  # Hz, with some 20 kg at its end
+
+
+def test_a_second_beam_hangs_on_the_first():
+    arm = with_beam(ur10e(upper_arm_link=UPPER_ARM), 'forearm_link', FlexibleLink(
+        0.57155, 8.0, 4e3, (1, 1), direction=(-1, 0, 0), up=(0, 0, 1)))
+    assert Robot(arm).verify(1) < 1e-9
+    with pytest.raises(ModelError, match="link 'forearm_link' is a beam already"):
+        with_beam(arm, 'forearm_link', FlexibleLink(1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize('beams, error, words', [
+    ({'lower_arm': UPPER_ARM}, ModelError, "no moving link 'lower_arm' to bend; valid: shoulder"),
+    ({'upper_arm_link': {'length': 1.0}}, UrdfError,
+     "supplement: beam 'upper_arm_link': density is missing"),
+    ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length is -1; expected a fin'),
+    ({'upper_arm_link': {**UPPER_ARM, 'width': 1}}, UrdfError, "unknown key 'width'")])
+def test_a_supplement_that_cannot_bend_a_link_says_so(beams, error, words):
+    with pytest.raises(error, match=words):
+        ur10e(**beams)

@@ -1,0 +1,252 @@
+"""The momentum observer: it is a low-pass of the true external torque, and alarms are earned."""
+
+from functools import cache
+from itertools import pairwise
+import math
+
+from kane_dynamics import Motion, Robot
+from kane_dynamics.contact import CollisionDetector, frame_wrench
+from kane_dynamics.errors import InputError
+from kane_dynamics.inertial import Inertial
+from kane_dynamics.mechanics.speeds import absolute_rates
+from kane_dynamics.observer import MomentumObserver
+from kane_dynamics.power import power_balance
+from mechanisms import random_model, random_state
+import numpy as np
+import pytest
+
+GAIN = 30.0
+
+
+@cache
+def robot(friction=False):
+    """Return a robot; friction that turns within one step would hide the order of the error."""
+    return Robot(random_model(5, 4), wrench_frames=('frame3', 'frame1'), friction=friction)
+
+
+@cache
+def motion():
+    generator = np.random.default_rng(1)
+    return Motion.from_points(np.linspace(0.0, 2.0, 9), generator.uniform(-1.5, 1.5, (9, 4)),
+                              joint_names=robot().joint_names)
+
+
+def wrench(t):
+    return np.array([[3.0, -2.0, 4.0, 1.0, -0.5, 0.3], [0.0, 1.0, 0.0, 0.2, 0.0, 0.0]]) * (
+        math.sin(9.0 * t))
+
+
+def sample(t):
+    """Return state, actuator torque and true external torque of the motion under wrenches."""
+    q, u, udot = motion().sample(t)
+    external = robot().external_force(q, wrench=wrench(t))
+    return q, u, robot().inverse_dynamics(q, u, udot, wrench=wrench(t)), external
+
+
+def filtered(times):
+    """Return the true external torque behind the low-pass, on a grid a hundred times finer."""
+    r, out = np.zeros(4), [np.zeros(4)]
+    for start, end in pairwise(times):
+        fine = np.linspace(start, end, 101)
+        for a, b in pairwise(fine):
+            keep = math.exp(-GAIN * (b - a))
+            r = keep * r + (1.0 - keep) * sample(0.5 * (a + b))[3]
+        out.append(r)
+    return np.array(out)
+
+
+def estimate(observer, times):
+    return np.array([observer.update(t, *sample(t)[:3]) for t in times])
+
+
+def test_the_estimate_is_the_low_passed_external_torque_to_second_order_in_the_step():
+    generator = np.random.default_rng(0)
+    # Between two points of the spline, whose third derivative jumps there.
+    coarse = 0.26 + np.concatenate([[0.0], np.cumsum(generator.uniform(0.002, 0.008, 40))])
+    fine = np.sort(np.concatenate([coarse, 0.5 * (coarse[1:] + coarse[:-1])]))
+    expected = filtered(coarse)
+    first = estimate(MomentumObserver(robot(), gain=GAIN), coarse)
+    second = estimate(MomentumObserver(robot(), gain=GAIN), fine)[::2]
+    errors = np.abs(first - expected).max(), np.abs(second - expected).max()
+    assert errors[0] < 0.03 * np.abs(expected).max()
+    assert 3.0 < errors[0] / errors[1] < 5.5
+
+
+def test_a_known_external_torque_that_is_added_leaves_nothing():
+    observer = MomentumObserver(robot(), gain=GAIN)
+    for t in np.arange(0.0, 1.0, 0.002):
+        q, u, tau, external = sample(t)
+        assert np.abs(observer.update(t, q, u, tau + external)).max() < 0.02
+    assert np.abs(external).max() > 1.0
+
+
+def rest(observer, t, extra):
+    """Hold the robot at rest against an external torque."""
+    q = np.full(4, 0.3)
+    return observer.update(t, q, np.zeros(4), robot().bias_force(q, np.zeros(4)) - extra)
+
+
+@pytest.mark.parametrize('held', [False, True])
+def test_a_constant_push_is_found_after_the_time_constant_with_its_sign(held):
+    observer, push = MomentumObserver(robot(), gain=GAIN, held=held), np.array([1.0, -2, 3, 4])
+    generator, t = np.random.default_rng(2), 5.0
+    rest(observer, t, push)
+    while t < 5.0 + 1.0 / GAIN:
+        t += generator.uniform(1e-4, 5e-3)
+        found = rest(observer, t, push)
+    np.testing.assert_allclose(found, push * -math.expm1(-GAIN * (t - 5.0)), rtol=1e-9)
+
+
+def test_a_held_command_acts_until_the_next_sample_and_no_longer():
+    observer = MomentumObserver(robot(), gain=GAIN, held=True)
+    none, push = np.zeros(4), np.full(4, 2.0)
+    rest(observer, 0.0, push)
+    found = rest(observer, 0.01, none)
+    np.testing.assert_allclose(found, push * -math.expm1(-GAIN * 0.01), rtol=1e-9)
+    np.testing.assert_allclose(rest(observer, 0.02, none), found * math.exp(-GAIN * 0.01),
+                               rtol=1e-9)
+
+
+@pytest.mark.parametrize('jump', [0.2, -0.01])
+def test_a_gap_and_a_jump_back_start_anew_and_the_same_stamp_changes_nothing(jump):
+    observer = MomentumObserver(robot(), gain=GAIN, max_gap=0.1)
+    push = np.ones(4)
+    for t in (0.0, 0.05, 0.1):
+        found = rest(observer, t, push)
+    assert (rest(observer, 0.1, 9.0 * push) == found).all()
+    assert found.all()
+    assert not rest(observer, 0.1 + jump, push).any()
+    np.testing.assert_allclose(rest(observer, 0.15 + jump, push),
+                               push * -math.expm1(-GAIN * 0.05), rtol=1e-9)
+
+
+def test_a_payload_that_is_announced_is_no_push():
+    carrier = Robot(robot().model, payload_frame='frame3', friction=False)
+    observer = MomentumObserver(carrier, gain=GAIN)
+    for k in range(400):
+        t = 0.1 + 0.002 * k
+        q, u, udot = motion().sample(t)
+        if k == 200:
+            carrier.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), np.eye(3) * 0.1)
+            observer.refresh()
+        found = observer.update(t, q, u, carrier.inverse_dynamics(q, u, udot))
+        # One interval in which the torque of before meets the payload of after.
+        assert np.abs(found).max() < (0.02 if k < 200 else 4.0), k
+    assert np.abs(found).max() < 0.02
+
+
+@pytest.mark.parametrize(('words', 'values'), [
+    ('t is nan', {'t': math.nan}), ('q', {'q': [0.0, math.nan, 0, 0]}),
+    ('u has shape', {'u': [0.0]}), ('tau is .*inf', {'tau': [0.0, 0, 0, math.inf]})])
+def test_a_bad_sample_is_refused_and_the_observer_starts_anew(words, values):
+    observer = MomentumObserver(robot(), gain=GAIN)
+    rest(observer, 0.0, np.ones(4))
+    assert rest(observer, 0.05, np.ones(4)).all()
+    with pytest.raises(InputError, match=words):
+        observer.update(**{'t': 0.06, 'q': np.zeros(4), 'u': np.zeros(4), 'tau': np.zeros(4),
+                           **values})
+    assert not observer.torque.any()
+    assert not rest(observer, 0.06, np.ones(4)).any()
+
+
+def test_what_cannot_be_observed_is_refused():
+    with pytest.raises(InputError, match='chosen speeds'):
+        MomentumObserver(Robot(robot().model, speeds=absolute_rates(robot().model)))
+    with pytest.raises(InputError, match="gain of joint 'joint2' is 0"):
+        MomentumObserver(robot(), gain=[1.0, 1.0, 0.0, 1.0])
+    with pytest.raises(InputError, match='max_gap is 0'):
+        MomentumObserver(robot(), max_gap=0.0)
+
+
+def detector(**settings):
+    return CollisionDetector(('a', 'b', 'c'), [1.0, 2.0, math.inf], **{
+        'confirm': 0.01, 'release': 0.5, 'clear': 0.1, **settings})
+
+
+def feed(flag, times, torque):
+    return [flag.update(t, np.array(torque, dtype=float)) for t in times]
+
+
+def test_an_alarm_needs_one_joint_beyond_for_long_enough_and_names_the_furthest():
+    flag = detector()
+    assert not any(feed(flag, (0.0, 0.004, 0.008), (1.5, -5.0, 1e9)))
+    assert flag.beyond == ('a', 'b')
+    assert feed(flag, (0.012,), (1.5, -5.0, 1e9)) == [True]
+    assert (flag.collision, flag.joint) == (True, 'b')
+    assert not any(feed(flag, (0.013, 0.02), (1.5, -5.0, 0.0))), 'it rises once'
+
+
+def test_single_bad_samples_raise_no_alarm():
+    flag = detector()
+    for k in range(100):
+        assert not flag.update(0.004 * k, np.array([0.5, 9.0 * (k % 2), 0.0]))
+        assert not flag.collision
+
+
+def test_an_alarm_ends_when_all_have_been_calm_for_long_enough():
+    flag = detector(confirm=0.0)
+    assert feed(flag, (0.0,), (0.0, 3.0, 0.0)) == [True]
+    assert not any(feed(flag, np.arange(0.01, 1.0, 0.01), (0.6, 0.0, 0.0))), 'above release'
+    assert not any(feed(flag, (1.0, 1.05, 1.09), (0.4, 0.9, 0.0)))
+    assert not any(feed(flag, (1.095,), (0.6, 0.0, 0.0))), 'not calm in between'
+    assert feed(flag, (1.1, 1.15, 1.21), (0.4, 0.9, 0.0)) == [False, False, True]
+    assert (flag.collision, flag.joint) == (False, None)
+
+
+def test_a_clock_that_jumps_back_neither_holds_an_alarm_nor_keeps_it_away():
+    flag = detector()
+    assert not any(feed(flag, (100.0,), (1.5, 0.0, 0.0)))
+    assert feed(flag, (50.0, 50.02), (1.5, 0.0, 0.0)) == [False, True]
+    assert not any(feed(flag, (100.0,), (0.0, 0.0, 0.0)))
+    assert feed(flag, (50.0, 50.2), (0.0, 0.0, 0.0)) == [False, True]
+
+
+@pytest.mark.parametrize(('words', 'settings'), [
+    ('confirm is -1', {'confirm': -1.0}), ('clear is nan', {'clear': math.nan}),
+    ('release is 0', {'release': 0.0}), ('release is 2', {'release': 2.0})])
+def test_bad_settings_are_refused(words, settings):
+    with pytest.raises(InputError, match=words):
+        detector(**settings)
+    with pytest.raises(InputError, match="threshold of joint 'a' is 0"):
+        CollisionDetector(('a', 'b'), [0.0, 1.0])
+
+
+def test_a_wrench_at_the_frame_is_recovered_where_the_arm_feels_all_of_it():
+    J = np.random.default_rng(4).normal(size=(6, 7))
+    wrench = np.array([5.0, -3.0, 2.0, 0.4, 0.1, -0.7])
+    found = frame_wrench(J, J.T @ wrench)
+    np.testing.assert_allclose(found.wrench, wrench, rtol=1e-9)
+    assert found.seen == 6
+    np.testing.assert_allclose(found.rest, 0.0, atol=1e-9)
+    elsewhere = np.linalg.svd(J)[2][6] * 2.0  # a torque that no wrench there can cause
+    found = frame_wrench(J, J.T @ wrench + elsewhere)
+    np.testing.assert_allclose(found.wrench, wrench, rtol=1e-9)
+    np.testing.assert_allclose(found.rest, elsewhere, atol=1e-9)
+
+
+def test_near_a_singular_posture_the_unseen_direction_is_small_and_smooth():
+    left, _, right = np.linalg.svd(np.random.default_rng(4).normal(size=(7, 6)),
+                                   full_matrices=False)
+    sizes = []
+    for smallest in (0.0, 1e-6, 0.049999, 0.050001):
+        J = (left * np.array([2.0, 1.5, 1.0, 0.9, 0.8, smallest]) @ right).T
+        found = frame_wrench(J, np.ones(7), length=1.0, damping=0.05)
+        assert found.seen == (6 if smallest > 0.05 else 5)
+        sizes.append(np.abs(right[5] @ found.wrench))
+    assert sizes[0] == pytest.approx(0.0, abs=1e-12)
+    assert sizes[1] < 1e-3
+    assert sizes[2] == pytest.approx(sizes[3], rel=1e-3)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_power_balances_on_any_motion(seed):
+    rough = robot(friction=True)
+    q, u, udot = random_state(rough.model, seed)
+    loads = np.random.default_rng(seed).normal(size=(2, 6))
+    power = power_balance(rough, q, u, udot, wrench=loads)
+    whole = max(map(abs, power))
+    assert abs(power.residual) < 1e-9 * whole
+    assert power.friction > 0.0
+    still = power_balance(rough, q, 0.0 * u, udot)
+    assert still.joints == 0.0
+    assert abs(still.residual) < 1e-9 * whole
