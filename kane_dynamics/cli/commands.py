@@ -1,16 +1,18 @@
 """What the subcommands of `kane-dynamics` do."""
 
 from argparse import Namespace
-from collections.abc import Iterable, Sequence
-from importlib import import_module
-import json
+from collections.abc import Sequence
 import math
+from pathlib import Path
 import sys
 import time
 from typing import Any
 import warnings
 
+from kane_dynamics import examination
 from kane_dynamics.cli import identification, inspection, replay as replaying
+from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, sliding,
+                                      source_of, split)
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
@@ -26,7 +28,7 @@ _MOST_EVENTS = 10  # printed for people
 
 def torque(options: Namespace) -> None:
     """Print the torques of one state, or write those of a trajectory."""
-    model, robot = _load(options)
+    model, robot = load(options)
     if options.trajectory is None:
         if options.out:
             raise InputError('--out is for a --trajectory; the torque of one state is printed')
@@ -41,7 +43,7 @@ def torque(options: Namespace) -> None:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, t, rows, robot.joint_names)
     if options.json:
-        _print_json({'joint_names': robot.joint_names, 't': t, **rows})
+        print_json({'joint_names': robot.joint_names, 't': t, **rows})
     elif options.out:
         print(f'wrote {len(rows["tau"])} rows to {options.out}')
     else:
@@ -52,8 +54,8 @@ def simulation(options: Namespace) -> None:
     """Simulate, save, draw and sum up."""
     if options.out and not options.out.endswith(('.npz', '.csv')):
         raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
-    plot = _extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
-    model, robot = _load(options)
+    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    model, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
     with progress_bar('simulating', duration) as progress:
@@ -63,11 +65,11 @@ def simulation(options: Namespace) -> None:
     if options.out:
         (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
     if plot is not None:
-        plot.plot_trajectory(result, options.plot, prismatic=_sliding(model))
+        plot.plot_trajectory(result, options.plot, prismatic=sliding(model))
     before, after = result.energy[[0, -1]].sum(axis=1).tolist()
     events = [str(event) for event in result.limit_events]
     if options.json:
-        _print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
+        print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
                      'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
                      'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
                      'limit_events': events})
@@ -85,16 +87,16 @@ def simulation(options: Namespace) -> None:
 def inspect(options: Namespace) -> int:
     """Print what is known about a robot; compare it with a peer on request."""
     caught: list[str] = []
-    model, robot = _load(options, caught)
+    model, robot = load(options, caught)
     facts = inspection.describe(model, robot, caught)
     if options.against:
         # The peer knows neither a supplement nor friction.
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', ModelWarning)
-            bare = load_urdf(_source(options), **_selection(options))
-        facts['against'] = inspection.compare_pinocchio(_source(options), bare)
+            bare = load_urdf(source_of(options), **selection(options))
+        facts['against'] = inspection.compare_pinocchio(source_of(options), bare)
     if options.json:
-        _print_json(facts)
+        print_json(facts)
     else:
         inspection.print_facts(facts)
     return 0 if facts.get('against', {'agrees': True})['agrees'] else 1
@@ -102,11 +104,11 @@ def inspect(options: Namespace) -> int:
 
 def export(options: Namespace) -> None:
     """Write C, and say what is in it."""
-    _, robot = _load(options, wrench_frames=options.wrench_frames,
+    _, robot = load(options, wrench_frames=options.wrench_frames,
                      payload_frame=options.payload_frame)
-    files = robot.export_c(options.out, _split(options.kernel))
+    files = robot.export_c(options.out, split(options.kernel))
     if options.json:
-        _print_json({'files': [str(file) for file in files],
+        print_json({'files': [str(file) for file in files],
                      'digest': robot.model.digest()})
         return
     for file in files:
@@ -115,11 +117,11 @@ def export(options: Namespace) -> None:
 
 def equations(options: Namespace) -> None:
     """Print or write the closed form of a small mechanism's equations of motion."""
-    closed = _extra('kane_dynamics.cli.equations', 'equations')  # before the work
-    model, robot = _load(options)
+    closed = extra('kane_dynamics.cli.equations', 'equations')  # before the work
+    model, robot = load(options)
     form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction)
     if options.json:
-        text = _json(closed.as_data(form, robot.operation_count())) + '\n'
+        text = as_json(closed.as_data(form, robot.operation_count())) + '\n'
     elif options.format == 'text':
         text = closed.as_text(form, robot.operation_count())
     else:
@@ -132,64 +134,43 @@ def equations(options: Namespace) -> None:
 
 def identify(options: Namespace) -> None:
     """Identify friction and inertials from a recording; print, and write on request."""
-    model, _ = _load(options)
-    data = identification.run(options, _source(options), model)
-    (_print_json if options.json else identification.print_data)(data)
+    model, _ = load(options)
+    data = identification.run(options, source_of(options), model)
+    (print_json if options.json else identification.print_data)(data)
 
 
 def replay(options: Namespace) -> None:
     """Compare a recording's measured torques with those of the equations of motion."""
-    plot = _extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
-    model, robot = _load(options)
+    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    model, robot = load(options)
     data = replaying.run(options, robot, identification.recorded(options, model))
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=_sliding(model))
-    (_print_json if options.json else replaying.print_comparison)(data)
+                         options.plot, prismatic=sliding(model))
+    (print_json if options.json else replaying.print_comparison)(data)
+
+
+def doctor(options: Namespace) -> int:
+    """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
+    caught: list[str] = []
+    model, robot = load(options, caught)
+    found = examination.examine_model(model, robot, caught)
+    if options.config or options.live:
+        live = extra('kane_dynamics.ros.doctor', 'ros')
+        if options.config:
+            found += live.examine_configuration(Path(options.config), robot)
+        if options.live:
+            found += live.examine_graph(robot, options.live, options.namespace)
+    if options.json:
+        print_json([{'level': finding.level, 'words': finding.words} for finding in found])
+    else:
+        examination.print_findings(found)
+    return int(any(finding.level == 'problem' for finding in found))
 
 
 def demo(options: Namespace) -> int:
     """Run the demo with the arguments that follow."""
-    return int(_extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
-
-
-def _extra(module: str, extra: str) -> Any:
-    """Import a module that needs more than the library does; InputError says what is missing."""
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(f"this needs '{error.name}', which is not installed; pip install "
-                         f"'kane_dynamics[{extra}]'") from None
-
-
-def _source(options: Namespace) -> str | bytes:
-    """Return the URDF as load_urdf takes it: a path, or what standard input holds."""
-    if options.urdf == '-':
-        options.urdf = sys.stdin.buffer.read()  # kept, for it can be read only once
-    source: str | bytes = options.urdf
-    return source
-
-
-def _selection(options: Namespace) -> dict[str, Any]:
-    """Return the arguments of load_urdf that choose the part and its gravity."""
-    joints = None if options.joints is None else _split(options.joints)
-    return {'base': options.base, 'tip': options.tip, 'joints': joints,
-            'gravity': tuple(options.gravity), 'strict': not options.no_strict}
-
-
-def _load(options: Namespace, caught: list[str] | None = None, **choices: Any
-          ) -> tuple[Model, Robot]:
-    """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
-    with warnings.catch_warnings(record=True) as records:
-        warnings.simplefilter('always', ModelWarning)
-        model = load_urdf(_source(options), supplement=options.supplement, **_selection(options))
-        robot = Robot(model, friction=not options.no_friction, **choices)
-    for record in records:
-        if caught is None:
-            print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
-        else:
-            caught.append(str(record.message))
-    return model, robot
+    return int(extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
 
 
 def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
@@ -208,7 +189,7 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
             duration = math.ceil(motion.duration / step - 1e-6) * step
     duration = 1.0 if duration is None else duration
     if options.torque:
-        tokens = _split(options.torque)
+        tokens = split(options.torque)
         source = (_held(tokens[0], robot, duration, step)
                   if len(tokens) == 1 and tokens[0].endswith('.csv')
                   else _vector(options, 'torque', robot))
@@ -241,18 +222,13 @@ def _rows(path: str, joint_names: Sequence[str]) -> tuple[Array | None, Array, A
     return motion.times, *motion.sample(t)
 
 
-def _split(tokens: Iterable[str]) -> list[str]:
-    """Return arguments that are parted by blanks or commas."""
-    return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
-
-
 def _vector(options: Namespace, name: str, robot: Robot) -> Array:
     """Return an argument as one number a joint; zeros if it was not given."""
     given = getattr(options, name)
     if given is None:
         return np.zeros(robot.n)
     try:
-        values = np.array([float(part) for part in _split(given)])
+        values = np.array([float(part) for part in split(given)])
     except ValueError as error:
         raise InputError(f'--{name}: {error}') from None
     if len(values) != robot.n:
@@ -261,40 +237,15 @@ def _vector(options: Namespace, name: str, robot: Robot) -> Array:
     return values
 
 
-def _sliding(model: Model) -> set[str]:
-    """Return the names of the joints whose coordinate is a length."""
-    return {joint.name for joint in model.coordinate_joints if joint.kind == 'prismatic'}
-
-
 def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
     """Print the torque of one state, and what it is made of."""
     state = [_vector(options, name, robot) for name in ('q', 'u', 'udot')]
     tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
     if options.json:
-        _print_json({'joint_names': robot.joint_names, 'tau': tau,
+        print_json({'joint_names': robot.joint_names, 'tau': tau,
                      'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
-    sliding = _sliding(model)
+    slides = sliding(model)
     inspection.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
-        [name, total, 'N' if name in sliding else 'N m', *row]
+        [name, total, 'N' if name in slides else 'N m', *row]
         for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])
-
-
-def _print_json(value: Any) -> None:
-    """Print JSON on one line."""
-    print(_json(value))
-
-
-def _json(value: Any) -> str:
-    """Return JSON on one line; infinite and missing numbers become null."""
-    return json.dumps(_plain(value), allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -71,6 +71,14 @@ examples:
 A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
 hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
 with --cutoff.""",
+    'doctor': """
+examples:
+  kane-dynamics doctor arm.urdf
+  kane-dynamics doctor arm.urdf --config arm.yaml --live 3
+  kane-dynamics doctor arm.urdf --live 5 --namespace left --json
+
+Compares names, limits, the sign of gravity, publishers and subscribers, rates, stamps and QoS.
+--config and --live need ROS. Exits with 1 if there is a problem.""",
     'demo': '',
 }
 
@@ -175,6 +183,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_recording(sub)
     sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
     sub.add_argument('--plot', metavar='FILE', help='draw measured and computed torques')
+    sub = command('doctor', commands.doctor, 'What is wrong with a URDF, its node, its graph')
+    _add_model(sub)
+    sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
+    sub.add_argument('--live', type=float, metavar='S', help='listen to the graph for so long')
+    sub.add_argument('--namespace', default='', help='of the arm in the graph')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

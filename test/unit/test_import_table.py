@@ -30,7 +30,7 @@ TABLE = (
     'robot',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'identification plot simulation vibration',
+    'examination identification plot simulation vibration',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}

@@ -1,0 +1,86 @@
+"""What the commands have in common: loading a robot, optional parts, JSON."""
+
+from argparse import Namespace
+from collections.abc import Iterable
+from importlib import import_module
+import json
+import math
+import sys
+from typing import Any
+import warnings
+
+from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model import Model
+from kane_dynamics.robot import Robot
+from kane_dynamics.urdf import load_urdf
+import numpy as np
+
+
+def extra(module: str, name: str) -> Any:
+    """Import a module that needs more than the library does; InputError says what is missing."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise InputError(f"this needs '{error.name}', which is not installed; pip install "
+                         f"'kane_dynamics[{name}]'") from None
+
+
+def source_of(options: Namespace) -> str | bytes:
+    """Return the URDF as load_urdf takes it: a path, or what standard input holds."""
+    if options.urdf == '-':
+        options.urdf = sys.stdin.buffer.read()  # kept, for it can be read only once
+    source: str | bytes = options.urdf
+    return source
+
+
+def selection(options: Namespace) -> dict[str, Any]:
+    """Return the arguments of load_urdf that choose the part and its gravity."""
+    joints = None if options.joints is None else split(options.joints)
+    return {'base': options.base, 'tip': options.tip, 'joints': joints,
+            'gravity': tuple(options.gravity), 'strict': not options.no_strict}
+
+
+def load(options: Namespace, caught: list[str] | None = None, **choices: Any
+         ) -> tuple[Model, Robot]:
+    """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter('always', ModelWarning)
+        model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
+        robot = Robot(model, friction=not options.no_friction, **choices)
+    for record in records:
+        if caught is None:
+            print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
+        else:
+            caught.append(str(record.message))
+    return model, robot
+
+
+def split(tokens: Iterable[str]) -> list[str]:
+    """Return arguments that are parted by blanks or commas."""
+    return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
+
+
+def sliding(model: Model) -> set[str]:
+    """Return the names of the joints whose coordinate is a length."""
+    return {joint.name for joint in model.coordinate_joints if joint.kind == 'prismatic'}
+
+
+def print_json(value: Any) -> None:
+    """Print JSON on one line."""
+    print(as_json(value))
+
+
+def as_json(value: Any) -> str:
+    """Return JSON on one line; infinite and missing numbers become null."""
+    return json.dumps(plain(value), allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """Return plain data for arrays and what holds them."""
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,117 @@
+"""What `kane-dynamics doctor` says of URDFs, configurations and live graphs."""
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+import time
+
+from graph import Process, URDF
+from kane_dynamics import load_urdf, Robot
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+
+ROOT = Path(__file__).resolve().parents[2]
+PLANT = 'kane_dynamics.ros.plant.main'
+
+
+def doctor(urdf, *arguments):
+    """Run the command; return its exit code and the words of each level."""
+    done = subprocess.run(
+        [sys.executable, '-m', 'kane_dynamics.cli', 'doctor', str(urdf), '--json', *arguments],
+        capture_output=True, text=True, check=False, timeout=60,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(
+            [str(ROOT), os.environ.get('PYTHONPATH', '')])})
+    assert done.stderr == '', done.stderr
+    found = {'problem': '', 'doubt': '', 'fine': ''}
+    for finding in json.loads(done.stdout):
+        found[finding['level']] += finding['words'] + '\n'
+    return done.returncode, found
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(URDF)
+    return path
+
+
+@pytest.mark.parametrize('name', ['ur10e', 'fr3'])
+def test_shipped_arms_and_their_configurations_have_no_problem(name):
+    code, found = doctor(ROOT / 'urdf' / f'{name}.urdf', '--config',
+                         str(ROOT / 'config' / f'{name}.yaml'))
+    assert (code, found['problem']) == (0, '')
+    assert f'{name}.yaml: every parameter is known and fits the arm' in found['fine']
+    assert 'no rotor inertia (armature) is known' in found['doubt']
+
+
+def test_a_weak_arm_and_a_wrong_configuration_are_told_by_name(tmp_path):
+    path = tmp_path / 'weak.urdf'
+    path.write_text(URDF.replace('effort="60"', 'effort="1"'))
+    wrong = tmp_path / 'wrong.yaml'
+    wrong.write_text('/**: {ros__parameters: {mod: fly, gains: {kp: -1.0}, gravity: [0, 0, 9.81],'
+                     'joints: [turn, elbow]}}')
+    code, found = doctor(path, '--config', str(wrong))
+    assert code == 1
+    for words in ("the arm cannot hold itself in every posture: 'lift'",
+                  "parameter 'mod' does not exist and is ignored; did you mean 'mode'?",
+                  "parameter 'gains.kp' is -1.0"):
+        assert words in found['problem']
+    wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
+    code, found = doctor(path, '--config', str(wrong))
+    assert 'joints that the URDF does not move: elbow' in found['problem']
+    assert 'gravity is [0.0, 0.0, 9.81]' in found['doubt']
+
+
+def test_a_sound_graph_is_found_sound(client, urdf):
+    away = ('-r', '__ns:=/ward')  # from what the client itself publishes
+    running = [Process(*away, mode='gravity_compensation', robot_description=f"'{URDF}'"),
+               Process(*away, module=PLANT, robot_description=f"'{URDF}'", rate=200.0,
+                       initial__position='[0.3, -0.4, 0.2]')]
+    try:
+        running[0].wait_for('active, mode')
+        time.sleep(2.0)
+        code, found = doctor(urdf, '--live', '3', '--namespace', 'ward')
+    finally:
+        for process in running:
+            process.end()
+    assert (code, found['problem']) == (0, '')
+    assert 'kane_dynamics commands plant' in found['fine']
+    assert 'joint states a second name all joints' in found['fine']
+    assert 'of the weight' in found['fine']
+
+
+def test_a_sick_graph_is_told_what_ails_it(client, urdf):
+    publishers = [client.create_publisher(JointState, 'joint_states', 10) for _ in range(2)]
+    described = client.create_publisher(String, 'robot_description', QoSProfile(depth=1))
+    commands = [client.create_publisher(Float64MultiArray, 'commands', 1) for _ in range(2)]
+    stop = threading.Event()
+    q = np.array([0.3, -0.4, 0.2])
+    upside_down = (-Robot(load_urdf(URDF)).gravity_force(q)).tolist()
+
+    def publish():
+        while not stop.wait(0.02):
+            message = JointState(name=['turn', 'lift', 'reach'], position=q.tolist(),
+                                 velocity=[0.0] * 3, effort=upside_down)
+            message.header.stamp.sec = 1000  # of another clock
+            publishers[0].publish(message)
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        code, found = doctor(urdf, '--live', '3')
+    finally:
+        stop.set()
+        thread.join()
+        for publisher in (*publishers, described, *commands):
+            client.destroy_publisher(publisher)
+    assert code == 1
+    for words in ('publishers share joint_states', 'clocks differ', 'opposite sign',
+                  'publishers share commands', 'is not latched'):
+        assert words in found['problem'], found
+    code, found = doctor(urdf, '--live', '1', '--namespace', 'elsewhere')
+    assert 'no joint state came within 1 s' in found['problem']
