@@ -78,6 +78,7 @@ def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
     Parameters
     ----------
     robot : Robot
+        Whose weight it is.
     q, effort : (n,) arrays
         At rest; rad or m, N m or N.
 

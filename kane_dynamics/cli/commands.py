@@ -70,9 +70,9 @@ def simulation(options: Namespace) -> None:
     events = [str(event) for event in result.limit_events]
     if options.json:
         print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
-                     'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
-                     'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
-                     'limit_events': events})
+                    'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
+                    'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
+                    'limit_events': events})
         return
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
           f'from {before:.6g} J to {after:.6g} J')
@@ -105,11 +105,11 @@ def inspect(options: Namespace) -> int:
 def export(options: Namespace) -> None:
     """Write C, and say what is in it."""
     _, robot = load(options, wrench_frames=options.wrench_frames,
-                     payload_frame=options.payload_frame)
+                    payload_frame=options.payload_frame)
     files = robot.export_c(options.out, split(options.kernel))
     if options.json:
         print_json({'files': [str(file) for file in files],
-                     'digest': robot.model.digest()})
+                    'digest': robot.model.digest()})
         return
     for file in files:
         print(f'wrote {file}')
@@ -243,7 +243,7 @@ def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
     tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
     if options.json:
         print_json({'joint_names': robot.joint_names, 'tau': tau,
-                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
+                    'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
     slides = sliding(model)
     inspection.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
