@@ -73,7 +73,8 @@ def test_power_of_actuators_and_pushes_less_friction_is_the_rate_of_energy(drawn
 @given(robots_and_states(1))
 def test_gravity_and_springs_are_the_gradient_of_the_potential_energy(drawn):
     robot, q = drawn
-    held = robot.bias_force(q, np.zeros(robot.n))
+    rest = np.zeros(robot.n)
+    held = robot.bias_force(q, rest) - robot.friction_force(rest)  # which may have an offset
     springs = robot.torque_terms(q, np.zeros(robot.n), np.zeros(robot.n))[4]
     size = scale(robot, q, np.zeros(robot.n), np.zeros(robot.n))
     gradient = -energy.conservative_force(robot.model, q)
@@ -86,7 +87,8 @@ def test_gravity_and_springs_are_the_gradient_of_the_potential_energy(drawn):
 def test_gravity_is_the_slope_of_the_compiled_potential_energy(drawn):
     robot, q = drawn
     h = 1e-3
-    held = robot.bias_force(q, np.zeros(robot.n))
+    rest = np.zeros(robot.n)
+    held = robot.bias_force(q, rest) - robot.friction_force(rest)  # which may have an offset
     for r, e in enumerate(np.eye(robot.n)):
         samples = [robot.potential_energy(q + k * h * e) for k in (-2, -1, 1, 2)]
         slope = (samples[0] - 8.0 * samples[1] + 8.0 * samples[2] - samples[3]) / (12.0 * h)
