@@ -107,7 +107,7 @@ class Traffic:
                 self._parameters(chance, good)
                 continue
             if kind is SetPayload:
-                fields = {'payload': Inertia(m=chance.uniform(0.0, 3.0) if good else -1.0,
+                fields = {'payload': Inertia(m=chance.uniform(0.1, 3.0) if good else -1.0,
                                              com=Vector3(x=0.05), ixx=0.01, iyy=0.01, izz=0.01)}
             else:
                 fields = {'position': q, **fields}
