@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.model import Array
 from kane_dynamics.native.export import (c_functions, comment, identifier, literal, prototype,
                                          string)
@@ -58,6 +59,9 @@ def write_c(robot: Any, path: str | os.PathLike[str],
         The source and the header.
 
     """
+    if isinstance(robot.equations, ConstrainedEquations):
+        raise InputError('C is written of robots whose speeds are the joint rates, without '
+                         'constraints; this one has chosen speeds or constraints')
     source = Path(path).expanduser()
     if source.suffix != '.c':
         raise InputError(f"path is '{source}'; expected the name of a C source, which ends in .c")

@@ -246,8 +246,11 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
     assert {'q.rocker', 'u.crank', 'tau.crank', 'constraint_force.pin/x'} <= set(header)
 
 
-def test_misuse_is_told_by_name():
+def test_misuse_is_told_by_name(tmp_path):
     model = four_bar_model()
+    with pytest.raises(InputError, match='C is written of robots whose speeds are the joint rat'):
+        four_bar().export_c(tmp_path / 'four_bar.c')
+    assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match=r"misses 'pin/.' by .*closed_posture"):
         simulate(four_bar(), [0.8, 0.0, -1.5], [5.0], 0.1)
     with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
