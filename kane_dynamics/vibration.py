@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics import energy
 from kane_dynamics.mechanics.hyperdual import lifted, seeded
+from kane_dynamics.mechanics.payload import with_payload
 from kane_dynamics.model import Array
 from kane_dynamics.robot import Robot
 import numpy as np
@@ -71,10 +72,13 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
 
 def stiffness_matrix(robot: Robot, q: Array) -> Array:
     """Return d2 PE / dq2, (n, n), exactly: gravity, springs and beams."""
-    n = robot.n
+    n, model = robot.n, robot.model
+    frame, payload = robot.equations.payload_frame, robot.parameters.payload
+    if frame is not None and payload is not None:
+        model = with_payload(model, frame.name, payload)
     rows = []
     for unit in np.eye(n):
-        value = energy.potential_energy(robot.model, seeded(q, unit, 0, n),
+        value = energy.potential_energy(model, seeded(q, unit, 0, n),
                                         gravity=robot.parameters.gravity)
         rows.append(lifted(value, n).gradient_rate)
     return np.array(rows)

@@ -375,3 +375,18 @@ def test_a_second_beam_hangs_on_the_first():
 def test_a_supplement_that_cannot_bend_a_link_says_so(beams, error, words):
     with pytest.raises(error, match=words):
         ur10e(**beams)
+
+
+def test_a_payload_swings_with_the_arm_that_carries_it():
+    b = ModelBuilder('pendulum')  # hanging: weight alone pulls back
+    b.beam('beam', 'world', FlexibleLink(1.0, 0.5, 200.0, (2, 0), direction=(0, 0, -1),
+                                         up=(1, 0, 0)), axis=Y)
+    bare = b.model()
+    b.load('beam/tip', point_mass(2.0))
+    robot, loaded = Robot(bare, payload_frame='beam/tip'), Robot(b.model())
+    robot.parameters.payload = point_mass(2.0)
+    rest = np.zeros(robot.n)
+    np.testing.assert_allclose(natural_vibration(robot, rest).frequencies,
+                               natural_vibration(loaded, rest).frequencies, rtol=1e-9)
+    assert (natural_vibration(Robot(bare), rest).frequencies[0]
+            > 1.05 * natural_vibration(loaded, rest).frequencies[0])
