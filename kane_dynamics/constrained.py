@@ -9,6 +9,7 @@ from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.mechanics.mechanism import Mechanism
 from kane_dynamics.mechanics.structure import closed_posture
 from kane_dynamics.model import Array
+from kane_dynamics.native.kernels import Argument, checked
 import numpy as np
 
 SINGULAR = 1e14  # a condition number at which double precision holds no digit of a solution
@@ -68,14 +69,19 @@ class Constrained(Calls):
         ----------
         tau : (n,) or (N, n) array
             Dual to the independent speeds, N m or N.
-        q : (n_q,) or (N, n_q) array
-            Coordinates, rad or m.
+        q : (n_q,) or (N, n_q) array, optional
+            Coordinates, rad or m; of no account where u = q' and nothing constrains it.
         t : float or (N,) array
             Time, s.
         out : array, optional
             Written to and returned.
 
         """
+        if not isinstance(self.equations, ConstrainedEquations):
+            same = checked(Argument('tau', (self.equations.n,), self.speed_names), tau)
+            result: Array = np.empty_like(same) if out is None else out
+            result[...] = same
+            return result
         if q is None:
             raise InputError('q is missing: what joint torques amount to tau depends on the '
                              'posture of a robot with chosen speeds or constraints')

@@ -204,6 +204,16 @@ def test_actuators_share_a_load_with_the_least_sum_of_squares():
     np.testing.assert_allclose(torques[[0, 2]], 2.0 * rates[[0, 2]] / (rates[[0, 2]] ** 2).sum())
 
 
+def test_torques_of_joints_are_tau_where_speeds_are_joint_rates():
+    robot, tau = Robot(four_bar_model()), np.array([1.0, -2.0, 3.0])
+    out = np.zeros(3)
+    np.testing.assert_array_equal(robot.joint_torques(tau), tau)
+    assert robot.joint_torques(tau, out=out) is out
+    np.testing.assert_array_equal(out, tau)
+    with pytest.raises(InputError, match='tau has shape'):
+        robot.joint_torques(np.ones(2))
+
+
 def test_a_loop_stays_closed_and_keeps_its_energy_at_the_integrators_order():
     robot, errors = four_bar(), []
     for step in (8e-3, 4e-3, 2e-3):
