@@ -188,6 +188,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     sub.add_argument('--live', type=float, metavar='S', help='listen to the graph for so long')
     sub.add_argument('--namespace', default='', help='of the arm in the graph')
+    sub.add_argument('--prefix', default='', help="of the arm's joints in the graph")
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

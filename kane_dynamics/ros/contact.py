@@ -55,7 +55,8 @@ def settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
 
 def observed_frame(values: Mapping[str, Any], model: Model) -> str:
     """Return the frame at which the wrench is estimated: as given, else the tip of the arm."""
-    return str(values['observer.frame'] or values['tip'] or model.bodies[-1].name)
+    return str(values['observer.frame'] or (values['tip'] and values['prefix'] + values['tip'])
+               or model.bodies[-1].name)
 
 
 class Contact:

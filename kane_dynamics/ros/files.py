@@ -63,4 +63,4 @@ def load(source: str | Path, values: Mapping[str, Any], warn: Callable[[str], ob
                           supplement=located('supplement', supplement) if supplement else None)
     for warning in found:
         warn(str(warning.message))
-    return model
+    return model.prefixed(values['prefix']) if values['prefix'] else model

@@ -71,6 +71,8 @@ SPECS = (
     Spec('tip', 'text', '', 'last link of the part that moves; empty: all branches'),
     Spec('joints', 'names', [], 'joints that move, in the order of `commands`; every other one '
          'is locked; empty: all, parents first'),
+    Spec('prefix', 'text', '', 'put before the names of joints and frames in all messages, for '
+         'two arms of one URDF; parameters and supplement have the names of the URDF'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
     Spec('payload.frame', 'text', '', 'frame in which a payload is given and on whose link it is '
          'carried; empty: the node carries none'),
