@@ -71,6 +71,8 @@ SPECS = (
     Spec('tip', 'text', '', 'last link of the part that moves; empty: all branches'),
     Spec('joints', 'names', [], 'joints that move, in the order of `commands`; every other one '
          'is locked; empty: all, parents first'),
+    Spec('constraints', 'text', '', 'path of a YAML with closed loops and other constraints; the '
+         'node then answers requests and commands nothing; empty: none'),
     Spec('prefix', 'text', '', 'put before the names of joints and frames in all messages, for '
          'two arms of one URDF; parameters and supplement have the names of the URDF'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),

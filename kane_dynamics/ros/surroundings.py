@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.contact import Contact, observed_frame, Outputs, settings
 from kane_dynamics.ros.explainer import Explainer
@@ -26,6 +27,11 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def check_surroundings(values: Mapping[str, Any], robot: Robot) -> None:
     """Raise InputError unless the parameters wrench.* and observer.* fit a robot."""
     check_frames(robot.model, values['wrench.frames'])
+    if robot.constraint_names:
+        for name in ('observer.enabled', 'explanation.rate'):
+            if values[name]:
+                raise InputError(f"parameter '{name}' is {values[name]!r}, but an arm with "
+                                 'constraints is not commanded; leave it at its default')
     if values['observer.enabled']:
         settings(values, robot)
         robot.model.frame(observed_frame(values, robot.model))

@@ -20,7 +20,7 @@ TABLE = (
     'model shapes',
     'flexing',
     'limiter mechanics motion urdf',
-    'build_checks native',
+    'build_checks constraint_file native',
     'build',
     'explanation parameters quantities verification',
     'kernel_set',
