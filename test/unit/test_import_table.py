@@ -44,7 +44,7 @@ DOORS = {
     'llvmlite': ('native/llvm.py',),
     'matplotlib': ('plot.py',),
     'mujoco': ('demo',),
-    'pinocchio': ('cli/inspection.py',),
+    'pinocchio': ('cli/benchmark.py', 'cli/inspection.py'),
     'rclpy': ('demo', 'ros'),
     'rich': ('demo', 'progress.py'),
     'scipy': ('identification',),
