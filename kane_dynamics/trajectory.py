@@ -1,5 +1,6 @@
 """`Trajectory`: what a simulation returns."""
 
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -15,7 +16,7 @@ ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constrai
 NAMES = ('joint_names', 'speed_names', 'constraint_names')
 
 
-class LimitEvent(NamedTuple):  # a free arm's fall has thousands: they must be cheap to make
+class LimitEvent(NamedTuple):
     """A joint's first crossing of one of its limits since it last kept it."""
 
     t: float
@@ -49,7 +50,7 @@ class Trajectory:
     energy : (K, 2) or (N, K, 2) array
         Kinetic and potential energy, J.
     joint_names : tuple of str
-    limit_events : tuple of LimitEvent
+    limit_events : sequence of LimitEvent
         Found at every step, not only at the samples. The simulation goes on past a limit: a stop
         would be a contact, which is not modelled. Limits of speed are those of joints whose rates
         are the speeds.
@@ -68,7 +69,7 @@ class Trajectory:
     tau: Array
     energy: Array
     joint_names: tuple[str, ...]
-    limit_events: tuple[LimitEvent, ...] = ()
+    limit_events: Sequence[LimitEvent] = ()
     speed_names: tuple[str, ...] = ()
     constraint_names: tuple[str, ...] = ()
     constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
