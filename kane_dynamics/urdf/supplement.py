@@ -106,7 +106,7 @@ def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
                             f'{listing(valid)}')
 
 
-class _Loader(yaml.SafeLoader):
+class Loader(yaml.SafeLoader):
     """YAML that refuses a key given twice, which plain YAML settles in silence."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -125,7 +125,7 @@ def _load(source: Any) -> Any:
         raise UrdfError(f'supplement is {SHORT.repr(source)}; valid: the path of a YAML file, or '
                         'a dict')
     try:
-        data = yaml.load(Path(source).read_bytes(), _Loader)
+        data = yaml.load(Path(source).read_bytes(), Loader)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UrdfError(f'supplement {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
