@@ -92,7 +92,7 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
             try:
                 rows = future.result()
             except (distributed.KilledWorker, distributed.client.FutureCancelledError,
-                    ImportError, OSError) as error:
+                    ImportError, OSError, RuntimeError) as error:
                 raise SweepError(f"chunk {chunk} on the Dask cluster at '{address}': {error}; "
                                  'the rows so far are kept') from error
             future.release()

@@ -44,7 +44,7 @@ def long(tmp_path_factory):
     """Return the file of a sweep that takes a second or so, and its table by one process."""
     folder = tmp_path_factory.mktemp('long')
     path = folder / 'sweep.yaml'
-    path.write_text(FILE.format(urdf=URDF, samples=500, duration=20.0))
+    path.write_text(FILE.format(urdf=URDF, samples=500, duration=40.0))
     done = run(path, '--out', folder / 'table', '--workers', 1, '--json')
     assert done.returncode == 0 and done.stderr == '', done.stderr
     told = json.loads(done.stdout)
