@@ -10,6 +10,7 @@ import sys
 import time
 
 import distributed
+from kane_dynamics.cli import main
 from kane_dynamics.sweep import read_table
 import pytest
 
@@ -130,6 +131,24 @@ def test_two_dask_workers_give_the_same_table_bit_for_bit_though_one_is_killed(l
     assert read_table(tmp_path / 'out').equals(expected)
 
 
+def test_a_file_names_others_beside_it_and_json_will_do(tmp_path, capsys):
+    (tmp_path / 'arm.urdf').write_text(URDF.read_text())
+    (tmp_path / 'arm.yaml').write_text('joints: {joint1: {damping: 2.0}}')
+    (tmp_path / 'there.csv').write_text('t,q.joint2,q.joint1\n0,0.1,0.2\n0.1,0.3,0.4\n')
+    path = tmp_path / 'sweep.json'
+    path.write_text(json.dumps({
+        'urdf': 'arm.urdf', 'supplement': 'arm.yaml', 'motion': 'there.csv', 'samples': 2,
+        'joints': ['joint2', 'joint1'], 'gravity': [0, 0, -1.62], 'duration': 0.1,
+        'friction': {'grid': [1, 2]}, 'controller': 'computed_torque'}))
+    assert main(['sweep', str(path), '-o', str(tmp_path / 'out'), '--workers', '1']) == 0
+    assert '2 simulations in' in capsys.readouterr().out
+    exact, rubbing = read_table(tmp_path / 'out').to_pylist()
+    assert [exact[f'q0.joint{k}'] for k in (2, 1)] == [0.1, 0.2]
+    assert [exact[f'q.joint{k}'] for k in (2, 1)] == pytest.approx([0.3, 0.4], abs=1e-6)
+    # At the very end the motion is at rest already, which the last step's end is told.
+    assert exact['rms_error.joint1'] < 1e-5 < 1e-3 < rubbing['rms_error.joint1']
+
+
 @pytest.mark.parametrize('change, words', [
     ('samples: 500', "there is no 'urdf'"),
     (f'urdf: {URDF}\nsamples: 10\nsample: 3', "unknown entry 'sample'; valid: urdf"),
@@ -138,7 +157,6 @@ def test_two_dask_workers_give_the_same_table_bit_for_bit_though_one_is_killed(l
     ('urdf: none.urdf\nsamples: 10', 'none.urdf'),
     ('- 1', 'holds no mapping')])
 def test_a_bad_file_is_exit_code_2_and_says_what_and_where(tmp_path, capsys, change, words):
-    from kane_dynamics.cli import main
     path = tmp_path / 'sweep.yaml'
     path.write_text(change)
     assert main(['sweep', str(path), '--out', str(tmp_path / 'out')]) == 2
@@ -148,7 +166,6 @@ def test_a_bad_file_is_exit_code_2_and_says_what_and_where(tmp_path, capsys, cha
 
 
 def test_a_cluster_that_is_not_there_is_exit_code_2(tmp_path, capsys, monkeypatch):
-    from kane_dynamics.cli import main
     monkeypatch.setattr('kane_dynamics.sweep.workers.PATIENCE', 0.3)
     path = tmp_path / 'sweep.yaml'
     path.write_text(FILE.format(urdf=URDF, samples=1, duration=0.01))
