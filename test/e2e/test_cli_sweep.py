@@ -11,7 +11,8 @@ import time
 
 import distributed
 from kane_dynamics.cli import main
-from kane_dynamics.sweep import read_table
+from kane_dynamics.cli.sweeping import read_sweep
+from kane_dynamics.sweep import read_table, run_sweep
 import pytest
 
 URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
@@ -34,22 +35,13 @@ def command(*arguments):
     return [sys.executable, '-m', 'kane_dynamics.cli', 'sweep', *map(str, arguments)]
 
 
-def run(*arguments):
-    """Run the command to its end."""
-    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False,
-                          timeout=100)
-
-
 @pytest.fixture(scope='module')
 def long(tmp_path_factory):
     """Return the file of a sweep that takes a second or so, and its table by one process."""
     folder = tmp_path_factory.mktemp('long')
     path = folder / 'sweep.yaml'
     path.write_text(FILE.format(urdf=URDF, samples=500, duration=40.0))
-    done = run(path, '--out', folder / 'table', '--workers', 1, '--json')
-    assert done.returncode == 0 and done.stderr == '', done.stderr
-    told = json.loads(done.stdout)
-    assert (told['made'], told['found'], told['ok'], told['failed']) == (500, 0, 500, 0)
+    assert run_sweep(read_sweep(path), folder / 'table', workers=1).made == 500
     return path, read_table(folder / 'table')
 
 
@@ -58,13 +50,19 @@ def parts(folder):
     return sorted(folder.glob('part-*.parquet'))
 
 
+def words_of(pid):
+    """Return a process's command; nothing if it has ended."""
+    with suppress(OSError):
+        return Path(f'/proc/{pid}/cmdline').read_bytes()
+    return b''
+
+
 def children(process):
     """Return the process numbers of a process's workers."""
     found = []
     for pid in Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split():
-        with suppress(OSError):
-            if b'spawn_main' in Path(f'/proc/{pid}/cmdline').read_bytes():
-                found.append(int(pid))
+        if b'spawn_main' in words_of(pid):
+            found.append(int(pid))
     return found
 
 
@@ -88,8 +86,7 @@ def gone(pids, within):
     """Tell whether processes end by themselves."""
     deadline = time.monotonic() + within
     while time.monotonic() < deadline:
-        if not any(Path(f'/proc/{pid}/cmdline').exists()
-                   and Path(f'/proc/{pid}/cmdline').read_bytes() for pid in pids):
+        if not any(map(words_of, pids)):
             return True
         time.sleep(0.05)
     return False
@@ -104,7 +101,7 @@ def test_a_killed_worker_loses_no_row(long, tmp_path):
     assert read_table(tmp_path / 'out').equals(expected)
 
 
-def test_a_killed_command_is_carried_on_and_leaves_no_worker_behind(long, tmp_path):
+def test_a_killed_command_is_carried_on_and_leaves_no_worker_behind(long, tmp_path, capsys):
     path, expected = long
     with under_way(path, tmp_path / 'out', '--workers', 2) as process:
         workers = children(process)
@@ -113,9 +110,11 @@ def test_a_killed_command_is_carried_on_and_leaves_no_worker_behind(long, tmp_pa
     assert len(workers) == 2 and gone(workers, 20.0)
     kept = len(parts(tmp_path / 'out'))
     assert 0 < kept < 20
-    done = run(path, '--out', tmp_path / 'out', '--json')
-    told = json.loads(done.stdout)
+    assert main(['sweep', str(path), '--out', str(tmp_path / 'out'), '--workers', '1',
+                 '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
     assert (told['found'], told['made']) == (25 * kept, 500 - 25 * kept)
+    assert (told['samples'], told['ok'], told['failed']) == (500, 500, 0)
     assert read_table(tmp_path / 'out').equals(expected)
 
 
