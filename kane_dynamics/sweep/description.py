@@ -8,6 +8,7 @@ import json
 import math
 from typing import Any
 
+from kane_dynamics.control import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array, freeze, Model
 from kane_dynamics.motion import Motion
@@ -150,16 +151,25 @@ class Sweep:
         elif not set(controller) & set(CONTROLLER_KEYS):
             controller = {'kind': controller}  # {choice: [...]}
         controller = _entries('controller', controller, CONTROLLER_KEYS)
+        kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
+        kinds = {CONTROLLERS[int(place)] for place in kind.numbers}
         found = [*values_of('q0', self.q0, joints, q0, signed=True),
                  *values_of('u0', self.u0, joints, u0, signed=True),
                  *(() if payload is None else self._payload(payload)),
-                 *values_of('friction', self.friction, joints, [1.0] * n),
-                 value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)]
-        if CONTROLLERS.index('computed_torque') in found[-1].numbers:
+                 *values_of('friction', self.friction, joints, [1.0] * n), kind]
+        used = {'kind'}
+        if Mode.COMPUTED_TORQUE in kinds:
+            used |= {'kp', 'kd'}
             for name, usual in (('kp', 100.0), ('kd', 20.0)):
                 found += values_of(name, controller.get(name, usual), joints, [usual] * n)
-        if payload is not None:
+        if payload is not None and kinds != {NONE}:
+            used |= {'known_payload'}
             found.append(value_of('known_payload', controller.get('known_payload', 0.0)))
+        for name in controller:
+            if name not in used:
+                raise InputError(f'controller: {name} is given, but no trial uses it: the kind is '
+                                 f'{", ".join(sorted(kinds))}, and there is '
+                                 f'{"no" if payload is None else "a"} payload')
         grids = math.prod(len(value.numbers) for value in found if value.kind == 'grid')
         if self.samples % grids:
             raise InputError(f'the grids have {grids} combinations and samples is '

@@ -66,6 +66,6 @@ def plant(values: Values, joints: Sequence[str]) -> Plant:
         second = com[:, :, None] * com[:, None] + 0.5 * (gyration**2)[:, None, None] * np.eye(3)
         upper = np.triu_indices(3)
         payload[:, 4:] = mass[:, None] * second[:, upper[0], upper[1]]
-        known[:, 0] = values['known_payload']
+        known[:, 0] = values.get('known_payload', 0.0)
     return Plant(payload, known, friction, of_joints(values, 'kp', joints),
                  of_joints(values, 'kd', joints))

@@ -5,6 +5,7 @@ from functools import cache
 import json
 import multiprocessing
 import os
+import sys
 
 from kane_dynamics import InputError, Motion, Robot
 from kane_dynamics.errors import SweepError
@@ -278,6 +279,8 @@ def test_workers_that_die_and_finish_nothing_are_an_error(monkeypatch, tmp_path)
     ({'controller': 'pid'}, "controller is 'pid'; valid: computed_torque"),
     ({'controller': {'kind': {'uniform': [0, 1]}}}, 'expected one of computed_torque'),
     ({'controller': {'kind': 'none', 'ki': 1}}, "controller: unknown key 'ki'"),
+    ({'controller': {'kp': 100.0}}, 'kp is given, but no trial uses it: the kind is none'),
+    ({'payload': None}, 'known_payload is given, but no trial uses it: .* no payload'),
     ({'friction': {'grid': [1, 2, 3, 4]}}, 'grids have 8 combinations and samples is 30'),
     ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])}, "of the joints \\['x'\\]"),
 ])
@@ -292,6 +295,13 @@ def test_a_worker_of_another_version_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr('kane_dynamics.sweep.description.package_version', lambda: '99')
     with pytest.raises(SweepError, match='runs kane_dynamics 99'):
         simulator.compute(work, 0)
+
+
+def test_what_is_not_installed_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    with pytest.raises(InputError, match=r"needs 'pyarrow'.*pip install 'kane_dynamics\[sweep\]'"):
+        run_sweep(sweep(), tmp_path / 'table', workers=1)
+    assert not (tmp_path / 'table').exists()
 
 
 def test_the_description_in_the_folder_tells_what_the_rows_are_of(tmp_path):
