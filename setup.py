@@ -15,10 +15,12 @@ equations = ['sympy>=1.12']
 # Least squares and filters; physical consistency, a semidefinite program.
 # Bags are read without ROS.
 identify = ['scipy>=1.11', 'cvxpy>=1.5', 'clarabel>=0.9', 'rosbags>=0.10']
+# Tables; workers elsewhere.
+sweep = ['pyarrow>=14', 'distributed>=2024.1']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
-        'example-robot-data>=4.1', *equations, *identify,
+        'example-robot-data>=4.1', *equations, *identify, *sweep,
         'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
         *plot]
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
@@ -43,7 +45,7 @@ setup(
     python_requires='>=3.11',
     install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'plot': plot, 'equations': equations, 'identify': identify,
-                    'demo': demo, 'test': test, 'lint': lint, 'bench': bench},
+                    'sweep': sweep, 'demo': demo, 'test': test, 'lint': lint, 'bench': bench},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),

@@ -10,7 +10,7 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import identification, inspection, replay as replaying
+from kane_dynamics.cli import identification, inspection, replay as replaying, sweeping
 from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, sliding,
                                       source_of, split)
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
@@ -82,6 +82,12 @@ def simulation(options: Namespace) -> None:
     for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
                  *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
         print(line)
+
+
+def sweep(options: Namespace) -> None:
+    """Run a sweep, or what is left of it, and sum up its table."""
+    data = sweeping.run(options)
+    (print_json if options.json else sweeping.print_result)(data)
 
 
 def inspect(options: Namespace) -> int:

@@ -29,6 +29,28 @@ examples:
 
 Without --motion and --torque no torque acts. A torque file is a CSV file with the columns
 tau.<joint>: with a column t each row is held until the next one's time, without it one step.""",
+    'sweep': """
+examples:
+  kane-dynamics sweep payloads.yaml --out payloads
+  kane-dynamics sweep payloads.yaml --out payloads --workers 4 --json
+  kane-dynamics sweep payloads.yaml --out payloads --dask tcp://127.0.0.1:8786
+
+payloads.yaml, for example:
+  urdf: arm.urdf
+  tip: tool0
+  samples: 10000
+  seed: 1
+  duration: 1.0
+  step: 0.001
+  q0: {shoulder: {uniform: [-1, 1]}, elbow: {normal: [0.5, 0.1]}}
+  payload: {frame: tool0, mass: {uniform: [0, 5]}, com: [0, 0, {uniform: [0, 0.1]}]}
+  friction: {uniform: [0.5, 2]}
+  controller: {kind: computed_torque, kp: {loguniform: [50, 500]}, kd: 20, known_payload: 0}
+  motion: motion.csv
+
+A value is a number or one of uniform, loguniform, normal: [mean, deviation], choice, grid; for all
+joints together, {each: value} for each its own, a list, or by name. The folder is one parquet
+table. Run the command again to carry on a sweep that was ended.""",
     'inspect': """
 examples:
   kane-dynamics inspect arm.urdf
@@ -152,6 +174,13 @@ def _parser() -> argparse.ArgumentParser:
                      help='for --motion, one or one a joint, 1/s; default: 20')
     sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
     sub.add_argument('--plot', metavar='FILE', help='picture of the trajectory, .png or .pdf')
+    sub = command('sweep', commands.sweep, 'Many simulations with values that vary, as a table')
+    sub.add_argument('sweep', metavar='YAML', help='what to simulate; see below')
+    sub.add_argument('-o', '--out', required=True, metavar='FOLDER',
+                     help='for the parquet files; new, or of this sweep')
+    sub.add_argument('--workers', type=int, metavar='N', help='processes (default: all cores)')
+    sub.add_argument('--dask', metavar='ADDRESS', help='of a Dask scheduler, to compute there')
+    sub.add_argument('--json', action='store_true', help='print JSON')
     sub = command('inspect', commands.inspect, 'Tree, masses, limits, operation counts')
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],

@@ -30,7 +30,7 @@ TABLE = (
     'robot',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'examination identification plot simulation vibration',
+    'examination identification plot simulation sweep vibration',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
@@ -38,6 +38,7 @@ RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
 # Who may import these at all, even inside a function.
 DOORS = {
     'ament_index_python': ('ros',),
+    'distributed': ('sweep',),
     'example_robot_data': (),
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
@@ -45,6 +46,7 @@ DOORS = {
     'matplotlib': ('plot.py',),
     'mujoco': ('demo',),
     'pinocchio': ('cli/benchmark.py', 'cli/inspection.py'),
+    'pyarrow': ('sweep',),
     'rclpy': ('demo', 'ros'),
     'rich': ('demo', 'progress.py'),
     'scipy': ('identification',),
