@@ -10,9 +10,9 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import identification, inspection, replay as replaying
-from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, sliding,
-                                      source_of, split)
+from kane_dynamics.cli import identification, inspection, pictures, replay as replaying
+from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, source_of,
+                                      split)
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
@@ -20,6 +20,7 @@ from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation import simulate
+from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 
@@ -28,10 +29,14 @@ _MOST_EVENTS = 10  # printed for people
 
 def torque(options: Namespace) -> None:
     """Print the torques of one state, or write those of a trajectory."""
+    plot = pictures.plotter(options)
+    if options.trajectory is None:
+        for name in ('out', 'plot'):
+            if getattr(options, name):
+                raise InputError(f'--{name} is for a --trajectory; the torque of one state is '
+                                 'printed')
     model, robot = load(options)
     if options.trajectory is None:
-        if options.out:
-            raise InputError('--out is for a --trajectory; the torque of one state is printed')
         _print_torque(options, model, robot)
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
@@ -39,13 +44,20 @@ def torque(options: Namespace) -> None:
     t, *state = _rows(options.trajectory, robot.joint_names)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
     rows['tau'] = robot.inverse_dynamics(*state)
+    if plot is not None:
+        if t is None:
+            raise InputError(f"{options.trajectory}: a picture needs the column 't'")
+        pictures.draw(plot, options, robot, Trajectory.along(robot, t, *state))
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, t, rows, robot.joint_names)
     if options.json:
         print_json({'joint_names': robot.joint_names, 't': t, **rows})
-    elif options.out:
-        print(f'wrote {len(rows["tau"])} rows to {options.out}')
+    elif options.out or options.plot:
+        if options.out:
+            print(f'wrote {len(rows["tau"])} rows to {options.out}')
+        if options.plot:
+            print(f'wrote {options.plot}')
     else:
         write_states(sys.stdout, t, rows, robot.joint_names)
 
@@ -54,8 +66,8 @@ def simulation(options: Namespace) -> None:
     """Simulate, save, draw and sum up."""
     if options.out and not options.out.endswith(('.npz', '.csv')):
         raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
-    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
-    model, robot = load(options)
+    plot = pictures.plotter(options)  # before the work
+    _, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
     with progress_bar('simulating', duration) as progress:
@@ -65,7 +77,7 @@ def simulation(options: Namespace) -> None:
     if options.out:
         (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
     if plot is not None:
-        plot.plot_trajectory(result, options.plot, prismatic=sliding(model))
+        pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
     before, after = result.energy[[0, -1]].sum(axis=1).tolist()
     events = [str(event) for event in result.limit_events]
     if options.json:
@@ -141,12 +153,12 @@ def identify(options: Namespace) -> None:
 
 def replay(options: Namespace) -> None:
     """Compare a recording's measured torques with those of the equations of motion."""
-    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    plot = pictures.plotter(options)  # before the work
     model, robot = load(options)
     data = replaying.run(options, robot, identification.recorded(options, model))
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=sliding(model))
+                         options.plot, prismatic=model.sliding)
     (print_json if options.json else replaying.print_comparison)(data)
 
 
@@ -245,7 +257,7 @@ def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
         print_json({'joint_names': robot.joint_names, 'tau': tau,
                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
-    slides = sliding(model)
+    slides = model.sliding
     inspection.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
         [name, total, 'N' if name in slides else 'N m', *row]
         for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])

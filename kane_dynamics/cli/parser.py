@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from kane_dynamics.cli import commands
+from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.identification.equations import STANDSTILL
@@ -16,6 +17,7 @@ EXAMPLES = {
 examples:
   kane-dynamics torque arm.urdf --q 0.1 -0.5 1.2 --u 0 0.3 0 --udot 1 0 0
   kane-dynamics torque arm.urdf --trajectory motion.csv --out torques.csv
+  kane-dynamics torque arm.urdf --trajectory motion.csv --plot sources.png
   xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
 
 A trajectory is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file
@@ -24,6 +26,7 @@ smooth curve through its points.""",
     'simulate': """
 examples:
   kane-dynamics simulate arm.urdf --q0 0.5 0 0 --duration 5 --plot fall.png
+  kane-dynamics simulate arm.urdf --q0 0.5 0 0 --plot energy.png --plot-of energy
   kane-dynamics simulate arm.urdf --duration 2 --torque 3.0 0 0 --out push.csv
   kane-dynamics simulate arm.urdf --motion motion.yaml --kp 400 --kd 40 --out track.npz
 
@@ -129,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
     sub.add_argument('--trajectory', metavar='FILE', help='CSV or YAML file; one answer a row')
     sub.add_argument('--out', metavar='CSV', help='file for the torques of a trajectory')
+    add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
     sub = command('simulate', commands.simulation, 'Forward dynamics over time')
     _add_model(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
@@ -145,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
                      help='for --motion, one or one a joint, 1/s; default: 20')
     sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
-    sub.add_argument('--plot', metavar='FILE', help='picture of the trajectory, .png or .pdf')
+    add_plot(sub, *KINDS, 'tracking')
     sub = command('inspect', commands.inspect, 'Tree, masses, limits, operation counts')
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],
@@ -182,7 +186,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     _add_recording(sub)
     sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
-    sub.add_argument('--plot', metavar='FILE', help='draw measured and computed torques')
+    add_plot(sub, 'measured and computed torques')
     sub = command('doctor', commands.doctor, 'What is wrong with a URDF, its node, its graph')
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')

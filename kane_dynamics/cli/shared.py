@@ -60,11 +60,6 @@ def split(tokens: Iterable[str]) -> list[str]:
     return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
 
 
-def sliding(model: Model) -> set[str]:
-    """Return the names of the joints whose coordinate is a length."""
-    return {joint.name for joint in model.coordinate_joints if joint.kind == 'prismatic'}
-
-
 def print_json(value: Any) -> None:
     """Print JSON on one line."""
     print(as_json(value))

@@ -42,7 +42,7 @@ DOORS = {
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
     'llvmlite': ('native/llvm.py',),
-    'matplotlib': ('plot.py',),
+    'matplotlib': ('plot',),
     'mujoco': ('demo',),
     'pinocchio': ('cli/inspection.py',),
     'rclpy': ('demo', 'ros'),
