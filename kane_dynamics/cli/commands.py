@@ -1,7 +1,6 @@
 """What the subcommands of `kane-dynamics` do."""
 
 from argparse import Namespace
-from collections.abc import Sequence
 import math
 from pathlib import Path
 import sys
@@ -10,17 +9,17 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import identification, inspection, pictures, replay as replaying
+from kane_dynamics.cli import identification, inspection, pictures, replay as replaying, viewing
 from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, source_of,
                                       split)
-from kane_dynamics.cli.tables import read_motion, read_states, write_states
+from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
+                                      read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation import simulate
-from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 
@@ -41,13 +40,11 @@ def torque(options: Namespace) -> None:
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
         raise InputError('--trajectory holds the states; leave out --q, --u and --udot')
-    t, *state = _rows(options.trajectory, robot.joint_names)
+    t, state = read_rows(options.trajectory, robot.joint_names)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
     rows['tau'] = robot.inverse_dynamics(*state)
     if plot is not None:
-        if t is None:
-            raise InputError(f"{options.trajectory}: a picture needs the column 't'")
-        pictures.draw(plot, options, robot, Trajectory.along(robot, t, *state))
+        pictures.draw(plot, options, robot, read_trajectory(options.trajectory, robot))
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, t, rows, robot.joint_names)
@@ -180,6 +177,11 @@ def doctor(options: Namespace) -> int:
     return int(any(finding.level == 'problem' for finding in found))
 
 
+def view(options: Namespace) -> None:
+    """Show a robot and its motion in the browser."""
+    viewing.run(options)
+
+
 def demo(options: Namespace) -> int:
     """Run the demo with the arguments that follow."""
     return int(extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
@@ -220,18 +222,6 @@ def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
     now = np.arange(max(1, round(duration / step))) * step
     rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
     return states.tau[np.maximum(rows, 0)]
-
-
-def _rows(path: str, joint_names: Sequence[str]) -> tuple[Array | None, Array, Array, Array]:
-    """Return t, q, u, udot of a trajectory file at its own rows."""
-    if not path.endswith(('.yaml', '.yml')):
-        states = read_states(path, joint_names)
-        if states.q is not None and states.u is not None and states.udot is not None:
-            return states.t, states.q, states.u, states.udot
-    motion = read_motion(path, joint_names)
-    t = motion.times.copy()
-    t[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
-    return motion.times, *motion.sample(t)
 
 
 def _vector(options: Namespace, name: str, robot: Robot) -> Array:

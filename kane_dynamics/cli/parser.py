@@ -74,6 +74,16 @@ examples:
 A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
 hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
 with --cutoff.""",
+    'view': """
+examples:
+  kane-dynamics view arm.urdf
+  kane-dynamics view arm.urdf --trajectory fall.npz
+  kane-dynamics view arm.urdf --trajectory motion.csv --export motion.html
+
+Without a trajectory each joint has a slider, and the arrows hold the arm against gravity. A
+trajectory is what torque takes, or an .npz file of simulate. Meshes are looked for beside the
+URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported page needs no
+server.""",
     'doctor': """
 examples:
   kane-dynamics doctor arm.urdf
@@ -192,6 +202,15 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     sub.add_argument('--live', type=float, metavar='S', help='listen to the graph for so long')
     sub.add_argument('--namespace', default='', help='of the arm in the graph')
+    sub = command('view', commands.view, 'The robot, its motion and its loads in the browser')
+    _add_model(sub)
+    sub.add_argument('--trajectory', metavar='FILE', help='.npz, CSV or YAML file: a slider over '
+                     'time')
+    sub.add_argument('--host', default='127.0.0.1', help='address to serve at; by default only '
+                     'this machine sees the page')
+    sub.add_argument('--port', type=int, default=8080, help='or the next free one; default: 8080')
+    sub.add_argument('--no-open', action='store_true', help='open no browser')
+    sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

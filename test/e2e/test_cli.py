@@ -312,12 +312,14 @@ def test_help_exits_0(arguments, capsys):
 
 @pytest.mark.parametrize(('module', 'arguments', 'words'), [
     ('matplotlib', ['simulate', '--plot', 'x.png'], ["'matplotlib'", 'kane_dynamics[plot]']),
+    ('viser', ['view'], ["'viser'", 'kane_dynamics[view]']),
     ('pinocchio', ['inspect', '--against', 'pinocchio'], ['Pinocchio', 'pip install pin']),
 ])
 def test_a_missing_extra_is_named_with_what_to_install(urdf, module, arguments, words,
                                                        monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, module, None)
-    for name in [name for name in sys.modules if name.startswith('kane_dynamics.plot')]:
+    for name in [name for name in sys.modules
+                 if name.startswith(('kane_dynamics.plot', 'kane_dynamics.view'))]:
         monkeypatch.delitem(sys.modules, name)
     assert main([arguments[0], urdf, *arguments[1:]]) == 2
     error = capsys.readouterr().err
