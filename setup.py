@@ -11,7 +11,7 @@ name = package.findtext('name')
 share = f'share/{name}'
 ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
-view = ['viser>=1.0']  # 3D in the browser, served from its own files; meshes by yourdfpy's trimesh
+view = ['viser>=1.1']  # 3D in the browser, served from its own files; meshes by yourdfpy's trimesh
 equations = ['sympy>=1.12']
 # Least squares and filters; physical consistency, a semidefinite program.
 # Bags are read without ROS.

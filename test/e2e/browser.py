@@ -1,6 +1,7 @@
 """A headless Chromium, driven by its DevTools protocol over the web sockets that viser brings."""
 
 import base64
+from contextlib import contextmanager, ExitStack
 import io
 import json
 from pathlib import Path
@@ -20,26 +21,34 @@ CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser',
 FLAGS = ('--headless=new', '--no-sandbox', '--disable-dev-shm-usage', '--no-first-run',
          '--disable-background-networking', '--disable-component-update', '--hide-scrollbars',
          '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
-         '--remote-debugging-port=0', '--window-size=1280,800')
+         '--remote-debugging-port=0', '--window-size=1100,650')
 
 
-class Page:
-    """One page in a browser of its own."""
-
-    def __init__(self, url):
-        self._folder = tempfile.mkdtemp()
-        self._process = subprocess.Popen(
-            [CHROMIUM, *FLAGS, f'--user-data-dir={self._folder}', 'about:blank'],
-            stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+@contextmanager
+def browser(url):
+    """Give a page in a browser of its own."""
+    with ExitStack() as ending:
+        folder = ending.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+        process = ending.enter_context(subprocess.Popen(
+            [CHROMIUM, *FLAGS, f'--user-data-dir={folder}', 'about:blank'],
+            stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True))
         lines = queue.Queue()
-        self._reader = threading.Thread(
-            target=lambda: [lines.put(line) for line in self._process.stderr], daemon=True)
-        self._reader.start()
+        reader = threading.Thread(target=lambda: [lines.put(line) for line in process.stderr],
+                                  daemon=True)
+        reader.start()
+        ending.callback(reader.join)
+        ending.callback(process.terminate)
         line = ''
         while 'DevTools listening on' not in line:
             line = lines.get(timeout=30)
-        self._socket = connect(line.split()[-1], max_size=None)
-        self._count, self._session = 0, None
+        yield Page(ending.enter_context(connect(line.split()[-1], max_size=None)), url)
+
+
+class Page:
+    """A page, its errors and what it asked for."""
+
+    def __init__(self, socket, url):
+        self._socket, self._count, self._session = socket, 0, None
         self.errors, self.requests = [], []
         target = self.call('Target.createTarget', url='about:blank')['targetId']
         self._session = self.call('Target.attachToTarget', targetId=target,
@@ -85,15 +94,6 @@ class Page:
         if path:
             Path(path).write_bytes(data)
         return np.asarray(matplotlib.image.imread(io.BytesIO(data)))[..., :3]
-
-    def close(self):
-        """End the browser."""
-        self._socket.close()
-        self._process.terminate()
-        self._process.wait(timeout=30)
-        self._reader.join(timeout=30)
-        self._process.stderr.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
 
     def _note(self, method, parameters):
         if method == 'Runtime.exceptionThrown':

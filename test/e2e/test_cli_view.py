@@ -1,11 +1,13 @@
 """`kane-dynamics view` shows a moving robot to a browser, and to nobody else."""
 
+from contextlib import ExitStack
 from pathlib import Path
 import subprocess
 import sys
 import time
 
-from browser import CHROMIUM, Page
+from browser import browser, CHROMIUM
+from kane_dynamics.cli import main
 import numpy as np
 import pytest
 
@@ -15,11 +17,6 @@ MOTION = """t,q.joint1,q.joint2
 0,0,0
 1,1.2,-0.8
 """
-
-
-def command(*arguments):
-    """Return the command as it is run."""
-    return [sys.executable, '-m', 'kane_dynamics.cli', 'view', str(URDF), *arguments]
 
 
 def settled(page, seconds=20.0):
@@ -43,30 +40,27 @@ def robot_part(picture):
 @pytest.mark.skipif(CHROMIUM is None, reason='no Chromium on PATH: apt-get install chromium')
 def test_a_browser_shows_the_robot_and_its_slider_moves_it(tmp_path):
     (tmp_path / 'motion.csv').write_text(MOTION)
-    with subprocess.Popen(command('--trajectory', str(tmp_path / 'motion.csv'), '--no-open',
-                                  '--port', '0'), stdout=subprocess.PIPE, text=True) as process:
-        page = None
-        try:
-            url = process.stdout.readline().split()[-1]
-            assert url.startswith('http://127.0.0.1:')
-            page = Page(url)
-            page.wait(f"document.querySelector('canvas') && {SLIDER}")
-            first = settled(page)
-            page.evaluate(f'{SLIDER}.focus()')
-            page.press('End')
-            page.wait(f"{SLIDER}.getAttribute('aria-valuenow') == 1")
-            page.wait("document.body.innerText.includes('-0.800')")  # the elbow in the table
-            last = settled(page)
-            page.press('Home')
-            page.wait("document.body.innerText.includes('0.000')")
-            again = settled(page)
-            page.evaluate("[...document.querySelectorAll('button')]"
-                          ".find(b => b.innerText == 'Play').click()")
-            page.wait(f"{SLIDER}.getAttribute('aria-valuenow') > 0.2")
-        finally:
-            process.terminate()
-            if page is not None:
-                page.close()
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'kane_dynamics.cli', 'view', str(URDF), '--no-open', '--port', '0',
+         '--trajectory', str(tmp_path / 'motion.csv')], stdout=subprocess.PIPE, text=True)
+    with process, ExitStack() as ending:
+        ending.callback(process.terminate)
+        url = process.stdout.readline().split()[-1]
+        assert url.startswith('http://127.0.0.1:')
+        page = ending.enter_context(browser(url))
+        page.wait(f"document.querySelector('canvas') && {SLIDER}")
+        first = settled(page)
+        page.evaluate(f'{SLIDER}.focus()')
+        page.press('End')
+        page.wait(f"{SLIDER}.getAttribute('aria-valuenow') == 1")
+        page.wait("document.body.innerText.includes('-0.800')")  # the elbow in the table
+        last = settled(page)
+        page.press('Home')
+        page.wait("document.body.innerText.includes('0.000')")
+        again = settled(page)
+        page.evaluate("[...document.querySelectorAll('button')]"
+                      ".find(b => b.innerText == 'Play').click()")
+        page.wait(f"{SLIDER}.getAttribute('aria-valuenow') > 0.2")
     assert page.errors == []
     assert [request for request in page.requests
             if not request.startswith((url, 'data:', f'blob:{url}'))] == []
@@ -78,13 +72,11 @@ def test_a_browser_shows_the_robot_and_its_slider_moves_it(tmp_path):
 
 
 @pytest.mark.parametrize('what', [[], ['--trajectory', 'motion.csv']], ids=['still', 'moving'])
-def test_an_exported_page_is_whole_without_a_server(tmp_path, what):
-    (tmp_path / 'motion.csv').write_text(MOTION)
-    path = tmp_path / 'motion.html'
-    done = subprocess.run(command(*what, '--export', str(path)), capture_output=True, text=True,
-                          check=False, timeout=60, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == f'wrote {path}\n'
-    page = path.read_text()
+def test_an_exported_page_is_whole_without_a_server(tmp_path, what, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path('motion.csv').write_text(MOTION)
+    assert main(['view', str(URDF), *what, '--export', 'page.html']) == 0
+    assert capsys.readouterr().out == 'wrote page.html\n'
+    page = Path('page.html').read_text()
     assert '__VISER_EMBED_DATA__="' in page
     assert 'src="http' not in page and 'href="http' not in page
