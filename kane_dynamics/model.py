@@ -232,6 +232,12 @@ class Model:
                      for k, name in enumerate(self.coordinate_names))
 
     @property
+    def sliding(self) -> frozenset[str]:
+        """Names of the coordinates that are lengths, whose units are m and N."""
+        return frozenset(name for name, joint in zip(
+            self.coordinate_names, self.coordinate_joints) if joint.kind == 'prismatic')
+
+    @property
     def flexible(self) -> bool:
         """Tell whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)

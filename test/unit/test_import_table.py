@@ -30,7 +30,7 @@ TABLE = (
     'robot',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'examination identification plot simulation sweep vibration',
+    'examination identification plot simulation sweep vibration view',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
@@ -43,7 +43,7 @@ DOORS = {
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
     'llvmlite': ('native/llvm.py',),
-    'matplotlib': ('plot.py',),
+    'matplotlib': ('plot',),
     'mujoco': ('demo',),
     'pinocchio': ('cli/benchmark.py', 'cli/inspection.py'),
     'pyarrow': ('sweep',),
@@ -51,10 +51,12 @@ DOORS = {
     'rich': ('demo', 'progress.py'),
     'scipy': ('identification',),
     'sympy': ('cli',),
+    'trimesh': ('view',),
+    'viser': ('view',),
     'yourdfpy': ('urdf/load.py',),
 }
 # Never while being imported, but in demo/ and in modules that are themselves loaded on use.
-LAZY = ('matplotlib', 'pinocchio', 'rich', 'sympy')
+LAZY = ('matplotlib', 'pinocchio', 'rich', 'sympy', 'viser')
 
 
 class Import(NamedTuple):
@@ -124,7 +126,7 @@ def test_library_is_imported_only_where_it_may_be(library):
 @pytest.mark.parametrize('library', LAZY)
 def test_optional_library_is_imported_only_when_used(library):
     eager = [found for found in IMPORTS if found.target.split('.')[0] == library
-             and not found.lazy and found.unit not in ('demo', 'plot')
+             and not found.lazy and found.unit not in ('demo', 'plot', 'view')
              and found.importer not in ('cli/equations.py', 'cli/symbolic.py')]
     assert eager == []
 
