@@ -9,6 +9,7 @@ from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
 from kane_dynamics.plot import (plot_energy, plot_phase, plot_reactions, plot_replay,
                                 plot_torque_by_source, plot_tracking, plot_trajectory)
 from kane_dynamics.power import power_balance, unaccounted_energy
+from kane_dynamics.trajectory import Trajectory
 import matplotlib
 from mechanisms import random_model
 import numpy as np
@@ -107,6 +108,22 @@ def test_energies_add_up_and_the_power_balances_to_rounding():
     np.testing.assert_allclose(lines['motors'], (motion.tau * motion.u).sum(axis=1), atol=1e-9)
     assert np.abs(lines['rate of energy']).max() > 0.5
     assert np.abs(residual.lines[0].get_ydata()).max() < 1e-9
+
+
+def test_a_balance_of_many_states_is_that_of_each():
+    motion = push()
+    many = power_balance(arm(), motion.q, motion.u, motion.udot)
+    for k in (0, 40):
+        one = power_balance(arm(), motion.q[k], motion.u[k], motion.udot[k])
+        np.testing.assert_allclose(one, [power[k] for power in many], rtol=1e-9, atol=1e-10)
+
+
+def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_that_was():
+    motion = push()
+    along = Trajectory.along(arm(), motion.t, motion.q, motion.u, motion.udot)
+    np.testing.assert_allclose(along.tau, motion.tau, atol=1e-10)
+    np.testing.assert_allclose(along.energy, motion.energy, rtol=1e-13)
+    assert along.joint_names == motion.joint_names
 
 
 def test_unaccounted_energy_is_the_integrators_error():

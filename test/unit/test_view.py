@@ -129,9 +129,14 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
                for x in long.values())
 
 
-def test_at_rest_the_base_carries_the_weight(arm):
+def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
     loads = Loads.at_rest(Robot(load_urdf(arm)), np.array([[0.3, 0.2]]))
     np.testing.assert_allclose(loads.reactions[0, 0, :3], [0.0, 0.0, 3 * 9.81], atol=1e-12)
+    arrows = loads.arrows(0, 1.0, loads.largest)
+    up = arrows['torques'][:, 1] - arrows['torques'][:, 0]  # x turns to z about -y
+    np.testing.assert_allclose(up / np.linalg.norm(up, axis=1)[:, None], [[0, -1, 0]] * 2,
+                               atol=1e-12)
+    assert np.linalg.norm(up[0]) == pytest.approx(1.0)
 
 
 def test_a_window_refuses_what_it_cannot_show(arm):
