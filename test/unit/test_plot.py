@@ -31,11 +31,11 @@ def arm():
 
 
 @cache
-def push(step=2e-3):
+def push():
     """Return a motion of it under torques that vary smoothly."""
     def torque(t, q, u):
         return np.array([3.0, 5.0, -1.0]) * np.cos(4.0 * t)
-    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=step, torque=torque,
+    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=2e-3, torque=torque,
                     sample=4e-3)
 
 
@@ -107,6 +107,8 @@ def test_energies_add_up_and_the_power_balances_to_rounding():
     np.testing.assert_allclose(lines['springs'], springs, rtol=1e-12)
     np.testing.assert_allclose(lines['motors'], (motion.tau * motion.u).sum(axis=1), atol=1e-9)
     assert np.abs(lines['rate of energy']).max() > 0.5
+    np.testing.assert_allclose(lines['motors'] + lines['friction'], lines['rate of energy'],
+                               atol=1e-9)
     assert np.abs(residual.lines[0].get_ydata()).max() < 1e-9
 
 
@@ -126,15 +128,16 @@ def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_tha
     assert along.joint_names == motion.joint_names
 
 
-def test_unaccounted_energy_is_the_integrators_error():
+def test_unaccounted_energy_is_the_error_of_integration_of_fourth_order():
     def lost(step):
-        motion = push(step)
+        motion = simulate(arm(), np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.5, 0.7]), 0.4,
+                          step=step, sample=step)
         power = power_balance(arm(), motion.q, motion.u, motion.udot)
-        return unaccounted_energy(motion.t, motion.energy.sum(axis=1),
-                                  power.joints - power.friction)
-    coarse, fine = np.abs(lost(4e-3)).max(), np.abs(lost(2e-3)).max()
-    assert coarse < 1e-2  # torques are held for a step: of first order
-    assert fine == pytest.approx(coarse / 2.0, rel=0.1)
+        return np.abs(unaccounted_energy(motion.t, motion.energy.sum(axis=1),
+                                         power.joints - power.friction)).max()
+    coarse, fine = lost(4e-3), lost(2e-3)
+    assert coarse < 1e-8
+    assert fine == pytest.approx(coarse / 16.0, rel=0.1)
 
 
 def test_a_reactions_magnitude_is_that_of_its_components():
