@@ -26,7 +26,7 @@ TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T],
 
 @cache
 def arm():
-    """Return a robot with springs and friction whose second joint of three slides."""
+    """Return a robot with springs and friction whose joints turn and slide."""
     return Robot(random_model(9, n=3))
 
 

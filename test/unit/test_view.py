@@ -139,6 +139,9 @@ def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
     np.testing.assert_allclose(up / np.linalg.norm(up, axis=1)[:, None], [[0, -1, 0]] * 2,
                                atol=1e-12)
     assert np.linalg.norm(up[0]) == pytest.approx(1.0)
+    rounding = replace(loads, reactions=loads.reactions * [1, 1, 1, 1e-14, 1e-14, 1e-14])
+    assert rounding.largest['moments'] == 0.0
+    assert rounding.arrows(0, 1.0, rounding.largest)['moments'].shape == (0, 2, 3)
 
 
 def test_a_window_refuses_what_it_cannot_show(arm):
