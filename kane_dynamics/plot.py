@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 if TYPE_CHECKING:  # a trajectory draws itself with this module
+    from kane_dynamics.feasibility import Demand
     from kane_dynamics.trajectory import Trajectory
 
 # Okabe & Ito's palette, which all kinds of colour vision tell apart, without its pale yellow.
@@ -222,6 +223,42 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         return _finish(figure, panels, title, path)
 
 
+def plot_demand(asked: 'Demand', path: Path | None = None, *, prismatic: Collection[str] = (),
+                title: str = 'Torque, speed and power against the limits') -> Figure:
+    """
+    Draw what a motion asks of each joint's motor, its limits as dashed lines.
+
+    Parameters
+    ----------
+    asked : Demand
+        What to draw.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    prismatic : collection of str
+        Names of the joints that slide, whose units are m and N.
+    title : str
+        Above the picture.
+
+    """
+    names = list(asked.joint_names)
+    columns = (('Torque', asked.tau, asked.limits.effort),
+               ('Speed', asked.u, asked.limits.velocity),
+               ('Power', asked.power, asked.power_limit))
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(12.0, 1.3 + 1.55 * len(names)), layout='constrained')
+        panels = figure.subplots(len(names), 3, sharex=True, squeeze=False)
+        for row, j in zip(panels, range(len(names)), strict=True):
+            for axes, (what, values, bound) in zip(row, columns, strict=True):
+                axes.plot(asked.t, values[:, j], color=BLUE)
+                axes.set_ylabel(f'[{_unit(what, names[j:j + 1], prismatic)}]')
+                for sign in (-1.0, 1.0) if np.isfinite(bound[j]) else ():
+                    axes.axhline(sign * bound[j], color=RED, linestyle='--', linewidth=1.0)
+            row[0].set_ylabel(f'{names[j]}\n{row[0].get_ylabel()}')
+        for axes, (what, _, _) in zip(panels[0], columns, strict=True):
+            axes.set_title(what)
+        return _finish(figure, panels, title, path)
+
+
 def _stack(axes: Axes, t: Array, terms: Array) -> None:
     """Draw (K, 5) terms: the positive parts stacked up from zero, the negative ones down."""
     for sign in (np.maximum, np.minimum):
@@ -252,7 +289,7 @@ def _legend(figure: Figure, panels: Any) -> None:
 def _unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:
     """Return the unit of a panel, of both kinds of joint if it shows both."""
     turning, sliding = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'),
-                        'Torque': ('N m', 'N')}[what]
+                        'Torque': ('N m', 'N'), 'Power': ('W', 'W')}[what]
     slides = [name in prismatic for name in names]
     return sliding if all(slides) else f'{turning}, {sliding}' if any(slides) else turning
 

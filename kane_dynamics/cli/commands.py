@@ -10,7 +10,7 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import identification, inspection, replay as replaying
+from kane_dynamics.cli import feasibility, identification, inspection, replay as replaying
 from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, sliding,
                                       source_of, split)
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
@@ -148,6 +148,19 @@ def replay(options: Namespace) -> None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
                          options.plot, prismatic=sliding(model))
     (print_json if options.json else replaying.print_comparison)(data)
+
+
+def feasible(options: Namespace) -> int:
+    """Judge a motion by the limits of the joints; return 1 if it does not fit."""
+    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    model, robot = load(options, payload_frame=options.payload_frame)
+    data, asked = feasibility.run(options, robot,
+                                  read_motion(options.trajectory, robot.joint_names))
+    if plot is not None:
+        plot.plot_demand(asked, options.plot, prismatic=sliding(model))
+        data['files'].append(options.plot)
+    (print_json if options.json else feasibility.print_data)(data)
+    return 0 if data['fits'] else 1
 
 
 def doctor(options: Namespace) -> int:

@@ -2,12 +2,14 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+import math
 import sys
 from typing import Any
 
 from kane_dynamics.cli import commands
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
+from kane_dynamics.feasibility.demand import STEP
 from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
 
@@ -71,6 +73,14 @@ examples:
 A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
 hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
 with --cutoff.""",
+    'feasible': """
+examples:
+  kane-dynamics feasible arm.urdf --trajectory motion.csv
+  kane-dynamics feasible arm.urdf --trajectory motion.yaml --out as_fast_as_it_may.csv
+  kane-dynamics feasible arm.urdf --trajectory motion.csv --payload-frame tool0 --plot use.png
+
+Exits with 1 if the motion passes a limit of torque, speed, position or, with --power, of power.
+Says at which speed it would just fit, slower or faster, and how much it may carry.""",
     'doctor': """
 examples:
   kane-dynamics doctor arm.urdf
@@ -183,6 +193,21 @@ def _parser() -> argparse.ArgumentParser:
     _add_recording(sub)
     sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
     sub.add_argument('--plot', metavar='FILE', help='draw measured and computed torques')
+    sub = command('feasible', commands.feasible, 'Whether a motion fits the motors')
+    _add_model(sub)
+    sub.add_argument('--trajectory', metavar='FILE', required=True, help='CSV or YAML file')
+    sub.add_argument('--speed', type=float, default=1.0, metavar='S',
+                     help='judge the motion S times as fast as in the file')
+    sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
+                     help='largest mechanical power, one or one a joint (default: no limit)')
+    sub.add_argument('--payload-frame', metavar='LINK', help='find the largest payload there')
+    sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+                     metavar=('X', 'Y', 'Z'), help='its mass centre in that frame, m')
+    sub.add_argument('--step', type=float, default=STEP, metavar='S',
+                     help='between samples, default: %(default)g')
+    sub.add_argument('-o', '--out', metavar='CSV',
+                     help='write the motion at the highest speed that fits')
+    sub.add_argument('--plot', metavar='FILE', help='draw torque, speed and power')
     sub = command('doctor', commands.doctor, 'What is wrong with a URDF, its node, its graph')
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
