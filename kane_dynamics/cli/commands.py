@@ -10,7 +10,8 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import feasibility, identification, inspection, replay as replaying
+from kane_dynamics.cli import (excitation, feasibility, identification, inspection,
+                               replay as replaying)
 from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, sliding,
                                       source_of, split)
 from kane_dynamics.cli.tables import read_motion, read_states, write_states
@@ -137,6 +138,13 @@ def identify(options: Namespace) -> None:
     model, _ = load(options)
     data = identification.run(options, source_of(options), model)
     (print_json if options.json else identification.print_data)(data)
+
+
+def excite(options: Namespace) -> None:
+    """Find and write a motion that excites what `identify` looks for."""
+    model, _ = load(options)
+    data = excitation.run(options, model)
+    (print_json if options.json else excitation.print_data)(data)
 
 
 def replay(options: Namespace) -> None:

@@ -64,6 +64,14 @@ A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, 
 the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
 then should be filtered with --cutoff. The first half is fitted, the second half judges.
 --out arm.urdf also writes arm.supplement.yaml: load both.""",
+    'excite': """
+examples:
+  kane-dynamics excite arm.urdf --out motion.csv
+  kane-dynamics excite arm.urdf --out motion.csv --duration 20 --periods 2 --share 0.6 --floor 0.1
+
+Searches sums of sines that tell most about masses and friction within the limits of the URDF. Let
+the arm go to the start, run it, record q and tau, and give the recording to identify. The way is
+checked for the floor, not for collisions.""",
     'replay': """
 examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png
@@ -188,6 +196,22 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--weight', type=float, metavar='W',
                      help="of the URDF's inertials as a prior (default: by cross-validation)")
     sub.add_argument('-o', '--out', metavar='URDF', help='write the identified model')
+    sub = command('excite', commands.excite, 'A motion to record for identify')
+    _add_model(sub)
+    sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
+    for name, kind, default, text in (
+            ('duration', float, 10.0, 's'), ('periods', int, 1, 'equal ones in that time'),
+            ('harmonics', int, 5, 'sines and cosines of each joint'),
+            ('share', float, 0.9, 'of the limits that may be used'),
+            ('seed', int, 0, 'of the motions that the search starts from'),
+            ('starts', int, 2, 'how many of these'), ('rate', float, 100.0, 'rows a second')):
+        sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
+                         help=f'{text}; default: %(default)s')
+    for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
+        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
+                         help=f'further limit, one or one a joint, {unit}')
+    sub.add_argument('--floor', type=float, metavar='Z',
+                     help='height that the origin of no moving link goes below, m')
     sub = command('replay', commands.replay, 'Torques along a recording, beside those measured')
     _add_model(sub)
     _add_recording(sub)

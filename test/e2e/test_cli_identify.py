@@ -6,7 +6,10 @@ import subprocess
 import sys
 
 from kane_dynamics import load_urdf, Robot
+from kane_dynamics.cli import main
+from kane_dynamics.identification import read_recording
 import numpy as np
+import pytest
 from recordings import simulated
 
 URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
@@ -44,3 +47,27 @@ def test_identify_refuses_what_is_no_recording(tmp_path):
     done = process(str(URDF), str(tmp_path / 'none.csv'))
     assert done.returncode == 2
     assert 'none.csv' in done.stderr
+
+
+def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_arm(tmp_path,
+                                                                                   capsys):
+    motion, recording = str(tmp_path / 'motion.csv'), str(tmp_path / 'recording.csv')
+    supplement = tmp_path / 'truth.yaml'
+    supplement.write_text('joints: {joint2: {damping: 0.7, friction: 1.1}}')
+
+    def answer(*arguments):
+        assert main([arguments[0], str(URDF), *arguments[1:], '--json']) == 0
+        return json.loads(capsys.readouterr().out)
+    found = answer('excite', '--out', motion, '--starts', '1', '--velocity', '3', '--rate', '200')
+    assert found['condition'] < 30.0 and max(found['uses']['velocity']) <= 0.9
+    assert answer('feasible', '--trajectory', motion)['fits']
+    answer('torque', '--trajectory', motion, '--supplement', str(supplement), '--out', recording)
+    clean = read_recording(recording, load_urdf(URDF).joint_names)
+    noise = 0.01 * np.random.default_rng(0).normal(size=clean.tau.shape)
+    np.savez(tmp_path / 'noisy.npz', t=clean.t, q=clean.q, tau=clean.tau + noise)
+    got = answer('identify', str(tmp_path / 'noisy.npz'))
+    assert got['friction']['damping'][1] == pytest.approx(0.7, rel=0.02)
+    assert got['friction']['friction'][1] == pytest.approx(1.1, rel=0.02)
+    assert max(got['rms_held_out']) < 0.02
+    assert main(['excite', str(URDF), '--out', motion, '--velocity', '3']) == 0
+    assert 'starts and ends at rest' in capsys.readouterr().out
