@@ -134,8 +134,12 @@ def equations(options: Namespace) -> None:
 
 
 def identify(options: Namespace) -> None:
-    """Identify friction and inertials from a recording; print, and write on request."""
+    """Identify friction and inertials, or a payload; print, and write on request."""
     model, _ = load(options)
+    if options.payload:
+        data = identification.run_payload(options, model)
+        (print_json if options.json else identification.print_payload)(data)
+        return
     data = identification.run(options, source_of(options), model)
     (print_json if options.json else identification.print_data)(data)
 

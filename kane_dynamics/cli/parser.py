@@ -59,11 +59,13 @@ examples:
   kane-dynamics identify arm.urdf recording.csv
   kane-dynamics identify arm.urdf recording.npz --cutoff 8 --out identified.urdf
   kane-dynamics identify arm.urdf recording.csv --friction-only --json
+  kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
 
 A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
 the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
 then should be filtered with --cutoff. The first half is fitted, the second half judges.
---out arm.urdf also writes arm.supplement.yaml: load both.""",
+--out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
+count as known, and --out takes the supplement with the payload in it.""",
     'excite': """
 examples:
   kane-dynamics excite arm.urdf --out motion.csv
@@ -195,7 +197,10 @@ def _parser() -> argparse.ArgumentParser:
                      help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
                      help="of the URDF's inertials as a prior (default: by cross-validation)")
-    sub.add_argument('-o', '--out', metavar='URDF', help='write the identified model')
+    sub.add_argument('--payload', metavar='LINK',
+                     help='find what this link carries, the rest being known')
+    sub.add_argument('-o', '--out', metavar='FILE',
+                     help='write the identified model, a URDF; with --payload a supplement')
     sub = command('excite', commands.excite, 'A motion to record for identify')
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
