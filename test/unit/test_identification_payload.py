@@ -56,7 +56,7 @@ def test_deviations_of_the_inertia_are_the_spread_over_noises():
     clean = simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2,
                       duration=2.0)
     found = []
-    for seed in range(20):
+    for seed in range(12):
         noise = 0.05 * np.random.default_rng(seed).normal(size=clean.tau.shape)
         found.append(identify_payload(bare(), replace(clean, tau=clean.tau + noise), 'tool0'))
     for spread, told in ((np.std([f.inertial.mass for f in found]), found[0].mass_deviation),
