@@ -108,7 +108,8 @@ def small():
 
 
 def test_same_seed_gives_the_same_motion_and_another_does_not():
-    again = [excite(small(), seed=seed, velocity=2.0, harmonics=2).coefficients for seed in (1, 1, 2)]
+    again = [excite(small(), seed=seed, velocity=2.0, harmonics=2).coefficients
+             for seed in (1, 1, 2)]
     assert np.array_equal(again[0], again[1]) and not np.allclose(again[0], again[2])
 
 

@@ -8,8 +8,9 @@ from kane_dynamics import Inertial, InputError, load_urdf, Robot
 from kane_dynamics.identification import (base_parameters, fit_base, friction_speeds, identify,
                                           read_recording, Recording, rows)
 from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.equations import full_regressor
+from kane_dynamics.identification.equations import compressed, full_regressor, stacked
 from kane_dynamics.identification.files import written
+from kane_dynamics.identification.physical import physical
 from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
 import numpy as np
 import pytest
@@ -118,6 +119,27 @@ def test_single_parameters_are_reported_where_torques_tell_them_and_are_within_t
     assert 'wrist_3_link.mx' in alone and 'wrist_3_link.m' not in alone
     off = (inertial_parameters(found.model) - inertial_parameters(arm())).reshape(-1, 10)
     assert np.abs(off[told] / found.inertial_deviations[told]).max() < 3.0
+
+
+def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exactly():
+    given = simulated(arm(), 4, duration=5.0)
+    found = identify(load_urdf(URDF), given)
+    assert found.held_out.max() < 1e-8 * np.abs(given.tau).max()
+    assert [joint.damping for joint in found.model.coordinate_joints] == pytest.approx([3.0] * 6)
+
+
+def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
+    data = rows(wrong(), noisy().rows(slice(0, 400)))
+    equations, _, _ = compressed(data, np.full(6, 0.05))
+    A, b = stacked(equations, np.full(6, 0.5))
+    prior = [body.inertial for body in wrong().bodies]
+    direct = physical(A, b, prior, 6, 100.0)
+    monkeypatch.setattr('kane_dynamics.identification.physical._unconstrained', lambda *_: None)
+    program = physical(A, b, prior, 6, 100.0)
+    misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
+    assert misses[0] == pytest.approx(misses[1], rel=1e-6)
+    assert np.abs(direct - program).max() < 1e-3 * np.abs(direct).max()
+    assert not np.array_equal(direct, program)
 
 
 @pytest.mark.parametrize('name', REAL)
