@@ -136,12 +136,14 @@ def equations(options: Namespace) -> None:
 def identify(options: Namespace) -> None:
     """Identify friction and inertials, or a payload; print, and write on request."""
     model, _ = load(options)
-    if options.payload:
-        data = identification.run_payload(options, model)
-        (print_json if options.json else identification.print_payload)(data)
-        return
-    data = identification.run(options, source_of(options), model)
-    (print_json if options.json else identification.print_data)(data)
+    if options.base_parameters:
+        data, printed = identification.run_base(options, model), identification.print_base
+    elif options.payload:
+        data, printed = identification.run_payload(options, model), identification.print_payload
+    else:
+        data = identification.run(options, source_of(options), model)
+        printed = identification.print_data
+    (print_json if options.json else printed)(data)
 
 
 def excite(options: Namespace) -> None:

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from kane_dynamics.cli import inspection
+from kane_dynamics.cli.replay import rms
 from kane_dynamics.cli.shared import as_json
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.equations import FRICTION
+from kane_dynamics.identification.base import base_error, fit_base
+from kane_dynamics.identification.equations import FRICTION, friction_speeds, rows
 from kane_dynamics.identification.files import six, written, written_payload
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload import identify_payload
@@ -36,13 +38,48 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
     return {**as_data(found, recording), 'files': files}
 
 
-def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
-    """Identify a payload, write what --out asks for, and return the result as plain data."""
+def run_base(options: Namespace, model: Model) -> dict[str, Any]:
+    """Estimate base parameters by weighted least squares; return the result as plain data."""
+    refuse(options, '--base-parameters takes no model but its structure')
+    if options.out or options.payload:
+        raise InputError('--base-parameters are no model and no payload; leave out --out and '
+                         '--payload')
+    recording = recorded(options, model)
+    data = rows(model, recording, options.standstill)
+    first, second = data.half(second=False), data.half(second=True)
+    speeds = friction_speeds(first)
+    found = fit_base(first, model, speeds)
+    return {'joint_names': list(model.joint_names), 'rows': len(recording),
+            'names': list(found.base.names), 'values': found.values,
+            'standard_deviations': found.deviations, 'condition': found.condition,
+            'friction_speed': speeds, 'rms_fitted': found.sigma,
+            'rms_held_out': rms(base_error(found, second, speeds))}
+
+
+def print_base(data: dict[str, Any]) -> None:
+    """Print what `run_base` returned."""
+    print(f'{data["rows"]} rows: fitted to the first half, judged on the second')
+    inspection.print_table(['base parameter', 'value', '+-'], [
+        (name, value, f'{deviation:.1g}') for name, value, deviation in zip(
+            data['names'], data['values'], data['standard_deviations'], strict=True)])
+    print()
+    inspection.print_table(['joint', 'RMS fitted', 'held out'], zip(
+        data['joint_names'], data['rms_fitted'], data['rms_held_out'], strict=True))
+    print(f'\ncondition number {data["condition"]:.3g}')
+
+
+def refuse(options: Namespace, because: str) -> None:
+    """Raise InputError if an option is given that the chosen kind of fit does not use."""
     for given, name in ((options.friction_only, '--friction-only'),
                         (options.weight is not None, '--weight'),
                         (options.no_friction, '--no-friction')):
         if given:
-            raise InputError(f'--payload takes the arm as known, friction too; leave out {name}')
+            raise InputError(f'{because}; leave out {name}')
+
+
+def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
+    """Identify a payload, write what --out asks for, and return the result as plain data."""
+    refuse(options, '--payload takes the arm as known, friction too')
     recording = recorded(options, model)
     found = identify_payload(model, recording, options.payload)
     load = found.inertial

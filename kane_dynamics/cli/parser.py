@@ -197,6 +197,8 @@ def _parser() -> argparse.ArgumentParser:
                      help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
                      help="of the URDF's inertials as a prior (default: by cross-validation)")
+    sub.add_argument('--base-parameters', action='store_true',
+                     help='only what torques tell for certain, by plain least squares')
     sub.add_argument('--payload', metavar='LINK',
                      help='find what this link carries, the rest being known')
     sub.add_argument('-o', '--out', metavar='FILE',

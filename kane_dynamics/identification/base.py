@@ -174,6 +174,12 @@ def fit_base(data: Rows, model: Model, speeds: Array, *, weighted: bool = True) 
                    float(singular[0] / singular[-1]), residual)
 
 
+def base_error(fit: BaseFit, data: Rows, speeds: Array) -> Array:
+    """Return measured torque less that of estimated base parameters, (N, n), N m or N."""
+    X = full_regressor(data, speeds)[:, :, fit.base.columns]
+    return np.asarray(data.recording.tau - data.rest - X @ fit.values)
+
+
 def base_deviations(A: Array) -> Array:
     """Return standard deviations by equations of unit variance, (b,); infinite if singular."""
     scale = np.linalg.norm(A, axis=0)
