@@ -59,8 +59,8 @@ def run_base(options: Namespace, model: Model) -> dict[str, Any]:
 def print_base(data: dict[str, Any]) -> None:
     """Print what `run_base` returned."""
     print(f'{data["rows"]} rows: fitted to the first half, judged on the second')
-    inspection.print_table(['base parameter', 'value', '+-'], [
-        (name, value, f'{deviation:.1g}') for name, value, deviation in zip(
+    inspection.print_table(['value', '+-', 'base parameter'], [
+        (value, f'{deviation:.1g}', name) for name, value, deviation in zip(
             data['names'], data['values'], data['standard_deviations'], strict=True)])
     print()
     inspection.print_table(['joint', 'RMS fitted', 'held out'], zip(

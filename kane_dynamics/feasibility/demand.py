@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 STEP = 1e-3  # s between samples
-MOST_SAMPLES = 1_000_000
+MOST_SAMPLES = 200_000
 ROUNDING = 1e-9  # relative: a motion that was scaled to a limit is on it, not beyond it
 QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power', 'lower': 'position',
               'upper': 'position'}
@@ -189,7 +189,7 @@ def sampled(robot: Robot, motion: Motion, step: float) -> tuple[Array, Array, Ar
     intervals = np.ceil(h / step)
     if intervals.sum() > MOST_SAMPLES:
         raise InputError(f'step is {step:g} s: {intervals.sum():.3g} samples of a motion of '
-                         f'{motion.duration:g} s; valid: up to {MOST_SAMPLES}')
+                         f'{motion.duration:g} s; valid: up to {MOST_SAMPLES}, by a larger step')
     counts = np.maximum(intervals, 1.0).astype(int) + 1
     segment = np.repeat(np.arange(len(h)), counts)
     inside = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)

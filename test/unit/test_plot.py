@@ -4,7 +4,8 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-from kane_dynamics.plot import plot_torque_sources, plot_tracking, plot_trajectory
+from kane_dynamics.plot import (plot_demand, plot_torque_sources, plot_tracking,
+                                plot_trajectory)
 import matplotlib
 import numpy as np
 import pytest
@@ -16,7 +17,12 @@ TERMS = np.stack([Q, -0.5 * Q, 1.0 + 0.0 * Q, 0.2 * Q, 0.0 * Q], axis=1)
 RUNS = {'PD only': (T, Q, Q + 0.02), 'PD + feedforward': (T[::2], Q[::2], Q[::2] - 0.0005)}
 TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T], axis=1),
                              joint_names=NAMES, speed_names=NAMES)
+DEMAND = SimpleNamespace(t=T, u=Q, tau=3.0 * Q, power=3.0 * Q * Q, joint_names=NAMES,
+                         limits=SimpleNamespace(effort=np.array([2.0, np.inf, 5.0]),
+                                                velocity=np.full(3, 2.0)),
+                         power_limit=np.full(3, np.inf))
 DRAWINGS = {
+    'demand': lambda path: plot_demand(DEMAND, path, prismatic={'slide'}),
     'trajectory': lambda path: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
     'tracking': lambda path: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},
                                            sources=(T, TERMS)),
@@ -40,6 +46,14 @@ def test_units_follow_the_kind_of_joint():
     assert labels == ['shoulder\n[rad]', '[mrad]', '[N m]', 'elbow\n[rad]', '[mrad]', '[N m]',
                       'slide\n[m]', '[mm]', '[N]']
     assert DRAWINGS['trajectory'](None).axes[0].get_ylabel() == 'Position\n[rad, m]'
+
+
+def test_demand_shows_the_limits_that_there_are():
+    figure = DRAWINGS['demand'](None)
+    drawn = [[line.get_ydata()[0] for line in axes.lines[1:]] for axes in figure.axes]
+    assert drawn == [[-2.0, 2.0], [-2.0, 2.0], [], [], [-2.0, 2.0], [],
+                     [-5.0, 5.0], [-2.0, 2.0], []]
+    assert [axes.get_ylabel() for axes in figure.axes[6:]] == ['slide\n[N]', '[m/s]', '[W]']
 
 
 def test_tracking_states_the_rms_of_each_run():
