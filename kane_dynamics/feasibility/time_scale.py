@@ -27,7 +27,7 @@ from kane_dynamics.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LEAST, MOST = 1e-6, 1e6  # speeds that are looked at
+LEAST, MOST = 1e-6, 1e4  # speeds that are looked at
 PRECISION = 1e-10  # of the speed, relative, where friction or power leave no closed form
 
 Indices = NDArray[np.int_]
@@ -202,6 +202,7 @@ def _highest(course: Course, low: float, high: float) -> float | None:
         # What is forbidden nowhere in between needs no further look.
         touched = (more[..., 0] < np.minimum(up, more[..., 1])) & (more[..., 1] > down)
         rows = rows[touched.any(axis=(1, 2))]
+        down = max(low, down * (1.0 - PRECISION))  # rounding may have put it too high
         middle = math.sqrt(down * up)
         boxes += [(down, middle, rows), (middle, up, rows)]
     return None

@@ -75,6 +75,15 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
     assert not above.any()
 
 
+@pytest.mark.parametrize(('seed', 'effort'), [
+    (1120, 27.4766038789267), (1140, 51.466192222681116), (1150, 189.33095944151347),
+    (1339, 15.264592834744503), (1422, 47.19545903456095)])
+def test_speed_that_rounding_puts_a_hair_too_high_is_found_all_the_same(seed, effort):
+    found = fastest(limited(effort), motion(seed), **STEPS)
+    assert allowed(limited(effort), motion(seed), np.array([found.speed * (1.0 - 1e-8)])).all()
+    assert not allowed(limited(effort), motion(seed), np.array([found.speed * (1.0 + 1e-8)])).any()
+
+
 @cache
 def pendulum():
     """Return a pendulum of 1 kg and 1 m, and one free turn of it from bottom to bottom."""
