@@ -12,21 +12,9 @@ import math
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
+from kane_dynamics.spline import segment_coefficients, spline_velocities
 import numpy as np
 from numpy.typing import ArrayLike
-
-# Coefficients in x = (t - t0) / h of the quintic that has q, h u, h^2 udot at x = 0 and x = 1.
-_QUINTIC = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-                     [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
-                     [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
-                     [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
-                     [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
-                     [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5]])
-# The same for the cubic, which has q and h u at both ends.
-_CUBIC = np.array([[1.0, 0.0, 0.0, 0.0],
-                   [0.0, 1.0, 0.0, 0.0],
-                   [-3.0, -2.0, 3.0, -1.0],
-                   [2.0, 1.0, -2.0, 1.0]])
 
 Start = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 State = tuple[Array, Array, Array]
@@ -137,11 +125,31 @@ class Motion:
             udot = None if udot is None else np.vstack([first[2], udot])
             rest = first[1]
         with np.errstate(over='ignore', invalid='ignore'):
-            u = _spline_velocities(t, q, rest) if u is None else u
-            motion = cls(names, t, q, _coefficients(t, q, u, udot))
+            u = spline_velocities(t, q, rest) if u is None else u
+            motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
         if np.isfinite(motion._table).all():
             return motion
         raise InputError(f'the motion, up to {np.abs(q).max():g}, leaves the finite numbers')
+
+    def scaled(self, speed: float) -> 'Motion':
+        """
+        Return the motion along the same path at another speed: q(speed t).
+
+        Parameters
+        ----------
+        speed : float
+            2 is twice as fast; positive.
+
+        Raises
+        ------
+        InputError
+            The speed is not a positive number, or leaves no time between two points.
+
+        """
+        if not 0.0 < speed < math.inf:
+            raise InputError(f'speed is {speed}; expected a positive, finite number')
+        times = _times(self.times / speed)
+        return Motion(self.joint_names, times, self.positions, self._table[..., :self._n].copy())
 
     def sample(self, t: ArrayLike) -> State:
         """
@@ -260,41 +268,3 @@ def _start(start: Start, names: tuple[str, ...]) -> State:
     return (_row(q, 'start: positions', names),
             _row(rest if u is None else u, 'start: velocities', names),
             _row(rest if udot is None else udot, 'start: accelerations', names))
-
-
-def _spline_velocities(t: Array, q: Array, first: Array) -> Array:
-    """
-    Return the (K, n) velocities that make udot continuous at every inner point.
-
-    The velocities at the ends are given: `first`, and zero at the last point. The inner ones
-    solve the tridiagonal, diagonally dominant system
-    ``u[i-1] / h[i-1] + 2 (1 / h[i-1] + 1 / h[i]) u[i] + u[i+1] / h[i]
-    = 3 (dq[i-1] / h[i-1]^2 + dq[i] / h[i]^2)`` by Thomas' elimination.
-    """
-    count = len(t)
-    u = np.zeros_like(q)
-    if count < 2:
-        return u
-    u[0] = first
-    r = 1.0 / np.diff(t)
-    slope = 3.0 * np.diff(q, axis=0) * (r * r)[:, None]
-    ratio = np.zeros(count)  # of the eliminated upper diagonal
-    for i in range(1, count - 1):
-        pivot = 2.0 * (r[i - 1] + r[i]) - r[i - 1] * ratio[i - 1]
-        ratio[i] = r[i] / pivot
-        u[i] = (slope[i - 1] + slope[i] - r[i - 1] * u[i - 1]) / pivot
-    for i in range(count - 2, 0, -1):
-        u[i] -= ratio[i] * u[i + 1]
-    return u
-
-
-def _coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
-    """Return the (K - 1, 6, n) coefficients of each segment's polynomial in x from 0 to 1."""
-    h = np.diff(t)[:, None]
-    ends = [q[:-1], h * u[:-1], q[1:], h * u[1:]]
-    if udot is not None:
-        ends = [q[:-1], h * u[:-1], h * h * udot[:-1], q[1:], h * u[1:], h * h * udot[1:]]
-    basis = _CUBIC if udot is None else _QUINTIC
-    out = np.zeros((len(t) - 1, 6, q.shape[1]))
-    out[:, :len(basis)] = np.einsum('pe,esn->spn', basis, np.array(ends))
-    return out

@@ -9,8 +9,8 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import (identification, inspection, pictures, replay as replaying,
-                               sweeping, viewing)
+from kane_dynamics.cli import (excitation, feasibility, identification, inspection, pictures,
+                               replay as replaying, sweeping, viewing)
 from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, source_of,
                                       split)
 from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
@@ -149,10 +149,23 @@ def equations(options: Namespace) -> None:
 
 
 def identify(options: Namespace) -> None:
-    """Identify friction and inertials from a recording; print, and write on request."""
+    """Identify friction and inertials, or a payload; print, and write on request."""
     model, _ = load(options)
-    data = identification.run(options, source_of(options), model)
-    (print_json if options.json else identification.print_data)(data)
+    if options.base_parameters:
+        data, printed = identification.run_base(options, model), identification.print_base
+    elif options.payload:
+        data, printed = identification.run_payload(options, model), identification.print_payload
+    else:
+        data = identification.run(options, source_of(options), model)
+        printed = identification.print_data
+    (print_json if options.json else printed)(data)
+
+
+def excite(options: Namespace) -> None:
+    """Find and write a motion that excites what `identify` looks for."""
+    model, _ = load(options)
+    data = excitation.run(options, model)
+    (print_json if options.json else excitation.print_data)(data)
 
 
 def replay(options: Namespace) -> None:
@@ -164,6 +177,19 @@ def replay(options: Namespace) -> None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
                          options.plot, prismatic=model.sliding)
     (print_json if options.json else replaying.print_comparison)(data)
+
+
+def feasible(options: Namespace) -> int:
+    """Judge a motion by the limits of the joints; return 1 if it does not fit."""
+    plot = pictures.plotter(options)  # before the work
+    model, robot = load(options, payload_frame=options.payload_frame)
+    data, asked = feasibility.run(options, robot,
+                                  read_motion(options.trajectory, robot.joint_names))
+    if plot is not None:
+        plot.plot_demand(asked, options.plot, prismatic=model.sliding)
+        data['files'].append(options.plot)
+    (print_json if options.json else feasibility.print_data)(data)
+    return 0 if data['fits'] else 1
 
 
 def doctor(options: Namespace) -> int:

@@ -6,13 +6,19 @@ from pathlib import Path
 from typing import Any
 
 from kane_dynamics.cli import inspection
+from kane_dynamics.cli.replay import rms
+from kane_dynamics.cli.shared import as_json
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.equations import FRICTION
-from kane_dynamics.identification.files import written
+from kane_dynamics.identification.base import base_error, fit_base
+from kane_dynamics.identification.equations import FRICTION, friction_speeds, rows
+from kane_dynamics.identification.files import six, written, written_payload
 from kane_dynamics.identification.fit import Identification, identify
+from kane_dynamics.identification.payload import identify_payload
 from kane_dynamics.identification.recording import read_recording, Recording
+from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model import Model
 from kane_dynamics.progress import progress_bar
+import numpy as np
 
 
 def recorded(options: Namespace, model: Model) -> Recording:
@@ -32,6 +38,91 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
     return {**as_data(found, recording), 'files': files}
 
 
+def run_base(options: Namespace, model: Model) -> dict[str, Any]:
+    """Estimate base parameters by weighted least squares; return the result as plain data."""
+    refuse(options, '--base-parameters takes no model but its structure')
+    if options.out or options.payload:
+        raise InputError('--base-parameters are no model and no payload; leave out --out and '
+                         '--payload')
+    recording = recorded(options, model)
+    data = rows(model, recording, options.standstill)
+    first, second = data.half(second=False), data.half(second=True)
+    speeds = friction_speeds(first)
+    found = fit_base(first, model, speeds)
+    return {'joint_names': list(model.joint_names), 'rows': len(recording),
+            'names': list(found.base.names), 'values': found.values,
+            'standard_deviations': found.deviations, 'condition': found.condition,
+            'friction_speed': speeds, 'rms_fitted': found.sigma,
+            'rms_held_out': rms(base_error(found, second, speeds))}
+
+
+def print_base(data: dict[str, Any]) -> None:
+    """Print what `run_base` returned."""
+    print(f'{data["rows"]} rows: fitted to the first half, judged on the second')
+    inspection.print_table(['value', '+-', 'base parameter'], [
+        (value, f'{deviation:.1g}', name) for name, value, deviation in zip(
+            data['names'], data['values'], data['standard_deviations'], strict=True)])
+    print()
+    inspection.print_table(['joint', 'RMS fitted', 'held out'], zip(
+        data['joint_names'], data['rms_fitted'], data['rms_held_out'], strict=True))
+    print(f'\ncondition number {data["condition"]:.3g}')
+
+
+def refuse(options: Namespace, because: str) -> None:
+    """Raise InputError if an option is given that the chosen kind of fit does not use."""
+    for given, name in ((options.friction_only, '--friction-only'),
+                        (options.weight is not None, '--weight'),
+                        (options.no_friction, '--no-friction')):
+        if given:
+            raise InputError(f'{because}; leave out {name}')
+
+
+def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
+    """Identify a payload, write what --out asks for, and return the result as plain data."""
+    refuse(options, '--payload takes the arm as known, friction too')
+    recording = recorded(options, model)
+    found = identify_payload(model, recording, options.payload)
+    load = found.inertial
+    if options.out:
+        if not options.out.endswith(('.yaml', '.yml')):
+            raise InputError(f"--out is '{options.out}'; with --payload it is a supplement, "
+                             'expected a name that ends in .yaml')
+        text = written_payload(options.supplement, options.payload, load)
+        Path(options.out).write_text(text, encoding='utf-8')
+    return {
+        'joint_names': list(model.joint_names), 'rows': len(recording), 'frame': options.payload,
+        'mass': load.mass, 'com': load.com, 'inertia': load.inertia,
+        'standard_deviations': {'mass': found.mass_deviation, 'com': found.com_deviation,
+                                'inertia': found.inertia_deviation},
+        'rms_residual': found.residual, 'rms_held_out': found.held_out,
+        'condition': found.condition,
+        'node_parameters': {'payload.frame': options.payload, 'payload.mass': load.mass,
+                            'payload.com': load.com, 'payload.inertia': six(load)},
+        'files': [options.out] if options.out else []}
+
+
+def print_payload(data: dict[str, Any]) -> None:
+    """Print what `run_payload` returned."""
+    deviations = data['standard_deviations']
+    print(f"{data['rows']} rows; payload in axes of '{data['frame']}', condition number "
+          f'{data["condition"]:.3g}')
+    moments = [(f'inertia {"xyz"[r]}{"xyz"[s]} [kg m^2]', data['inertia'][r, s],
+                deviations['inertia'][r, s]) for r in range(3) for s in range(r, 3)]
+    inspection.print_table(['', 'value', '+-'], [(name, value, f'{deviation:.1g}') for (
+        name, value, deviation) in (
+        ('mass [kg]', data['mass'], deviations['mass']),
+        *((f'mass centre {axis} [m]', *pair) for axis, *pair in zip(
+            'xyz', data['com'], deviations['com'], strict=True)), *moments)])
+    print()
+    inspection.print_table(['joint', 'RMS left', 'held out'], zip(
+        data['joint_names'], data['rms_residual'], data['rms_held_out'], strict=True))
+    print('\nparameters of the node:')
+    for name, value in data['node_parameters'].items():
+        print(f'  {name}: {as_json(value) if not isinstance(value, str) else value}')
+    for path in data['files']:
+        print(f'wrote {path}')
+
+
 def as_data(found: Identification, recording: Recording) -> dict[str, Any]:
     """Return the result as plain data."""
     joints = found.model.coordinate_joints
@@ -41,8 +132,19 @@ def as_data(found: Identification, recording: Recording) -> dict[str, Any]:
         'friction': {name: [getattr(joint, name) for joint in joints]
                      for name in (*FRICTION, 'friction_speed')},
         'standard_deviations': dict(zip(FRICTION, found.deviations.T.tolist(), strict=True)),
+        'inertials': _told(found),
         'masses': {body.name: body.inertial.mass for body in found.model.bodies},
         'condition': found.condition, 'prior_weight': found.weight}
+
+
+def _told(found: Identification) -> dict[str, dict[str, dict[str, float]]]:
+    """Return value and deviation of the inertial parameters that torques tell one by one."""
+    values = inertial_parameters(found.model).reshape(-1, 10)
+    return {body.name: {
+        name: {'value': float(value), 'deviation': float(deviation)}
+        for name, value, deviation in zip(PARAMETERS, row, deviations, strict=True)
+        if np.isfinite(deviation)} for body, row, deviations in zip(
+            found.model.bodies, values, found.inertial_deviations, strict=True)}
 
 
 def print_data(data: dict[str, Any]) -> None:
@@ -60,6 +162,11 @@ def print_data(data: dict[str, Any]) -> None:
                    for word in (data['friction'][name][k], f'{deviations[name][k]:.1g}')),
           data['friction']['friction_speed'][k]]
          for k, joint in enumerate(data['joint_names'])])
+    told = [(f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}')
+            for body, row in data['inertials'].items() for name, pair in row.items()]
+    if told:
+        print('\ninertial parameters that torques tell by themselves; kg, m, about the origin')
+        inspection.print_table(['parameter', 'value', '+-'], told)
     print(f'\ncondition number {data["condition"]:.3g}, weight of the prior '
           f'{data["prior_weight"]:g}')
     for path in data['files']:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+import math
 import sys
 from typing import Any
 
@@ -9,6 +10,7 @@ from kane_dynamics.cli import benchmark, commands
 from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
+from kane_dynamics.feasibility.demand import STEP
 from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
 
@@ -88,11 +90,21 @@ examples:
   kane-dynamics identify arm.urdf recording.csv
   kane-dynamics identify arm.urdf recording.npz --cutoff 8 --out identified.urdf
   kane-dynamics identify arm.urdf recording.csv --friction-only --json
+  kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
 
 A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
 the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
 then should be filtered with --cutoff. The first half is fitted, the second half judges.
---out arm.urdf also writes arm.supplement.yaml: load both.""",
+--out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
+count as known, and --out takes the supplement with the payload in it.""",
+    'excite': """
+examples:
+  kane-dynamics excite arm.urdf --out motion.csv
+  kane-dynamics excite arm.urdf --out motion.csv --duration 20 --periods 2 --share 0.6 --floor 0.1
+
+Searches sums of sines that tell most about masses and friction within the limits of the URDF. Let
+the arm go to the start, run it, record q and tau, and give the recording to identify. The way is
+checked for the floor, not for collisions.""",
     'replay': """
 examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png
@@ -112,6 +124,14 @@ Without a trajectory each joint has a slider, and the arrows hold the arm agains
 trajectory is what torque takes, or an .npz file of simulate. Meshes are looked for beside the
 URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported page needs no
 server.""",
+    'feasible': """
+examples:
+  kane-dynamics feasible arm.urdf --trajectory motion.csv
+  kane-dynamics feasible arm.urdf --trajectory motion.yaml --out as_fast_as_it_may.csv
+  kane-dynamics feasible arm.urdf --trajectory motion.csv --payload-frame tool0 --plot use.png
+
+Exits with 1 if the motion passes a limit of torque, speed, position or, with --power, of power.
+Says at which speed it would just fit, slower or faster, and how much it may carry.""",
     'doctor': """
 examples:
   kane-dynamics doctor arm.urdf
@@ -228,12 +248,48 @@ def _parser() -> argparse.ArgumentParser:
                      help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
                      help="of the URDF's inertials as a prior (default: by cross-validation)")
-    sub.add_argument('-o', '--out', metavar='URDF', help='write the identified model')
+    sub.add_argument('--base-parameters', action='store_true',
+                     help='only what torques tell for certain, by plain least squares')
+    sub.add_argument('--payload', metavar='LINK',
+                     help='find what this link carries, the rest being known')
+    sub.add_argument('-o', '--out', metavar='FILE',
+                     help='write the identified model, a URDF; with --payload a supplement')
+    sub = command('excite', commands.excite, 'A motion to record for identify')
+    _add_model(sub)
+    sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
+    for name, kind, default, text in (
+            ('duration', float, 10.0, 's'), ('periods', int, 1, 'equal ones in that time'),
+            ('harmonics', int, 5, 'sines and cosines of each joint'),
+            ('share', float, 0.9, 'of the limits that may be used'),
+            ('seed', int, 0, 'of the motions that the search starts from'),
+            ('starts', int, 2, 'how many of these'), ('rate', float, 100.0, 'rows a second')):
+        sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
+                         help=f'{text}; default: %(default)s')
+    for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
+        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
+                         help=f'further limit, one or one a joint, {unit}')
+    sub.add_argument('--floor', type=float, metavar='Z',
+                     help='height that the origin of no moving link goes below, m')
     sub = command('replay', commands.replay, 'Torques along a recording, beside those measured')
     _add_model(sub)
     _add_recording(sub)
     sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
     add_plot(sub, 'measured and computed torques')
+    sub = command('feasible', commands.feasible, 'Whether a motion fits the motors')
+    _add_model(sub)
+    sub.add_argument('--trajectory', metavar='FILE', required=True, help='CSV or YAML file')
+    sub.add_argument('--speed', type=float, default=1.0, metavar='S',
+                     help='judge the motion S times as fast as in the file')
+    sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
+                     help='largest mechanical power, one or one a joint (default: no limit)')
+    sub.add_argument('--payload-frame', metavar='LINK', help='find the largest payload there')
+    sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+                     metavar=('X', 'Y', 'Z'), help='its mass centre in that frame, m')
+    sub.add_argument('--step', type=float, default=STEP, metavar='S',
+                     help='between samples, default: %(default)g')
+    sub.add_argument('-o', '--out', metavar='CSV',
+                     help='write the motion at the highest speed that fits')
+    add_plot(sub, 'torque, speed and power')
     sub = command('doctor', commands.doctor, 'What is wrong with a URDF, its node, its graph')
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')

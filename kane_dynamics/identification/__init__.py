@@ -3,10 +3,11 @@
 from kane_dynamics.identification.base import (base_parameters, BaseFit, BaseParameters,
                                                fit_base)
 from kane_dynamics.identification.equations import friction_speeds, rows
+from kane_dynamics.identification.excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload import identify_payload, Payload, PayloadEstimator
 from kane_dynamics.identification.recording import read_recording, Recording
 
-__all__ = ['BaseFit', 'BaseParameters', 'Identification', 'Payload', 'PayloadEstimator',
-           'Recording', 'base_parameters', 'fit_base', 'friction_speeds', 'identify',
-           'identify_payload', 'read_recording', 'rows']
+__all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Identification', 'Payload',
+           'PayloadEstimator', 'Recording', 'base_parameters', 'excite', 'fit_base',
+           'friction_speeds', 'identify', 'identify_payload', 'read_recording', 'rows']

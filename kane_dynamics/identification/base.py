@@ -11,6 +11,7 @@ from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model import Array, Model
 import numpy as np
+from numpy.typing import NDArray
 
 RANK = 1e-9  # of the columns, relative to the largest pivot
 ROUNDS = 8  # of reweighting, which converges in three or four
@@ -35,6 +36,13 @@ class BaseParameters:
     names: tuple[str, ...]
     columns: Array
     B: Array
+
+    @property
+    def single(self) -> NDArray[np.bool_]:
+        """Return which of the unknowns torques tell by themselves, (unknowns,) array of bool."""
+        found = np.zeros(self.B.shape[1], dtype=bool)
+        found[self.columns[np.count_nonzero(self.B, axis=1) == 1]] = True
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +170,21 @@ def fit_base(data: Rows, model: Model, speeds: Array, *, weighted: bool = True) 
         sigma = residual if weighted else sigma
     freedom = counts.sum() / (counts.sum() - len(values))
     noise = 1.0 if weighted else float(residual @ residual) / len(residual)
-    covariance = (Vt.T / singular**2) @ Vt * noise * freedom
-    return BaseFit(base, values, np.sqrt(np.diag(covariance)) / scale,
+    return BaseFit(base, values, base_deviations(A) * np.sqrt(noise * freedom),
                    float(singular[0] / singular[-1]), residual)
+
+
+def base_error(fit: BaseFit, data: Rows, speeds: Array) -> Array:
+    """Return measured torque less that of estimated base parameters, (N, n), N m or N."""
+    X = full_regressor(data, speeds)[:, :, fit.base.columns]
+    return np.asarray(data.recording.tau - data.rest - X @ fit.values)
+
+
+def base_deviations(A: Array) -> Array:
+    """Return standard deviations by equations of unit variance, (b,); infinite if singular."""
+    scale = np.linalg.norm(A, axis=0)
+    if not scale.all():
+        return np.full(len(scale), np.inf)
+    _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    with np.errstate(divide='ignore'):
+        return np.asarray(np.sqrt(np.sum((Vt.T / singular)**2, axis=1)) / scale)

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.base import true_unknowns
+from kane_dynamics.identification.base import (base_deviations, base_parameters,
+                                               true_unknowns)
 from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
                                                     friction_speeds, full_regressor, Rows, rows,
                                                     stacked, STANDSTILL, triangle, weights)
@@ -35,6 +36,11 @@ class Identification:
     deviations : (n, 4) array
         Standard deviations of damping, friction, armature and offset, if residuals of different
         rows are independent; those of a smooth recording are not, and these are too small.
+    inertial_deviations : (bodies, 10) array
+        Standard deviations of single inertial parameters about the body's origin, in the order of
+        `mechanics.regressor.PARAMETERS`, by the torques alone, as if there were no prior; NaN for
+        those that torques tell only in combination with others, or not at all, and if friction
+        alone was identified.
     condition : float
         Condition number of the equations with the prior, columns scaled to unit length.
     weight : float
@@ -47,6 +53,7 @@ class Identification:
     fitted: Array
     held_out: Array
     deviations: Array
+    inertial_deviations: Array
     condition: float
     weight: float
 
@@ -106,10 +113,16 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     covariance = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))[-4 * model.n:]
+    single = np.full(10 * bodies + 4 * model.n, np.nan)
+    if not friction_only:
+        base = base_parameters(model, speeds)
+        single[base.columns] = base_deviations(A[:, base.columns])
+        single[~base.single] = np.nan
     return Identification(
         identified(model, x, speeds, inertials=not friction_only),
         _rms(recording_error(model, second.recording)), _rms(_error(first, speeds, x)),
         _rms(_error(second, speeds, x)), deviations.reshape(-1, 4),
+        single[:10 * bodies].reshape(bodies, 10),
         float(np.sqrt(np.linalg.cond(information / np.outer(scale, scale)))), float(weight))
 
 

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.physical import parameters_of, physical, pseudo_inertia_of
+from kane_dynamics.identification.physical import (parameters_of, physical, prior_metric,
+                                                   pseudo_inertia_of)
 from kane_dynamics.identification.recording import Recording
+from kane_dynamics.mechanics.regressor import ENTRIES
 from kane_dynamics.model import Array, Frame, Inertial, Model, WORLD
 from kane_dynamics.robot import Robot
 import numpy as np
@@ -29,15 +31,25 @@ class Payload:
         Standard deviation of the mass, kg, if the rows' residuals are independent.
     com_deviation : (3,) array
         Of the mass centre, m.
+    inertia_deviation : (3, 3) array
+        Of the inertia about it, kg m^2.
     residual : (n,) array
         RMS of the torque that it leaves unexplained, N m or N.
+    held_out : (n,) array
+        RMS of what a payload fitted to the first half of the rows leaves of the second half.
+    condition : float
+        Condition number of the weighted equations, columns scaled to unit length; infinite if the
+        motion does not tell all ten parameters.
 
     """
 
     inertial: Inertial
     mass_deviation: float
     com_deviation: Array
+    inertia_deviation: Array
     residual: Array
+    held_out: Array
+    condition: float
 
 
 class PayloadRegressor:
@@ -102,14 +114,33 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     state = recording.q, recording.u, recording.udot
     Y = regressor(*state)
     left = recording.tau - regressor.robot.inverse_dynamics(*state)
-    sigma = np.ones(model.n)
+    x, sigma = _fitted(Y, left)
+    middle = len(left) // 2
+    early, _ = _fitted(Y[:middle], left[:middle])
+    A = (Y / sigma[:, None]).reshape(-1, 10)
+    # The belief keeps what the motion does not tell from looking certain.
+    covariance = _covariance(A.T @ A + BELIEF * prior_metric(START))
+    mass, com = _deviations(x, covariance)
+    lengths = np.linalg.norm(A, axis=0)
+    condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
+    return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
+                   _inertia_deviation(x, covariance), sigma,
+                   _rms(left[middle:] - Y[middle:] @ early), condition)
+
+
+def _fitted(Y: Array, left: Array) -> tuple[Array, Array]:
+    """Return the physical parameters that fit torques, (10,), and the RMS of what they leave."""
+    sigma = np.ones(left.shape[1])
     for _ in range(4):
         A = (Y / sigma[:, None]).reshape(-1, 10)
         x = physical(A, (left / sigma).reshape(-1), [START], 0, BELIEF)
-        sigma = np.maximum(np.sqrt(np.mean((left - Y @ x)**2, axis=0)), 1e-9)
-    A = (Y / sigma[:, None]).reshape(-1, 10)
-    mass, com = _deviations(x, _covariance(A.T @ A))
-    return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com, sigma)
+        sigma = np.maximum(_rms(left - Y @ x), 1e-9)
+    return x, sigma
+
+
+def _rms(error: Array) -> Array:
+    """Return the root of the mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
 class PayloadEstimator:
@@ -221,3 +252,16 @@ def _deviations(x: Array, covariance: Array) -> tuple[float, Array]:
     slope = np.column_stack([-x[1:4] / x[0]**2, np.eye(3) / x[0]])
     return (float(np.sqrt(covariance[0, 0])),
             np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T)))
+
+
+def _inertia_deviation(x: Array, covariance: Array) -> Array:
+    """Return standard deviations of the inertia about the mass centre, (3, 3), likewise."""
+    mass, h, one = x[0], x[1:4], np.eye(3)
+    slopes = [(h @ h * one - np.outer(h, h)) / mass**2]
+    slopes += [(np.outer(e, h) + np.outer(h, e) - 2.0 * (e @ h) * one) / mass for e in one]
+    for r, s in ENTRIES:
+        unit = np.zeros((3, 3))
+        unit[r, s] = unit[s, r] = 1.0
+        slopes.append(unit)
+    J = np.array(slopes)
+    return np.asarray(np.sqrt(np.einsum('irs,ij,jrs->rs', J, covariance, J)))

@@ -5,13 +5,14 @@ A body's parameters are physical if and only if its pseudo-inertia P is positive
 (Wensing, Kim & Slotine, RA-L 3 (2018)). What torques cannot tell is settled by nearness to the
 model that one began with: with P0 = L L^T and P = L (1 + Z) L^T the distance is |Z|^2, the second
 order of the Riemannian distance between P and P0 and as free of the choice of frame and units as
-that is (Lee, Wensing & Park, IEEE T-RO 36 (2020)). Z also scales the program: 1 + Z >= 0.
+that is (Lee, Wensing & Park, IEEE T-RO 36 (2020)). Z also scales the program: 1 + Z >= 0. Where
+that holds at the minimum without it, least squares with bounds on friction are enough.
 """
 
 from collections.abc import Sequence
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.equations import LOWEST
+from kane_dynamics.identification.equations import LOWEST, triangle
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.regressor import ENTRIES
 from kane_dynamics.model import Array, Inertial
@@ -20,6 +21,9 @@ import numpy as np
 SMALLEST = 1e-4  # eigenvalue of 1 + Z: no body comes nearer to impossible than that
 FLOOR = 1e-6  # of P0's eigenvalues, relative to the largest: thin and massless bodies get some
 MASSLESS = 1e-3  # kg m^2 and kg, where P0 is zero
+# An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
+SYMMETRIC = np.array([(np.outer(e, f) + np.outer(f, e)) / (2.0 if r == s else np.sqrt(2.0))
+                      for r, e in enumerate(np.eye(4)) for s, f in enumerate(np.eye(4)[:r + 1])])
 
 
 def parameters_of(P: Array) -> Array:
@@ -69,9 +73,12 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
         The solver finds no optimum; says what it reports.
 
     """
-    cp = scientific('cvxpy')
     count = len(prior)
     roots = [_root(inertial.pseudo_inertia) for inertial in prior]
+    free = _unconstrained(A, b, roots, joints, weight)
+    if free is not None:
+        return free
+    cp = scientific('cvxpy')
     Z = [cp.Variable((4, 4), symmetric=True) for _ in prior]
     losses = cp.Variable(4 * joints) if joints else None
     scale = np.maximum(np.linalg.norm(A[:, 10 * count:], axis=0), 1e-12)
@@ -104,6 +111,36 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
     if losses is not None:
         lost = np.maximum(losses.value / scale, np.tile(LOWEST, joints))
     return np.concatenate([*found, lost])
+
+
+def _unconstrained(A: Array, b: Array, roots: Sequence[Array], joints: int, weight: float
+                   ) -> Array | None:
+    """
+    Return the minimum without regard to the bodies, None if one of them is not physical then.
+
+    The problem is convex: where this is physical it is the answer, and more accurate than that of
+    an interior point method, which stops short where data and prior differ much in weight.
+    """
+    size = 10 * len(roots)
+    changes = [np.column_stack([parameters_of(L @ unit @ L.T) for unit in SYMMETRIC])
+               for L in roots]
+    start = np.concatenate([parameters_of(L @ L.T) for L in roots])
+    by_Z = [A[:, 10 * k:10 * k + 10] @ change for k, change in enumerate(changes)]
+    nearness = np.hstack([np.sqrt(weight) * np.eye(size), np.zeros((size, 4 * joints + 1))])
+    R = triangle(np.vstack([
+        np.column_stack([*by_Z, A[:, size:], b - A[:, :size] @ start]), nearness]))
+    lengths = np.linalg.norm(R[:, :-1], axis=0)
+    lengths[lengths == 0.0] = 1.0
+    lowest = np.concatenate([np.full(size, -np.inf), np.tile(LOWEST, joints)])
+    found = scientific('scipy.optimize').lsq_linear(R[:, :-1] / lengths, R[:, -1], method='bvls',
+                                                    bounds=(lowest, np.inf))
+    x = np.maximum(found.x / lengths, lowest)
+    Z = x[:size].reshape(-1, 10)
+    least = np.linalg.eigvalsh(np.eye(4) + np.tensordot(Z, SYMMETRIC, axes=1)).min()
+    if not found.success or least < SMALLEST:
+        return None
+    moved = [change @ z for change, z in zip(changes, Z, strict=True)]
+    return np.concatenate([start + np.concatenate(moved), x[size:]])
 
 
 def _root(P: Array) -> Array:

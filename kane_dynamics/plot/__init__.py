@@ -5,6 +5,7 @@ Figures are made without pyplot: no window opens, no backend is chosen, and the 
 the call. Each function returns its figure and, given a path, saves it (png, pdf, svg, ...).
 """
 
+from kane_dynamics.plot.demand import plot_demand
 from kane_dynamics.plot.energy import plot_energy
 from kane_dynamics.plot.motion import plot_phase, plot_trajectory
 from kane_dynamics.plot.reactions import plot_reactions
@@ -12,5 +13,5 @@ from kane_dynamics.plot.style import check_path
 from kane_dynamics.plot.torques import plot_replay, plot_torque_by_source
 from kane_dynamics.plot.tracking import plot_tracking
 
-__all__ = ['check_path', 'plot_energy', 'plot_phase', 'plot_reactions', 'plot_replay',
-           'plot_torque_by_source', 'plot_tracking', 'plot_trajectory']
+__all__ = ['check_path', 'plot_demand', 'plot_energy', 'plot_phase', 'plot_reactions',
+           'plot_replay', 'plot_torque_by_source', 'plot_tracking', 'plot_trajectory']

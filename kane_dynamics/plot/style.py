@@ -33,7 +33,8 @@ _STYLE: Any = {
     'legend.fontsize': 10.0, 'legend.handlelength': 1.6, 'path.simplify': True,
     'svg.hashsalt': 'kane_dynamics',  # the same picture is the same file
 }
-_UNITS = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'), 'Torque': ('N m', 'N')}
+_UNITS = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'), 'Torque': ('N m', 'N'),
+          'Power': ('W', 'W')}
 
 
 def check_path(path: Path) -> None:

@@ -6,8 +6,12 @@ import subprocess
 import sys
 
 from kane_dynamics import load_urdf, Robot
+from kane_dynamics.cli import main
+from kane_dynamics.identification import read_recording
 import numpy as np
+import pytest
 from recordings import simulated
+import yaml
 
 URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
 
@@ -44,3 +48,66 @@ def test_identify_refuses_what_is_no_recording(tmp_path):
     done = process(str(URDF), str(tmp_path / 'none.csv'))
     assert done.returncode == 2
     assert 'none.csv' in done.stderr
+
+
+def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_arm(tmp_path,
+                                                                                   capsys):
+    motion, recording = str(tmp_path / 'motion.csv'), str(tmp_path / 'recording.csv')
+    supplement = tmp_path / 'truth.yaml'
+    supplement.write_text('joints: {joint2: {damping: 0.7, friction: 1.1}}')
+
+    def answer(*arguments):
+        assert main([arguments[0], str(URDF), *arguments[1:], '--json']) == 0
+        return json.loads(capsys.readouterr().out)
+    found = answer('excite', '--out', motion, '--starts', '1', '--velocity', '3', '--rate', '200')
+    assert found['condition'] < 30.0 and max(found['uses']['velocity']) <= 0.9
+    assert answer('feasible', '--trajectory', motion)['fits']
+    answer('torque', '--trajectory', motion, '--supplement', str(supplement), '--out', recording)
+    clean = read_recording(recording, load_urdf(URDF).joint_names)
+    noise = 0.01 * np.random.default_rng(0).normal(size=clean.tau.shape)
+    np.savez(tmp_path / 'noisy.npz', t=clean.t, q=clean.q, tau=clean.tau + noise)
+    got = answer('identify', str(tmp_path / 'noisy.npz'))
+    assert got['friction']['damping'][1] == pytest.approx(0.7, rel=0.02)
+    assert got['friction']['friction'][1] == pytest.approx(1.1, rel=0.02)
+    assert max(got['rms_held_out']) < 0.02
+    base = answer('identify', str(tmp_path / 'noisy.npz'), '--base-parameters')
+    damping = base['names'].index('joint2.damping')
+    assert base['values'][damping] == pytest.approx(
+        0.7, abs=3.0 * base['standard_deviations'][damping])
+    assert max(base['rms_held_out']) < 0.02 and base['condition'] < 30.0
+    assert main(['identify', str(URDF), recording, '--base-parameters', '--weight', '1']) == 2
+    assert 'leave out --weight' in capsys.readouterr().err
+    assert main(['identify', str(URDF), str(tmp_path / 'noisy.npz'), '--base-parameters']) == 0
+    assert 'joint2.damping' in capsys.readouterr().out
+    assert main(['excite', str(URDF), '--out', motion, '--velocity', '3']) == 0
+    assert 'starts and ends at rest' in capsys.readouterr().out
+
+
+def test_payload_is_found_and_written_as_a_supplement_and_for_the_node(tmp_path, capsys):
+    friction = {'joint1': {'damping': 0.7, 'friction': 1.1}}
+    load = {'link': 'tip', 'mass': 0.8, 'com': [0.1, 0.0, 0.02], 'inertia': {'iyy': 0.004}}
+    recording = simulated(load_urdf(URDF, supplement={'joints': friction, 'payload': load}), 4,
+                          0.01)
+    known, out = tmp_path / 'known.yaml', tmp_path / 'load.yaml'
+    known.write_text(yaml.safe_dump({'joints': friction}))
+    np.savez(tmp_path / 'run.npz', t=recording.t, q=recording.q, u=recording.u,
+             udot=recording.udot, tau=recording.tau)
+    arguments = ['identify', str(URDF), str(tmp_path / 'run.npz'), '--payload', 'tip',
+                 '--supplement', str(known), '--out', str(out)]
+    assert main([*arguments, '--json']) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data['mass'] == pytest.approx(0.8, abs=3.0 * data['standard_deviations']['mass'])
+    assert data['node_parameters']['payload.com'] == data['com']
+    assert data['node_parameters']['payload.inertia'][3] == data['inertia'][1][1]
+    assert np.allclose(data['rms_held_out'], 0.01, rtol=0.2)
+    loaded = load_urdf(URDF, supplement=out)
+    assert yaml.safe_load(out.read_text())['joints'] == friction
+    tau = Robot(loaded).inverse_dynamics(recording.q, recording.u, recording.udot)
+    assert np.sqrt(np.mean((tau - recording.tau)**2)) < 0.011
+    assert main(arguments) == 0
+    assert 'payload.frame: tip' in capsys.readouterr().out
+    for change, words in ((['--supplement', str(out)], 'has a payload already'),
+                          (['--friction-only'], 'leave out --friction-only'),
+                          (['--out', 'load.urdf'], 'ends in .yaml')):
+        assert main([*arguments, *change]) == 2
+        assert words in capsys.readouterr().err

@@ -5,11 +5,13 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import Inertial, InputError, load_urdf, Robot
-from kane_dynamics.identification import (fit_base, friction_speeds, identify, read_recording,
-                                          Recording, rows)
+from kane_dynamics.identification import (base_parameters, fit_base, friction_speeds, identify,
+                                          read_recording, Recording, rows)
 from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.equations import full_regressor
+from kane_dynamics.identification.equations import compressed, full_regressor, stacked
 from kane_dynamics.identification.files import written
+from kane_dynamics.identification.physical import physical
+from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
 import numpy as np
 import pytest
 from recordings import exciting, quiet, real, simulated
@@ -45,6 +47,12 @@ def wrong():
 def noisy():
     """Return a recording of the arm, its torques with noise of 0.5 N m."""
     return simulated(arm(), 0, 0.5)
+
+
+@cache
+def identified_arm():
+    """Return what the recording tells of the arm."""
+    return identify(wrong(), noisy())
 
 
 @cache
@@ -96,9 +104,42 @@ def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_pa
 
 
 def test_identified_arm_predicts_what_it_has_not_seen():
-    found = identify(wrong(), noisy())
+    found = identified_arm()
     assert (found.held_out < 0.55).all()  # of which 0.5 is noise
     assert (found.before > 2.0).all()
+
+
+def test_single_parameters_are_reported_where_torques_tell_them_and_are_within_three_deviations():
+    found = identified_arm()
+    told = np.isfinite(found.inertial_deviations)
+    base = base_parameters(arm(), np.full(6, 0.05))
+    names = [f'{body.name}.{name}' for body in arm().bodies for name in PARAMETERS]
+    alone = [name for name in names if name in base.names]
+    assert [name for name, yes in zip(names, told.ravel()) if yes] == alone
+    assert 'wrist_3_link.mx' in alone and 'wrist_3_link.m' not in alone
+    off = (inertial_parameters(found.model) - inertial_parameters(arm())).reshape(-1, 10)
+    assert np.abs(off[told] / found.inertial_deviations[told]).max() < 3.0
+
+
+def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exactly():
+    given = simulated(arm(), 4, duration=5.0)
+    found = identify(load_urdf(URDF), given)
+    assert found.held_out.max() < 1e-8 * np.abs(given.tau).max()
+    assert [joint.damping for joint in found.model.coordinate_joints] == pytest.approx([3.0] * 6)
+
+
+def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
+    data = rows(wrong(), noisy().rows(slice(0, 400)))
+    equations, _, _ = compressed(data, np.full(6, 0.05))
+    A, b = stacked(equations, np.full(6, 0.5))
+    prior = [body.inertial for body in wrong().bodies]
+    direct = physical(A, b, prior, 6, 100.0)
+    monkeypatch.setattr('kane_dynamics.identification.physical._unconstrained', lambda *_: None)
+    program = physical(A, b, prior, 6, 100.0)
+    misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
+    assert misses[0] == pytest.approx(misses[1], rel=1e-6)
+    assert np.abs(direct - program).max() < 1e-3 * np.abs(direct).max()
+    assert not np.array_equal(direct, program)
 
 
 @pytest.mark.parametrize('name', REAL)
@@ -116,12 +157,23 @@ def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
     assert (identify(model, recording).held_out < REAL[name][1]).all()
 
 
-@pytest.mark.parametrize(('name', 'but'), [('ur10', []), ('panda', [3])])
-def test_friction_alone_beats_the_reference_residuals_of_a_real_recording(name, but):
-    # The reference lets a joint's viscous friction drive it; the Panda's fourth needs that.
+@cache
+def with_friction_alone(name):
+    """Return what a real recording's second half leaves of friction fitted to the first."""
     _, _, model, recording = recorded(name)
-    held_out = identify(model, recording, friction_only=True).held_out
-    assert (np.delete(held_out.round(2) - REAL[name][1], but) <= 0.0).all()
+    return identify(model, recording, friction_only=True).held_out
+
+
+# The Panda's fourth joint rubs less the faster it turns: least squares gives it a damping of
+# -1.5 N m s and .223 N m, but a model's damping is never negative, for it would drive the joint.
+DRIVEN = pytest.mark.xfail(strict=True, reason='needs negative damping: .233 N m without it')
+
+
+@pytest.mark.parametrize(('name', 'joint'), [
+    pytest.param(name, joint, marks=[DRIVEN] if (name, joint) == ('panda', 3) else [])
+    for name in REAL for joint in range(len(REAL[name][1]))])
+def test_friction_alone_beats_the_reference_residuals_of_a_real_recording(name, joint):
+    assert with_friction_alone(name)[joint].round(2) <= REAL[name][1][joint]
 
 
 def test_filter_neither_delays_nor_weakens_slow_motion():

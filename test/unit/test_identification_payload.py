@@ -37,6 +37,8 @@ def test_payload_is_found_to_2_percent_and_5_mm_within_three_deviations():
     assert np.linalg.norm(off) < 0.005
     assert (off < 3.0 * found.com_deviation).all()
     assert np.abs(found.inertial.inertia - LOAD.inertia).max() < 0.01
+    assert (np.abs(found.inertial.inertia - LOAD.inertia) < 3.0 * found.inertia_deviation).all()
+    assert np.allclose(found.held_out, 0.5, rtol=0.15) and 1.0 < found.condition < 1e3
     assert np.linalg.eigvalsh(found.inertial.pseudo_inertia)[0] > 0.0
     assert np.allclose(found.residual, 0.5, rtol=0.1)
 
@@ -48,6 +50,30 @@ def test_payload_is_exact_without_noise():
     assert found.mass == pytest.approx(LOAD.mass, rel=1e-4)
     assert np.abs(found.com - LOAD.com).max() < 1e-4
     assert np.abs(found.inertia - LOAD.inertia).max() < 1e-4
+
+
+def test_deviations_of_the_inertia_are_the_spread_over_noises():
+    clean = simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2,
+                      duration=2.0)
+    found = []
+    for seed in range(12):
+        noise = 0.05 * np.random.default_rng(seed).normal(size=clean.tau.shape)
+        found.append(identify_payload(bare(), replace(clean, tau=clean.tau + noise), 'tool0'))
+    for spread, told in ((np.std([f.inertial.mass for f in found]), found[0].mass_deviation),
+                         (np.std([f.inertial.com for f in found], axis=0),
+                          found[0].com_deviation),
+                         (np.std([f.inertial.inertia for f in found], axis=0),
+                          found[0].inertia_deviation)):
+        assert 0.6 < np.median(spread / told) < 1.4
+
+
+def test_motion_that_cannot_tell_the_payload_does_not_look_sure_of_it():
+    still = recording().rows(slice(0, 200))
+    still = replace(still, q=np.zeros_like(still.q), u=np.zeros_like(still.u),
+                    udot=np.zeros_like(still.udot))
+    found = identify_payload(bare(), still, 'tool0')
+    assert found.condition > 1e6
+    assert found.inertia_deviation.max() > 0.1
 
 
 def test_payload_is_known_within_ten_seconds_of_motion_and_its_loss_is_noticed():

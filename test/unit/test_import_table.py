@@ -18,7 +18,7 @@ TABLE = (
     'mode_shapes',
     'beam',
     'model shapes',
-    'flexing',
+    'flexing spline',
     'limiter mechanics motion urdf',
     'build_checks constraint_file native',
     'build',
@@ -30,7 +30,7 @@ TABLE = (
     'robot',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'examination identification plot simulation sweep vibration view',
+    'examination feasibility identification plot simulation sweep vibration view',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}

@@ -6,7 +6,7 @@ import sys
 from types import SimpleNamespace
 
 from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
-from kane_dynamics.plot import (plot_energy, plot_phase, plot_reactions, plot_replay,
+from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions, plot_replay,
                                 plot_torque_by_source, plot_tracking, plot_trajectory)
 from kane_dynamics.power import power_balance, unaccounted_energy
 from kane_dynamics.trajectory import Trajectory
@@ -39,7 +39,12 @@ def push():
                     sample=4e-3)
 
 
+DEMAND = SimpleNamespace(t=T, u=Q, tau=3.0 * Q, power=3.0 * Q * Q, joint_names=NAMES,
+                         limits=SimpleNamespace(effort=np.array([2.0, np.inf, 5.0]),
+                                                velocity=np.full(3, 2.0)),
+                         power_limit=np.full(3, np.inf))
 DRAWINGS = {
+    'demand': lambda path=None: plot_demand(DEMAND, path, prismatic={'slide'}),
     'trajectory': lambda path=None: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
     'tracking': lambda path=None: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},
                                                 sources=(T, TERMS)),
@@ -71,6 +76,14 @@ def test_units_follow_the_kind_of_joint():
     assert [joint.kind for joint in arm().model.coordinate_joints] == [
         'prismatic' if label == '[N]' else 'revolute' for label in labels('sources')]
     assert {'[N]', '[N m]'} == set(labels('sources'))
+
+
+def test_demand_shows_the_limits_that_there_are():
+    figure = DRAWINGS['demand']()
+    drawn = [[line.get_ydata()[0] for line in axes.lines[1:]] for axes in figure.axes]
+    assert drawn == [[-2.0, 2.0], [-2.0, 2.0], [], [], [-2.0, 2.0], [],
+                     [-5.0, 5.0], [-2.0, 2.0], []]
+    assert [axes.get_ylabel() for axes in figure.axes[6:]] == ['slide\n[N]', '[m/s]', '[W]']
 
 
 def test_tracking_states_the_rms_of_each_run():

@@ -1,0 +1,232 @@
+"""Promises of feasibility: peaks, the highest speed and the largest payload, by brute force."""
+
+from dataclasses import replace
+from functools import cache
+import math
+
+from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, Motion, point_mass,
+                           Robot, simulate)
+from kane_dynamics.feasibility import demand, fastest, largest_payload
+from kane_dynamics.feasibility.demand import sampled, STEP
+from kane_dynamics.feasibility.time_scale import highest_free, positive
+from kane_dynamics.parameters import JointLimits
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+STEPS = {'step': 0.02}
+SPEEDS = np.geomspace(1e-3, 100.0, 1500)
+
+
+@cache
+def arm():
+    """Return a robot with friction, springs, sliding joints and a mimic, which carries a load."""
+    model = random_model(5, 3, mimics=1, branching=0.0)
+    return Robot(replace(model, bodies=tuple(
+        replace(body, joint=replace(body.joint, limits=Limits(effort=150.0)))
+        for body in model.bodies)), payload_frame='frame2')
+
+
+def limited(effort, velocity=math.inf, reach=math.inf):
+    """Give the arm other limits."""
+    robot = arm()
+    robot.parameters.payload = None
+    robot.limits = JointLimits(*(np.full(3, float(x)) for x in (-reach, reach)),
+                               np.full(3, float(velocity)), np.full(3, float(effort)))
+    return robot
+
+
+def motion(seed, duration=2.0):
+    """Return a random motion of the arm through five points."""
+    rng = np.random.default_rng(seed)
+    return Motion.from_points(np.linspace(0.0, duration, 5), rng.uniform(-1.0, 1.0, (5, 3)),
+                              joint_names=arm().joint_names)
+
+
+def allowed(robot, course, speeds, power=math.inf):
+    """Tell at which speeds the arm keeps its limits, by computing every torque anew."""
+    _, q, u, udot = sampled(robot, course, 0.02)
+    s = speeds[:, None, None]
+    at = [np.broadcast_to(x, (len(speeds), *q.shape)).reshape(-1, 3)
+          for x in (q, s * u, s**2 * udot)]
+    tau = robot.inverse_dynamics(*at).reshape(len(speeds), -1)
+    rates = (s * u).reshape(len(speeds), -1)
+    effort, velocity = robot.limits.effort[0], robot.limits.velocity[0]
+    return ((np.abs(tau) <= effort) & (np.abs(rates) <= velocity)
+            & (np.abs(tau * rates) <= power)).all(axis=1)
+
+
+@pytest.mark.parametrize(('effort', 'velocity', 'power'), [
+    (60.0, math.inf, math.inf), (25.0, math.inf, math.inf), (60.0, 3.0, math.inf),
+    (60.0, 8.0, 20.0), (1000.0, math.inf, 5.0)])
+@pytest.mark.parametrize('seed', range(4))
+def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, velocity, power):
+    robot, course = limited(effort, velocity), motion(seed)
+    found = fastest(robot, course, power=power, **STEPS)
+    kept = SPEEDS[allowed(robot, course, SPEEDS, power)]
+    if found is None:
+        assert not len(kept)
+        return
+    assert not len(kept) or kept[-1] <= found.speed
+    asked = demand(robot, course, speed=found.speed, power=power, **STEPS)
+    assert asked.fits
+    assert asked.uses[found.limit][robot.joint_names.index(found.joint)] == pytest.approx(1.0)
+    above = allowed(robot, course, found.speed * (1.0 + np.array([1e-6, 1e-3])), power)
+    assert not above.any()
+
+
+@pytest.mark.parametrize(('seed', 'effort'), [
+    (1120, 27.4766038789267), (1140, 51.466192222681116), (1150, 189.33095944151347),
+    (1339, 15.264592834744503), (1422, 47.19545903456095)])
+def test_speed_that_rounding_puts_a_hair_too_high_is_found_all_the_same(seed, effort):
+    found = fastest(limited(effort), motion(seed), **STEPS)
+    assert allowed(limited(effort), motion(seed), np.array([found.speed * (1.0 - 1e-8)])).all()
+    assert not allowed(limited(effort), motion(seed), np.array([found.speed * (1.0 + 1e-8)])).any()
+
+
+@cache
+def pendulum():
+    """Return a pendulum of 1 kg and 1 m, and one free turn of it from bottom to bottom."""
+    builder = ModelBuilder('pendulum')
+    builder.body('bob', axis=(0.0, 1.0, 0.0), matter=point_mass(1.0, (0.0, 0.0, -1.0)))
+    robot = Robot(builder.model(), payload_frame='bob')
+    free = simulate(robot, [0.0], [8.0], 1.2, step=1e-3)
+    whole = slice(0, int(np.searchsorted(free.q[:, 0], 2.0 * math.pi)))
+    return robot, Motion.from_points(free.t[whole], free.q[whole], free.u[whole], free.udot[whole],
+                                     joint_names=robot.joint_names)
+
+
+def test_free_swing_may_be_neither_slower_nor_faster_than_the_motor_makes_up_for():
+    robot, turn = pendulum()  # tau = (1 - s^2) m g l sin q, which is largest at q = 90 degrees
+    for effort in (3.0, 0.01):
+        robot.limits = replace(robot.limits, effort=np.array([effort]))
+        assert fastest(robot, turn).speed == pytest.approx(math.sqrt(1.0 + effort / 9.81),
+                                                           rel=1e-5)
+        slowest = math.sqrt(1.0 - effort / 9.81)
+        assert fastest(robot, turn, most=0.999 * slowest) is None
+        allowed_speed = min(1.001 * slowest, 1.0)
+        assert fastest(robot, turn, most=allowed_speed).speed == allowed_speed
+
+
+def test_motion_at_another_speed_asks_what_the_scaled_motion_asks():
+    robot, course = limited(100.0), motion(1)
+    a = demand(robot, course, speed=1.7, step=0.0201)
+    b = demand(robot, course.scaled(1.7), step=0.0201 / 1.7)
+    assert np.allclose(a.t, b.t, atol=1e-12)
+    assert np.allclose(a.tau, b.tau, rtol=1e-9, atol=1e-9)
+    assert a.torque_rms == pytest.approx(b.torque_rms)
+    assert np.allclose(a.torque_rms, np.sqrt(np.mean(b.tau**2, axis=0)), rtol=0.05)
+
+
+def test_both_sides_of_a_jump_of_acceleration_are_judged():
+    corner = Motion.from_points([0.0, 1.0, 2.0], [[0.0] * 3, [1.0] * 3, [0.0] * 3],
+                                [[0.0] * 3, [0.5] * 3, [0.0] * 3],
+                                joint_names=arm().joint_names)
+    t, _, _, udot = sampled(arm(), corner, 0.3)
+    at = np.flatnonzero(np.isclose(t, 1.0))
+    assert np.allclose(udot[at], [[-4.0] * 3, [-8.0] * 3])
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('power', [math.inf, 60.0])
+def test_largest_payload_fits_and_any_more_does_not(seed, power):
+    robot, course = limited(150.0), motion(seed, 6.0)  # the model's own effort
+    com, inertia = (0.1, 0.0, 0.2), 0.01 * np.eye(3)
+    robot.parameters.payload = Inertial(1e3)
+    found = largest_payload(robot, course, com=com, inertia=inertia, power=power, **STEPS)
+    assert robot.parameters.payload.mass == 1e3
+    assert 0.1 < found.mass < 100.0
+    for factor, fits in ((1.0, True), (1.0 + 1e-6, False)):
+        mass = factor * found.mass
+        robot.parameters.payload = Inertial(mass, np.array(com), mass * inertia)
+        asked = demand(robot, course, power=power, **STEPS)
+        assert asked.fits == fits
+    worst = max(asked.excesses, key=lambda excess: abs(excess.value) / excess.bound)
+    assert (worst.joint, worst.limit, worst.t) == (found.joint, found.limit,
+                                                   pytest.approx(found.t))
+
+
+def test_payload_of_a_motion_that_does_not_fit_is_refused_by_name():
+    with pytest.raises(InputError, match=r"without a payload: joint 'joint\d': torque .* at "):
+        largest_payload(limited(1.0), motion(0), **STEPS)
+
+
+def test_nothing_bounds_a_robot_without_limits():
+    robot = limited(math.inf)
+    assert demand(robot, motion(0), **STEPS).fits
+    assert fastest(robot, motion(0), **STEPS).speed == math.inf
+    assert fastest(robot, motion(0), most=2.0, **STEPS).speed == 2.0
+    found = largest_payload(*pendulum(), **STEPS)
+    assert (found.mass, found.joint) == (math.inf, None)
+
+
+def test_motor_without_torque_fits_no_motion():
+    robot = limited(0.0)
+    asked = demand(robot, motion(0), **STEPS)
+    assert not asked.fits and (asked.uses['effort'] == math.inf).all()
+    assert fastest(robot, motion(0), **STEPS) is None
+    assert fastest(limited(math.inf, velocity=0.0), motion(0), **STEPS) is None
+
+
+def test_posture_that_cannot_be_held_is_named_at_the_lowest_speed():
+    robot = limited(float(np.abs(demand(limited(math.inf), motion(0), speed=1e-6,
+                                        **STEPS).tau).max()) * 0.99)
+    assert fastest(robot, motion(0), **STEPS) is None
+    assert demand(robot, motion(0), speed=1e-6, **STEPS).excesses[0].limit == 'effort'
+
+
+def test_position_beyond_its_limit_is_mended_by_no_speed():
+    robot = limited(math.inf, reach=0.1)
+    assert fastest(robot, motion(0), **STEPS) is None
+    assert {excess.limit for excess in demand(robot, motion(0), **STEPS).excesses} == {
+        'lower', 'upper'}
+
+
+def test_motion_of_one_point_asks_to_hold_it():
+    point = Motion.from_points([0.0], [[0.1, 0.2, 0.3]], joint_names=arm().joint_names)
+    robot = limited(1000.0)
+    asked = demand(robot, point)
+    hold = robot.inverse_dynamics([0.1, 0.2, 0.3], np.zeros(3), np.zeros(3))
+    assert np.allclose(asked.tau, hold) and np.allclose(asked.torque_rms, np.abs(hold))
+    assert fastest(robot, point).speed == math.inf
+
+
+def test_every_motion_is_judged_with_friction_unless_the_robot_has_none():
+    with_friction, without = arm(), Robot(arm().model, friction=False)
+    difference = demand(with_friction, motion(2), step=0.5).tau - demand(
+        without, motion(2), step=0.5).tau
+    assert np.abs(difference).max() > 0.1
+    assert fastest(without, motion(2), step=0.5) is not None
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'step': 0.0}, 'step is 0.0 s'), ({'step': 1e-9}, 'samples of a motion'),
+    ({'speed': -1.0}, 'speed is -1.0'), ({'power': -1.0}, "power of joint 'joint0' is -1.0")])
+def test_what_cannot_be_judged_is_refused(change, words):
+    with pytest.raises(InputError, match=words):
+        demand(limited(1.0), motion(0), **{'step': STEP, **change})
+    with pytest.raises(InputError, match='most is 0'):
+        fastest(limited(1.0), motion(0), most=0.0)
+
+
+def test_robots_and_motions_of_another_kind_are_refused():
+    other = Motion.from_points([0.0], [[0.0]], joint_names=['other'])
+    with pytest.raises(InputError, match='the motion is of the joints'):
+        demand(arm(), other)
+
+
+def test_intervals_of_a_quadratic_are_where_it_is_positive():
+    rng = np.random.default_rng(0)
+    A, B, C = (rng.normal(size=(40, 25)) * rng.integers(0, 2, (40, 25)) for _ in range(3))
+    intervals = positive(A, B, C)
+    for s in rng.uniform(-3.0, 3.0, 50):
+        inside = ((intervals[..., 0] < s) & (s < intervals[..., 1])).any(axis=1)
+        assert (inside == (A * s * s + B * s + C > 0.0)).all()
+
+
+@pytest.mark.parametrize(('intervals', 'highest'), [
+    ([], 5.0), ([(4.0, 9.0)], 4.0), ([(4.0, 9.0), (3.0, 4.5)], 3.0),
+    ([(4.0, 9.0), (1.0, 4.0)], 4.0), ([(0.0, 9.0)], None), ([(1.0, 2.0)], 5.0),
+    ([(4.0, 9.0), (2.0, 3.0)], 4.0), ([(4.0, 5.0)], 5.0), ([(7.0, 6.0)], 5.0)])
+def test_highest_free_number_is_outside_all_open_intervals(intervals, highest):
+    assert highest_free(np.array(intervals, dtype=float).reshape(-1, 2), 1.0, 5.0) == highest
