@@ -1,4 +1,4 @@
-"""Check every link of the built site that stays within it: the page exists, and the place on it."""
+"""Check every link of the built site that stays in it: its page exists, and the place there."""
 
 from html.parser import HTMLParser
 from pathlib import Path

@@ -1,11 +1,11 @@
 """
 The blocks of README and docs, and how they are run.
 
-A page is worked through as a reader would, in one folder: `python` blocks share their names, `console`
-blocks run in bash where a line begins with `$ `, and a block whose first line is a comment with
-nothing but a file's name is that file. What a console block shows below a command, or a `text` block
-below a python block, is what must come out; `...` stands for anything. `sh` blocks are not run and
-say why, in a comment above them.
+A page is worked through as a reader would, in one folder: `python` blocks share their names,
+`console` blocks run in bash where a line begins with `$ `, and a block whose first line is a
+comment with nothing but a file's name is that file. What a console block shows below a command, or
+a `text` block below a python block, is what must come out; `...` stands for anything. `sh` blocks
+are not run and say why, in a comment above them.
 """
 
 from contextlib import redirect_stdout
@@ -23,7 +23,7 @@ from kane_dynamics.errors import ModelWarning
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
 FENCE = re.compile(r'(?:<!-- not run: (?P<reason>.*?) -->\n+)?'
-                   r'^```(?P<language>\S*)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
+                   r'^```(?P<language>\S*)[^\n]*\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
 FILE = re.compile(r'(?:#|<!--|//) ([\w.-]+\.\w+)(?: -->)?\n')
 PROMPT = '$ '
 MARK = '@@ command '
@@ -53,6 +53,17 @@ def blocks(page):
             for match in FENCE.finditer(text) if not match['language'].startswith('{')]
 
 
+def named(page):
+    """Return a page's path within the checkout."""
+    return str(page.relative_to(ROOT))
+
+
+def starts_nodes(page):
+    """Tell whether a page's commands start nodes, which take the processors for themselves."""
+    return any(block.language == 'console' and '_node --ros-args' in block.text
+               for block in blocks(page))
+
+
 def work_through(page, folder):
     """Run a page's blocks in a folder, and compare what they show."""
     install(folder)
@@ -63,6 +74,8 @@ def work_through(page, folder):
         for block in blocks(page):
             if block.file:
                 (folder / block.file).write_text(block.text, encoding='utf-8')
+                if block.language == 'python':
+                    compile(block.text, block.file, 'exec')
             elif block.language == 'python':
                 printed = io.StringIO()
                 code = compile('\n' * block.line + block.text, str(page), 'exec')
@@ -107,7 +120,7 @@ def run_console(text, folder):
     path = os.pathsep.join([str(folder / '.venv' / 'bin'), os.environ['PATH']])
     done = subprocess.run(
         ['bash', '-euo', 'pipefail', '-c', script], cwd=folder, text=True, check=False,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=100,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=240,
         env={**os.environ, 'PATH': path, 'PYTHONUNBUFFERED': '1', 'PYTHONPATH': os.pathsep.join(
             [str(ROOT), os.environ.get('PYTHONPATH', '')])})
     assert done.returncode == 0, f'{text}\ngave {done.returncode}:\n{done.stdout}'

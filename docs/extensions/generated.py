@@ -13,6 +13,7 @@ import io
 import os
 from pathlib import Path
 import pkgutil
+import re
 
 import kane_dynamics
 from kane_dynamics.cli.parser import EXAMPLES, main
@@ -20,6 +21,7 @@ from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
 HELP_COLUMNS = 96
+BACKLINK = re.compile(r'<a class="viewcode-back".*?</a>', re.DOTALL)
 
 
 class Generated(SphinxDirective):
@@ -107,7 +109,7 @@ class PublicNames(Generated):
     def section(package, source, names):
         """Return the section of one module's names."""
         module = importlib.import_module(source)
-        title = source.split('.')[-1].replace('_', ' ').capitalize()
+        title = source.removeprefix('kane_dynamics.')
         lines = [title, '-' * len(title), '', inspect.getdoc(module).splitlines()[0], '']
         for name in names:
             thing = getattr(importlib.import_module(package), name)
@@ -149,10 +151,17 @@ class Modules(Generated):
                 f'   :exclude-members: {", ".join(elsewhere)}\n' * bool(module.__doc__))
 
 
+def without_backlinks(app, page, template, context, tree):
+    """Take the links back out of pages of source: viewcode cannot tell which page has a name."""
+    if page.startswith('_modules/'):
+        context['body'] = BACKLINK.sub('', context['body'])
+
+
 def setup(app):
     """Register the directives."""
-    for directive in (CommandLine, Parameters, Interfaces, PublicNames, Modules):
-        name = {'CommandLine': 'command-line', 'PublicNames': 'public-names'}.get(
-            directive.__name__, directive.__name__.lower())
+    for name, directive in (('command-line', CommandLine), ('parameters', Parameters),
+                            ('interfaces', Interfaces), ('public-names', PublicNames),
+                            ('modules', Modules)):
         app.add_directive(name, directive)
+    app.connect('html-page-context', without_backlinks)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

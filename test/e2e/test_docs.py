@@ -3,16 +3,17 @@
 import pkgutil
 import re
 
-from documents import blocks, PAGES, ROOT, work_through
+from documents import blocks, named, PAGES, ROOT, starts_nodes, work_through
 import pytest
 import yaml
 
 README = ROOT / 'README.md'
 LANGUAGES = {'python', 'console', 'sh', 'text', 'yaml', 'xml'}
-pages = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+pages = pytest.mark.parametrize('page', PAGES, ids=named)
 
 
-@pages
+@pytest.mark.timeout(300)  # a page may start a dozen processes
+@pytest.mark.parametrize('page', [page for page in PAGES if not starts_nodes(page)], ids=named)
 def test_what_a_page_shows_is_what_comes_out(page, tmp_path):
     work_through(page, tmp_path)
 
