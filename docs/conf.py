@@ -27,6 +27,7 @@ nitpicky = True
 # A word in single quotes in a docstring is a link if it can be one: it may be an argument's name.
 nitpick_ignore_regex = [('py:obj', '.*')]
 default_role = 'autolink'  # `Robot` in a docstring is a link where it is a name
+toc_object_entries_show_parents = 'hide'
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'none'  # numpydoc's sections say more: shape and unit
 autosummary_generate = False

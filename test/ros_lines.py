@@ -103,6 +103,15 @@ CHECKS = {'launch kane_dynamics': check_launch, 'run kane_dynamics': check_argum
           'lifecycle set': lambda node, transition: None}
 
 
+def check_prose(text):
+    """Raise AssertionError if a text speaks of a parameter that neither node has."""
+    known = {name for table in TABLES.values() for name in table}
+    groups = {name.split('.')[0] for name in known if '.' in name}
+    for group, rest in re.findall(r'`(\w+)\.([\w.]+|\*)', text):
+        if group in groups and rest != '*':
+            assert f'{group}.{rest}' in known, f'no parameter {group}.{rest}'
+
+
 def flat(tree, prefix=''):
     """Yield (name, value) of nested parameters, names joined by dots."""
     for name, value in tree.items():

@@ -147,8 +147,19 @@ class Modules(Generated):
         module = importlib.import_module(name)
         elsewhere = [each for each in kane_dynamics.__all__
                      if f'{getattr(kane_dynamics, each).__module__}.'.startswith(f'{name}.')]
-        return (f'{name}\n{"-" * len(name)}\n\n.. automodule:: {name}\n   :members:\n'
+        title = name.removeprefix('kane_dynamics.')
+        return (f'{title}\n{"-" * len(title)}\n\n.. automodule:: {name}\n   :members:\n'
                 f'   :exclude-members: {", ".join(elsewhere)}\n' * bool(module.__doc__))
+
+
+def with_formulas(app, what, name, thing, options, lines):
+    """Keep the lines of formulas, which docstrings indent, apart from each other."""
+    indented = [line.startswith('    ') for line in lines]
+    for k in reversed(range(1, len(lines))):
+        if indented[k] and not lines[k - 1]:
+            before = next((line for line in reversed(lines[:k]) if line), '')
+            if not before.startswith('    ') and not before.endswith('::') and what == 'module':
+                lines[k:k] = ['::', '']
 
 
 def without_backlinks(app, page, template, context, tree):
@@ -163,5 +174,6 @@ def setup(app):
                             ('interfaces', Interfaces), ('public-names', PublicNames),
                             ('modules', Modules)):
         app.add_directive(name, directive)
+    app.connect('autodoc-process-docstring', with_formulas)
     app.connect('html-page-context', without_backlinks)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

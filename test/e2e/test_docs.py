@@ -3,7 +3,8 @@
 import pkgutil
 import re
 
-from documents import blocks, named, PAGES, ROOT, starts_nodes, work_through
+from documents import blocks, compare, named, PAGES, ROOT, starts_nodes, work_through
+from kane_dynamics.errors import InputError
 import pytest
 import yaml
 
@@ -30,7 +31,8 @@ def test_every_block_is_run_or_says_why_not(page):
 @pages
 def test_ros_commands_and_parameters_exist(page):
     pytest.importorskip('rclpy')
-    from ros_lines import check_line, check_yaml
+    from ros_lines import check_line, check_prose, check_yaml
+    check_prose(page.read_text(encoding='utf-8'))
     for block in blocks(page):
         if block.language in ('sh', 'console'):
             for line in block.text.replace('\\\n', ' ').splitlines():
@@ -39,6 +41,33 @@ def test_ros_commands_and_parameters_exist(page):
         if block.language == 'yaml':
             yaml.safe_load(block.text)
             check_yaml(block.text)
+
+
+@pytest.mark.parametrize('line', [
+    'ros2 launch kane_dynamics kane_dynamics.launch.py configuration:=ur10e.yaml',
+    'ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10f.yaml',
+    'ros2 param set /kane_dynamics gains.kq 1.0', 'ros2 param set /kane_dynamics gains.kp -1.0',
+    'ros2 param set /kane_dynamics urdf a.urdf', 'dynamics_node --ros-args -p mod:=a',
+    'ros2 topic echo /kane_dynamics/joint_torque', 'ros2 run kane_dynamics dynamic_node',
+    'ros2 service call /x/set_payload kane_dynamics_interfaces/srv/SetPayload "{m: 1}"',
+    'make document'])
+def test_a_line_that_is_wrong_is_found(line):
+    pytest.importorskip('rclpy')
+    from ros_lines import check_line
+    with pytest.raises((AssertionError, AttributeError, InputError, KeyError)):
+        check_line(line)
+
+
+def test_wrong_words_and_numbers_are_found(tmp_path):
+    page = tmp_path / 'page.md'
+    for text in ('```python\nprint(1.5)\n```\n\n```text\n1.4\n```\n',
+                 '```console\n$ echo 1.5 m\n1.4 m\n```\n', '```console\n$ false\n```\n',
+                 '```python\n1 / 0\n```\n'):
+        page.write_text(text)
+        (tmp_path / str(len(text))).mkdir()
+        with pytest.raises((AssertionError, ZeroDivisionError)):
+            work_through(page, tmp_path / str(len(text)))
+    compare('a ... 2\nb', 'a 1\nx 2\n\nb\n', 'what is left out')
 
 
 def test_there_is_something_to_run():
