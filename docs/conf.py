@@ -26,6 +26,7 @@ exclude_patterns = ['extensions']
 nitpicky = True
 # A word in single quotes in a docstring is a link if it can be one: it may be an argument's name.
 nitpick_ignore_regex = [('py:obj', '.*')]
+highlight_language = 'none'  # of formulas in docstrings; blocks of pages name theirs
 default_role = 'autolink'  # `Robot` in a docstring is a link where it is a name
 toc_object_entries_show_parents = 'hide'
 autodoc_member_order = 'bysource'
@@ -38,3 +39,4 @@ myst_enable_extensions = ['dollarmath', 'fieldlist']
 myst_heading_anchors = 3
 copybutton_prompt_text = '$ '
 copybutton_copy_empty_lines = False
+copybutton_line_continuation_character = '\\'

@@ -113,6 +113,7 @@ def write_program(path, arguments):
 
 def run_console(text, folder):
     """Run the commands of a block in one shell, and compare what it shows below each."""
+    text = text.replace('\\\n', '')  # commands of several lines
     commands = [(part.splitlines() + [''])[:1] + [part.partition('\n')[2]]
                 for part in re.split(rf'^{re.escape(PROMPT)}', text, flags=re.MULTILINE)[1:]]
     assert commands, f'no line begins with {PROMPT!r}:\n{text}'

@@ -40,13 +40,26 @@ def check_line(line):
 
 def check_launch(file, *arguments):
     """Raise AssertionError unless the launch file takes these arguments."""
-    tree = ast.parse((ROOT / 'launch' / file).read_text(encoding='utf-8'))
-    declared = next(ast.literal_eval(node.value) for node in tree.body
-                    if isinstance(node, ast.Assign) and node.targets[0].id == 'ARGUMENTS')
+    declared = launch_arguments(file)
     for name, _, value in (argument.partition(':=') for argument in arguments):
         assert name in declared, f'{file} has no argument {name!r}'
         if name in ('config', 'plant') and '/' not in value:
             assert (ROOT / 'config' / value).is_file(), value
+
+
+def launch_arguments(file):
+    """Return the names of the arguments that a launch file of ours declares."""
+    tree = ast.parse((ROOT / 'launch' / file).read_text(encoding='utf-8'))
+    return next(ast.literal_eval(node.value) for node in tree.body
+                if isinstance(node, ast.Assign) and node.targets[0].id == 'ARGUMENTS')
+
+
+def check_launch_file(text):
+    """Raise AssertionError if a page's launch file gives ours an argument that it lacks."""
+    given = [ast.literal_eval(key) for node in ast.walk(ast.parse(text))
+             if isinstance(node, ast.Dict) for key in node.keys]
+    assert given
+    assert set(given) <= set(launch_arguments('kane_dynamics.launch.py')), given
 
 
 def check_arguments(executable, *arguments):

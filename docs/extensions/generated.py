@@ -143,10 +143,12 @@ class Modules(Generated):
 
     @staticmethod
     def section(name):
-        """Return the section of one module, but for what stands on the library's page."""
+        """Return the section of one module, but for what stands on the library's page or another."""
         module = importlib.import_module(name)
         elsewhere = [each for each in kane_dynamics.__all__
-                     if f'{getattr(kane_dynamics, each).__module__}.'.startswith(f'{name}.')]
+                     if getattr(kane_dynamics, each).__module__ == name]
+        elsewhere += [each for each in getattr(module, '__all__', ())
+                      if getattr(module, each).__module__ != name]
         title = name.removeprefix('kane_dynamics.')
         return (f'{title}\n{"-" * len(title)}\n\n.. automodule:: {name}\n   :members:\n'
                 f'   :exclude-members: {", ".join(elsewhere)}\n' * bool(module.__doc__))

@@ -31,13 +31,15 @@ def test_every_block_is_run_or_says_why_not(page):
 @pages
 def test_ros_commands_and_parameters_exist(page):
     pytest.importorskip('rclpy')
-    from ros_lines import check_line, check_prose, check_yaml
+    from ros_lines import check_launch_file, check_line, check_prose, check_yaml
     check_prose(page.read_text(encoding='utf-8'))
     for block in blocks(page):
         if block.language in ('sh', 'console'):
             for line in block.text.replace('\\\n', ' ').splitlines():
                 if block.language == 'sh' or line.startswith('$ '):
                     check_line(line.removeprefix('$ '))
+        if block.file and block.file.endswith('.launch.py'):
+            check_launch_file(block.text)
         if block.language == 'yaml':
             yaml.safe_load(block.text)
             check_yaml(block.text)
