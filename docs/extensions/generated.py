@@ -143,7 +143,7 @@ class Modules(Generated):
 
     @staticmethod
     def section(name):
-        """Return the section of one module, but for what stands on the library's page or another."""
+        """Return the section of one module, but for what stands on other pages."""
         module = importlib.import_module(name)
         elsewhere = [each for each in kane_dynamics.__all__
                      if getattr(kane_dynamics, each).__module__ == name]
