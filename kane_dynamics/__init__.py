@@ -2,10 +2,11 @@
 
 from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.build import ModelBuilder
+from kane_dynamics.constraint_file import load_constraints
 from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
-                                  ModelError, ModelWarning, UrdfError)
+                                  ModelError, ModelWarning, SweepError, UrdfError)
 from kane_dynamics.flexing import with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
@@ -27,7 +28,7 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
            'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Trajectory',
-           'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc',
-           'frame_wrench', 'knife_edge', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
-           'power_balance', 'rod', 'simulate', 'with_beam']
+           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'SweepError', 'Terms',
+           'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box',
+           'disc', 'frame_wrench', 'knife_edge', 'load_constraints', 'load_urdf', 'momenta',
+           'natural_vibration', 'point_mass', 'power_balance', 'rod', 'simulate', 'with_beam']
