@@ -7,7 +7,7 @@ COLCON_VENV := .venv-colcon
 COLCON_BASE := build/colcon
 BIN := $(VENV)/bin
 INTERFACES := kane_dynamics_interfaces
-EXTRAS := ros demo test lint
+EXTRAS := ros demo test lint docs
 
 # The environments stand alone: nothing of a sourced ROS, or of another environment with ROS
 # wheels (whose start-up hook hides its library path behind a variable that children inherit), may
@@ -26,7 +26,7 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test test-slow soak bench kernel-sizes picture lint colcon-test clean FORCE
+.PHONY: help install demo test test-slow soak bench kernel-sizes picture lint docs colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
@@ -37,6 +37,7 @@ help:
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
 	@echo 'make picture      docs/view.png anew, by a headless Chromium'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
+	@echo 'make docs         the documentation site, in build/docs/index.html'
 	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
 	@echo 'make clean        remove all of that'
 
@@ -110,13 +111,19 @@ picture: install
 kernel-sizes: install
 	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py
 
-LINTED = $(wildcard kane_dynamics test examples benchmarks launch setup.py $(INTERFACES)/test)
+LINTED = $(wildcard kane_dynamics test examples benchmarks docs launch setup.py $(INTERFACES)/test)
 
 lint: install
 	$(BIN)/ruff check $(LINTED)
 	$(BIN)/mypy
 	$(BIN)/ament_flake8 $(LINTED)
 	$(BIN)/ament_pep257 $(LINTED)
+
+# Warnings are errors; nothing is fetched.
+docs: install
+	rm -rf build/docs
+	$(ROS_ENV) $(BIN)/python -m sphinx -b html -W -n --keep-going -q -j auto -d build/doctrees docs build/docs
+	$(BIN)/python docs/check_links.py build/docs
 
 # ---------------------------------------------------------------------- colcon
 # An environment of its own: colcon wants an older setuptools, and both packages must come from its

@@ -31,6 +31,9 @@ lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
         'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order',
         'flake8-quotes', 'pydocstyle>=6.3']
+# myst-parser for Markdown pages, numpydoc for docstrings.
+docs = ['sphinx>=8.2', 'furo>=2025.7', 'myst-parser>=4.0', 'numpydoc>=1.9',
+        'sphinx-copybutton>=0.5.2']
 
 setup(
     name=name,
@@ -47,7 +50,7 @@ setup(
     install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'plot': plot, 'view': view, 'equations': equations,
                     'identify': identify, 'sweep': sweep, 'demo': demo, 'test': test, 'lint': lint,
-                    'bench': bench},
+                    'bench': bench, 'docs': docs},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),

@@ -2,7 +2,7 @@
 What a beam's modes add to the factored equations: integrals taken once, link axes.
 
 With pseudo-inertia P(eta) of the bent beam as of a rigid body, p_i = dS/d eta_i the momentum per
-unit of a mode's speed (S the first moment) and Q_i the angular momentum, rates by eta' alone:
+unit of a mode's speed (S the first moment) and Q_i the angular momentum, rates by eta' alone::
 
     force   =  2 omega x p_i eta_i' + p_i eta_i'' + S''(eta', eta')
     moment  =  J' omega + omega x Q_i eta_i' + Q_i eta_i'' + Q_i' eta_i'

@@ -7,7 +7,7 @@ from typing import Any
 
 from kane_dynamics.control import Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.specs import Kind, Spec, SPECS
+from kane_dynamics.ros.specs import Kind, Spec
 import numpy as np
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
@@ -16,7 +16,6 @@ from rclpy.node import Node
 # Parameters that ROS itself puts beside ours in an overrides file.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
-BY_NAME = {spec.name: spec for spec in SPECS}
 
 
 def _number(spec: Spec, value: Any) -> float:

@@ -167,3 +167,4 @@ SPECS = (
     Spec('realtime.collect_rarely', 'flag', False, 'collect garbage with the diagnostics only, '
          'not whenever the interpreter thinks fit'),
 )
+BY_NAME = {spec.name: spec for spec in SPECS}

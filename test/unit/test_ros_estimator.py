@@ -16,8 +16,8 @@ from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.estimator import Estimator, estimator_settings  # noqa: E402
 from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.parameters import BY_NAME, read  # noqa: E402
-from kane_dynamics.ros.specs import SPECS  # noqa: E402
+from kane_dynamics.ros.parameters import read  # noqa: E402
+from kane_dynamics.ros.specs import BY_NAME, SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402

@@ -7,9 +7,9 @@ import re
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.files import located
-from kane_dynamics.ros.parameters import BY_NAME, misspelt, per_joint, read
+from kane_dynamics.ros.parameters import misspelt, per_joint, read
 from kane_dynamics.ros.plant import specs as plant_specs
-from kane_dynamics.ros.specs import SPECS
+from kane_dynamics.ros.specs import BY_NAME, SPECS
 import numpy as np
 import pytest
 import yaml

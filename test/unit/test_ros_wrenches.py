@@ -17,8 +17,8 @@ from kane_dynamics.ros.contact import Contact, Outputs, settings  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.explainer import Explainer  # noqa: E402
 from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.parameters import BY_NAME, read  # noqa: E402
-from kane_dynamics.ros.specs import SPECS  # noqa: E402
+from kane_dynamics.ros.parameters import read  # noqa: E402
+from kane_dynamics.ros.specs import BY_NAME, SPECS  # noqa: E402
 from kane_dynamics.ros.states import DISORDER, FUTURE, GARBLED, NOT_FINITE  # noqa: E402
 from kane_dynamics.ros.surroundings import check_surroundings  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402

@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from kane_dynamics.ros.parameters import BY_NAME
-from kane_dynamics.ros.specs import live, Spec
+from kane_dynamics.ros.specs import BY_NAME, live, Spec
 
 
 def _shared(*names: str) -> tuple[Spec, ...]:
