@@ -31,6 +31,7 @@ TABLE = (
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
     'examination identification plot simulation vibration',
+    'plot_bending',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
@@ -42,7 +43,7 @@ DOORS = {
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
     'llvmlite': ('native/llvm.py',),
-    'matplotlib': ('plot.py',),
+    'matplotlib': ('plot.py', 'plot_bending.py'),
     'mujoco': ('demo',),
     'pinocchio': ('cli/inspection.py',),
     'rclpy': ('demo', 'ros'),
@@ -122,7 +123,7 @@ def test_library_is_imported_only_where_it_may_be(library):
 @pytest.mark.parametrize('library', LAZY)
 def test_optional_library_is_imported_only_when_used(library):
     eager = [found for found in IMPORTS if found.target.split('.')[0] == library
-             and not found.lazy and found.unit not in ('demo', 'plot')
+             and not found.lazy and found.unit not in ('demo', 'plot', 'plot_bending')
              and found.importer not in ('cli/equations.py', 'cli/symbolic.py')]
     assert eager == []
 
