@@ -1,17 +1,17 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
-from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.build import ModelBuilder
 from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
+from kane_dynamics.flexible_link import FlexibleLink
 from kane_dynamics.flexing import with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
                                             Speeds)
-from kane_dynamics.mode_shapes import Bending
+from kane_dynamics.mode_shapes import Bending, Torsion
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.observer import MomentumObserver
@@ -27,7 +27,7 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
            'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Trajectory',
-           'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc',
-           'frame_wrench', 'knife_edge', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
-           'power_balance', 'rod', 'simulate', 'with_beam']
+           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Torsion',
+           'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box',
+           'disc', 'frame_wrench', 'knife_edge', 'load_urdf', 'momenta', 'natural_vibration',
+           'point_mass', 'power_balance', 'rod', 'simulate', 'with_beam']

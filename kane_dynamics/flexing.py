@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.beam import AssumedModes, FlexibleLink
 from kane_dynamics.errors import ModelError
+from kane_dynamics.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model import Array, Body, Frame, Joint, Model
 import numpy as np
 
@@ -66,8 +66,7 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
     moved.append(Frame(f'{link}/tip', tip))
     return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
                    frames=tuple(moved), coordinate_names=(
-                       *model.coordinate_names,
-                       *(f'{link}/mode_{j + 1}' for j in range(shape.count))))
+                       *model.coordinate_names, *shape.names))
 
 
 class _Sections:

@@ -114,7 +114,10 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
             axes = view.panel(figure, rows, columns, place)
             for lines, color in zip((still, *swing), (GREY, BLUE, ORANGE)):
                 view.draw(axes, lines, color)
-            axes.set_title(f'{found.frequencies[k] / (2.0 * np.pi):.4g} Hz')
+            moves = any(np.abs(a - b).max() > 1e-3 * extent
+                        for (_, a), (_, b) in zip(still, swing[0]))
+            axes.set_title(f'{found.frequencies[k] / (2.0 * np.pi):.4g} Hz'
+                           f'{"" if moves else ", twist"}')
         return _saved(figure, f'{title}, amplitudes not to scale', path)
 
 
@@ -159,7 +162,7 @@ def _swing(model: Model, rest: Array, shape: Array, size: float) -> list[Lines]:
     small = 1e-6 / np.abs(shape).max()
     far = max(np.abs(moved - still).max() for (_, moved), (_, still) in zip(
         _lines(model, rest + small * shape), _lines(model, rest)))
-    step = small * size / max(far, 1e-12) * shape
+    step = (small * size / far if far > 1e-9 * size else small) * shape  # mere twist moves none
     return [_lines(model, rest + sign * step) for sign in (1.0, -1.0)]
 
 

@@ -17,7 +17,7 @@ TABLE = (
     'inertial progress resources',
     'mode_shapes',
     'beam',
-    'model shapes',
+    'flexible_link model shapes',
     'flexing',
     'limiter mechanics motion urdf',
     'build_checks native',
