@@ -64,6 +64,8 @@ class LimitWatch:
             There are more than a million crossings.
 
         """
+        if not self._bounds:
+            return
         low, high = extremes or _extremes(states)
         found: list[LimitEvent] = []
         for name, (part, bound, sign) in self._bounds.items():

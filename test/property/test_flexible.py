@@ -121,6 +121,26 @@ def test_no_modes_is_the_rigid_robot():
                                rtol=1e-12)
 
 
+@pytest.mark.parametrize('sense', [1, -1])
+def test_a_joint_in_the_plane_of_bending_turns_with_the_section_it_is_on(sense):
+    b = ModelBuilder('in plane')
+    b.beam('upper', 'world', FlexibleLink(0.8, 1.5, 400.0, (1, 1)), axis=(0, -1, 0))
+    b.body('fore', 'upper/tip', axis=(0, sense, 0), at=(0, 0.1, 0), rpy=(0, 0.4, 0),
+           matter=rod(0.5, (0, 0, 0), (0.4, 0.05, 0.1)), armature=0.01, damping=0.1)
+    robot = Robot(b.model())
+    assert robot.verify(3) < 1e-12
+    assert robot.operation_count()['mass_matrix'].functions == 4  # of two turns
+
+
+def test_a_planar_arm_takes_no_more_arithmetic_than_it_did():
+    b = ModelBuilder('planar')
+    for name, on in (('upper', 'world'), ('fore', 'upper/tip')):
+        b.beam(name, on, FlexibleLink(1.0, 1.0, 400.0, (3, 0)), armature=0.05)
+    b.load('fore/tip', point_mass(0.5))
+    count = Robot(b.model()).operation_count()['forward_dynamics']
+    assert count.multiplications <= 580 and count.additions <= 456 and count.functions == 4
+
+
 def test_energy_split_is_the_volume_integral():
     # 1/2 int v.v dm = KE_rigid + 1/2 int [(w x d)^2 + d'^2 + 2 (v_n.d' + v_n.w x d + d'.w x d)] dm
     model = arm()
