@@ -9,8 +9,8 @@ import sys
 import warnings
 
 from big_robots import BIG
-from interleaved import interleaved, Timing
 from kane_dynamics import load_urdf, Model, Robot
+from kane_dynamics.cli.interleaved import interleaved, Timing
 from kane_dynamics.native.kernels import Kernel
 from kane_dynamics.native.support import repeat
 from kane_dynamics.resources import resource_path

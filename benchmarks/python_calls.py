@@ -7,30 +7,21 @@ import subprocess
 import sys
 import tempfile
 import time
-from timeit import Timer
 from typing import Any
 import warnings
 
-from interleaved import interleaved, Timing
 from kane_dynamics import load_urdf, Robot, simulate
+from kane_dynamics.cli.benchmark import call_timings, peer_of
+from kane_dynamics.cli.interleaved import interleaved, Timing
 from kane_dynamics.resources import resource_path
 import numpy as np
 import pinocchio as pin
 
 ARMS = ('ur10e.urdf', 'fr3.urdf')
 
-# What a user types, ours and Pinocchio's, and how many times faster ours must be, if it must.
-CALLS = {
-    'inverse dynamics (rnea)': ('robot.inverse_dynamics(q, u, x)',
-                                'pin.rnea(peer, data, q, u, x)', 6.0),
-    'forward dynamics (aba)': ('robot.forward_dynamics(q, u, x)',
-                               'pin.aba(peer, data, q, u, x)', 8.0),
-    'mass matrix (crba)': ('robot.mass_matrix(q)', 'pin.crba(peer, data, q)', 5.0),
-    'bound inverse dynamics (rnea)': ('bound.inverse_dynamics()',
-                                      'pin.rnea(peer, data, q, u, x)', None),
-    'the same, both functions taken out of the loop': ('bound_inverse_dynamics()',
-                                                       'rnea(peer, data, q, u, x)', 12.0),
-}
+# How many times faster than Pinocchio's a call must be, if it must.
+GATES = {'inverse dynamics (rnea)': 6.0, 'forward dynamics (aba)': 8.0, 'mass matrix (crba)': 5.0,
+         'the same, both functions taken out of the loop': 12.0}
 BATCH = '10000 inverse dynamics, a batch against a loop'
 # Seconds in a new process, imports and the start of LLVM apart: compiled, loaded from the cache.
 STARTS = (START, ROBOT, ONE, LOOPS, ALL) = (
@@ -61,14 +52,6 @@ print(json.dumps(times))
 """
 
 
-def pinocchio_model(path: Path, joints: tuple[str, ...]) -> tuple[pin.Model, pin.Data]:
-    """Return Pinocchio's model of the same arm, other joints locked at 0."""
-    full = pin.buildModelFromUrdf(str(path))
-    other = [full.getJointId(name) for name in full.names[1:] if name not in joints]
-    model = pin.buildReducedModel(full, other, pin.neutral(full)) if other else full
-    return model, model.createData()
-
-
 def arm(path: Path) -> Robot:
     """Return the robot of a file without its gripper's joints."""
     names = load_urdf(path).joint_names
@@ -76,29 +59,16 @@ def arm(path: Path) -> Robot:
 
 
 def calls(path: Path) -> dict[str, Timing]:
-    """Time `CALLS` on one arm; contenders are called 'ours' and 'theirs'."""
+    """Time the calls of `kane-dynamics bench` on one arm, 'ours' and 'theirs'."""
     robot = arm(path)
-    plain = Robot(robot.model, friction=False)
-    peer, data = pinocchio_model(path, robot.joint_names)
-    q, u, x = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
-    np.testing.assert_allclose(plain.inverse_dynamics(q, u, x), pin.rnea(peer, data, q, u, x),
-                               rtol=1e-9, atol=1e-9)
-    bound = robot.bind()
-    bound.q[:], bound.u[:], bound.udot[:] = q, u, x
-    names = {'robot': robot, 'bound': bound, 'bound_inverse_dynamics': bound.inverse_dynamics,
-             'pin': pin, 'rnea': pin.rnea, 'peer': peer, 'data': data,
-             'q': q, 'u': u, 'x': x}
-    statements = {statement for ours, theirs, _ in CALLS.values() for statement in (ours, theirs)}
-    timing = interleaved({statement: Timer(statement, globals=names)
-                          for statement in sorted(statements)})
-    return {what: Timing({'ours': timing.seconds[ours], 'theirs': timing.seconds[theirs]})
-            for what, (ours, theirs, _) in CALLS.items()}
+    return call_timings(robot, peer_of(str(path), robot))
 
 
 def batch(path: Path) -> Timing:
     """Time a batch against a loop over Pinocchio, 'ours' and 'theirs'."""
     robot = arm(path)
-    peer, data = pinocchio_model(path, robot.joint_names)
+    peer = peer_of(str(path), robot)
+    data = peer.createData()
     states = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 10_000, robot.n))
 
     def peer_loop() -> None:
@@ -138,7 +108,7 @@ def missed(figures: dict[str, Any]) -> list[str]:
     """Return the gates that the figures of `measure` do not meet."""
     slow = [f'{name}, {what}: {timing.ratio("theirs", "ours")[0]:.1f} of {gate}'
             for name, timings in figures['calls'].items() for what, timing in timings.items()
-            if (gate := CALLS[what][2]) and timing.ratio('theirs', 'ours')[0] < gate]
+            if (gate := GATES.get(what)) and timing.ratio('theirs', 'ours')[0] < gate]
     late = [f'{what}: {1e3 * took:.1f} of {1e3 * gate:.0f} ms'
             for what, gates in GATES_COMPILE.items()
             for took, gate in zip(figures['start_up'][what], gates) if took > gate]

@@ -3,8 +3,8 @@
 import sys
 import warnings
 
-from interleaved import interleaved
 from kane_dynamics import Robot, simulate
+from kane_dynamics.cli.interleaved import interleaved
 from kane_dynamics.model import Model
 from kane_dynamics.resources import resource_path
 import mujoco

@@ -1,6 +1,7 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
 from kane_dynamics.build import ModelBuilder
+from kane_dynamics.constraint_file import load_constraints
 from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
@@ -29,5 +30,5 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
            'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Torsion',
            'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box',
-           'disc', 'frame_wrench', 'knife_edge', 'load_urdf', 'momenta', 'natural_vibration',
-           'point_mass', 'power_balance', 'rod', 'simulate', 'with_beam']
+           'disc', 'frame_wrench', 'knife_edge', 'load_constraints', 'load_urdf', 'momenta',
+           'natural_vibration', 'point_mass', 'power_balance', 'rod', 'simulate', 'with_beam']

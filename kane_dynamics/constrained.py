@@ -55,6 +55,8 @@ class Constrained(Calls):
             Written to and returned.
 
         """
+        if not isinstance(self.equations, ConstrainedEquations):
+            return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
     def joint_torques(self, tau: Any, q: Any = None, *, t: Any = 0.0,
@@ -78,10 +80,7 @@ class Constrained(Calls):
 
         """
         if not isinstance(self.equations, ConstrainedEquations):
-            same = checked(Argument('tau', (self.equations.n,), self.speed_names), tau)
-            result: Array = np.empty_like(same) if out is None else out
-            result[...] = same
-            return result
+            return self._same('tau', tau, out)
         if q is None:
             raise InputError('q is missing: what joint torques amount to tau depends on the '
                              'posture of a robot with chosen speeds or constraints')
@@ -137,6 +136,13 @@ class Constrained(Calls):
 
         """
         return closed_posture(self.mechanism, q, t=t, fixed=fixed)
+
+    def _same(self, name: str, value: Any, out: Array | None) -> Array:
+        """Return a checked copy: of joints themselves where speeds are their rates."""
+        same = checked(Argument(name, (self.equations.n,), self.speed_names), value)
+        result: Array = np.empty_like(same) if out is None else out
+        result[...] = same
+        return result
 
     def _special(self, name: str, arguments: tuple[Any, ...], t: Any,
                  out: Array | None) -> Array:

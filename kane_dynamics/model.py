@@ -7,7 +7,7 @@ in topological order, parents first, so that a single pass over them is an outwa
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 import hashlib
 import math
 from typing import Any, Literal
@@ -243,6 +243,15 @@ class Model:
                 return frame
         valid = ', '.join(sorted(frame.name for frame in self.frames)) or 'none'
         raise InputError(f"no frame '{name}'; valid: {valid}")
+
+    def prefixed(self, prefix: str) -> 'Model':
+        """Return this model with `prefix` before the name of every joint, body and frame."""
+        return replace(
+            self, base_name=prefix + self.base_name,
+            coordinate_names=tuple(prefix + name for name in self.coordinate_names),
+            frames=tuple(replace(each, name=prefix + each.name) for each in self.frames),
+            bodies=tuple(replace(body, name=prefix + body.name, joint=replace(
+                body.joint, name=prefix + body.joint.name)) for body in self.bodies))
 
     def path(self, body: int) -> Iterator[int]:
         """Yield `body` and its ancestors, tip to base."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
-from kane_dynamics.robot import Robot
+from kane_dynamics.robot import Robot, TORQUE_TERMS
 import numpy as np
 
 STEP = 1e-3  # largest motion, rad or m, between two of the energies that give their rate
@@ -36,8 +36,8 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds.
-    q, u, udot : (n,) arrays
+        With joint rates for speeds; what constrains it does no work unless it depends on time.
+    q, u, udot : (n_q,), (n,), (n,) arrays
         rad or m, and s.
     wrench : (k, 6) array, optional
         As in `Robot.inverse_dynamics`.
@@ -50,9 +50,10 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     """
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench)
     external = robot.external_force(q, wrench=wrench)
+    friction = robot.torque_terms(q, u, udot)[TORQUE_TERMS.index('friction')]
     with np.errstate(over='ignore', invalid='ignore'):  # refused below, in words
         balance = PowerBalance(float(tau @ u), float(external @ u),
-                               float(robot.friction_force(u) @ u), _energy_rate(robot, q, u, udot))
+                               float(friction @ u), _energy_rate(robot, q, u, udot))
     if not all(map(math.isfinite, balance)):
         raise InputError(f'the power is not finite: {balance}; the motion is beyond any physical '
                          'range')
@@ -63,8 +64,10 @@ def _energy_rate(robot: Robot, q: Array, u: Array, udot: Array) -> float:
     # A step in time in which neither speed nor acceleration moves a joint by more than STEP.
     h = STEP / max(np.abs(u).max(), math.sqrt(STEP * np.abs(udot).max()), STEP)
 
+    rates = robot.joint_rates(q, u)
+
     def energy(t: float) -> float:
-        at, speed = q + t * (u + 0.5 * t * udot), u + t * udot
+        at, speed = q + t * rates, u + t * udot  # right to the first order, which is asked for
         return float(robot.kinetic_energy(at, speed) + robot.potential_energy(at))
     near, far = energy(h) - energy(-h), energy(2.0 * h) - energy(-2.0 * h)
     return float((8.0 * near - far) / (12.0 * h))

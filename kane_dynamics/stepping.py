@@ -7,13 +7,13 @@ from kane_dynamics.mechanics.integration import runge_kutta_4
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
-from kane_dynamics.quantities import IN_LOOPS
+from kane_dynamics.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot import Robot
 import numpy as np
 
 # What `simulate` asks for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
-              'potential_energy')
+              'potential_energy', 'constraint_forces', 'constraint_gap')
 
 
 def compile_simulation(robot: Robot) -> None:
@@ -22,11 +22,17 @@ def compile_simulation(robot: Robot) -> None:
 
     Those that step many simulations at once are not among them.
     """
-    robot.compile(*IN_LOOPS)
-    for feedback in (False, True):
+    robot.compile(*loop_kernels(robot))
+    for feedback in (False, True)[:1 if robot.constraint_names else 2]:
         step_kernel(robot, feedback)
-    for name in AFTERWARDS:
-        robot.kernels.quantity(name).compile_lanes()
+    for name in loop_kernels(robot):
+        if name in AFTERWARDS:
+            robot.kernels.quantity(name).compile_lanes()
+
+
+def loop_kernels(robot: Robot) -> list[str]:
+    """Return the names of the kernels that control and simulation of this robot call."""
+    return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
 
 
 def step_kernel(robot: Robot, feedback: bool) -> Kernel:

@@ -20,6 +20,7 @@ ARGUMENTS = {
     'config': ('', 'parameter file: a path, or the name of one in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; wins over the parameter file'),
     'namespace': ('', 'namespace of all nodes'),
+    'prefix': ('', 'before the names of joints and frames in messages; wins over the files'),
     'commands': ('commands', 'topic of the torques; a controller has its own, <name>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
     'use_sim_time': ('false', 'take the time from /clock'),
@@ -44,23 +45,21 @@ def nodes(context):
     parameters = []
     if value['config']:
         parameters.append(parameter_file('config', value['config']))
-    if value['urdf']:
-        parameters.append({'urdf': value['urdf']})
+    chosen = [{name: value[name]} for name in ('urdf', 'prefix') if value[name]]
     remappings = [(topic, value[topic]) for topic in ('commands', 'joint_states')
                   if value[topic] != topic]
     started = [Node(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
-        parameters=[*parameters, common], output='screen', remappings=remappings)]
+        parameters=[*parameters, *chosen, common], output='screen', remappings=remappings)]
     if value['plant']:
-        urdf = [{'urdf': value['urdf']}] if value['urdf'] else []
         started.append(Node(
             package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],
-            parameters=[parameter_file('plant', value['plant']), *urdf,
+            parameters=[parameter_file('plant', value['plant']), *chosen,
                         {'publish_clock': common['use_sim_time']}],
             output='screen', remappings=remappings))
     if value['state_publisher'].lower() in ('true', '1', 'yes'):
-        if not value['urdf']:
-            raise ValueError('state_publisher:=true needs urdf:=')
+        if not value['urdf'] or value['prefix']:
+            raise ValueError('state_publisher:=true needs urdf:=, and knows no prefix')
         with open(value['urdf'], encoding='utf-8') as file:
             description = file.read()
         started.append(Node(

@@ -160,7 +160,8 @@ def doctor(options: Namespace) -> int:
         if options.config:
             found += live.examine_configuration(Path(options.config), robot)
         if options.live:
-            found += live.examine_graph(robot, options.live, options.namespace)
+            found += live.examine_graph(Robot(model.prefixed(options.prefix)), options.live,
+                                        options.namespace)
     if options.json:
         print_json([{'level': finding.level, 'words': finding.words} for finding in found])
     else:

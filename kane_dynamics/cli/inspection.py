@@ -77,14 +77,8 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
         Pinocchio is not installed, or a floating or planar joint has no counterpart in it.
 
     """
-    try:
-        import pinocchio as pin
-    except ImportError:
-        raise InputError('Pinocchio is not installed; pip install pin') from None
-    peer = (pin.buildModelFromXML(source.decode()) if isinstance(source, bytes)
-            else pin.buildModelFromXML(source) if source.lstrip().startswith('<')
-            else pin.buildModelFromUrdf(str(Path(source))))
-    peer.gravity.linear = np.array(model.gravity)
+    peer = pinocchio_model(source, model)
+    import pinocchio as pin
     data, robot = peer.createData(), Robot(model, friction=False)
     joints = [body.joint for body in model.bodies]
     for joint in joints:
@@ -111,6 +105,19 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     error = worst / largest if largest else worst
     return {'peer': 'pinocchio', 'version': pin.__version__, 'states': STATES,
             'relative_error': error, 'agrees': error <= TOLERANCE}
+
+
+def pinocchio_model(source: str | bytes, model: Model) -> Any:
+    """Return Pinocchio's model of the whole URDF; InputError if it is not installed."""
+    try:
+        import pinocchio as pin
+    except ImportError:
+        raise InputError('Pinocchio is not installed; pip install pin') from None
+    peer = (pin.buildModelFromXML(source.decode()) if isinstance(source, bytes)
+            else pin.buildModelFromXML(source) if source.lstrip().startswith('<')
+            else pin.buildModelFromUrdf(str(Path(source))))
+    peer.gravity.linear = np.array(model.gravity)
+    return peer
 
 
 def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import sys
 from typing import Any
 
-from kane_dynamics.cli import commands
+from kane_dynamics.cli import benchmark, commands
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.identification.equations import STANDSTILL
@@ -36,6 +36,12 @@ examples:
   kane-dynamics inspect arm.urdf --against pinocchio
 
 Exits with 1 if the numbers differ from the peer's.""",
+    'bench': """
+examples:
+  kane-dynamics bench arm.urdf
+  kane-dynamics bench arm.urdf --tip tool0 --json
+
+Where Pinocchio is installed (pip install pin), its calls take turns with ours.""",
     'export': """
 examples:
   kane-dynamics export arm.urdf -o arm.c
@@ -150,6 +156,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
+    sub = command('bench', benchmark.bench, 'What calls take on this machine')
+    _add_model(sub)
     sub = command('export', commands.export, 'C99 source and header of the compiled dynamics')
     _add_model(sub)
     sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
@@ -188,6 +196,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     sub.add_argument('--live', type=float, metavar='S', help='listen to the graph for so long')
     sub.add_argument('--namespace', default='', help='of the arm in the graph')
+    sub.add_argument('--prefix', default='', help="of the arm's joints in the graph")
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

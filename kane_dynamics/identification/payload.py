@@ -147,15 +147,31 @@ class PayloadEstimator:
         if not memory > 1.0:
             raise InputError(f'memory is {memory:g}; expected more than 1 sample')
         self._kept = 1.0 - 1.0 / memory
+        joints = model.coordinate_joints
+        self._friction, self._friction_speed = (
+            np.array([getattr(joint, name) for joint in joints])
+            for name in ('friction', 'friction_speed'))
         # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
         self._belief = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
         self._information = np.zeros((10, 10))
         self._weighted = np.zeros(10)
 
+    @property
+    def gravity(self) -> Array:
+        """Return gravity in world axes, (3,), m/s^2; it may be set, for the samples to come."""
+        return self._regressor.robot.parameters.gravity
+
+    @gravity.setter
+    def gravity(self, value: ArrayLike) -> None:
+        self._regressor.robot.parameters.gravity = np.asarray(value, dtype=np.float64)
+
     def update(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, tau: ArrayLike) -> None:
         """Take one sample, (n,) each; rad or m, s, N m or N."""
-        Y = self._regressor(q, u, udot) / self._sigma[:, None]
-        left = (np.asarray(tau) - self._regressor.robot.inverse_dynamics(q, u, udot)) / self._sigma
+        # A joint at rest may hold by friction what the model says it must hold by torque.
+        slip = np.abs(np.tanh(np.asarray(u) / self._friction_speed))
+        sigma = self._sigma + (1.0 - slip) * self._friction
+        Y = self._regressor(q, u, udot) / sigma[:, None]
+        left = (np.asarray(tau) - self._regressor.robot.inverse_dynamics(q, u, udot)) / sigma
         self._information = self._kept * self._information + Y.T @ Y
         self._weighted = self._kept * self._weighted + Y.T @ left
 

@@ -9,6 +9,7 @@ from typing import Any
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.native import cache, entry, llvm
+from kane_dynamics.native.collection import without_collection
 from kane_dynamics.native.emit import module_text
 from kane_dynamics.native.lanes import lane_text, width
 from kane_dynamics.native.march import BAD_INPUT, BAD_RESULT, driver, march, Strided
@@ -126,11 +127,12 @@ class Kernel:
 
     def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
         key = self._key
-        if key is None:
-            key = text()
-            text = partial(str, key)
-        return llvm.Code(cache.fetch(cache.key(self.name, key, kind),
-                                     lambda: llvm.assemble(text())))
+        with without_collection():
+            if key is None:
+                key = text()
+                text = partial(str, key)
+            return llvm.Code(cache.fetch(cache.key(self.name, key, kind),
+                                         lambda: llvm.assemble(text())))
 
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape)

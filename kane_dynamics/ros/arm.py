@@ -9,9 +9,9 @@ from typing import Any
 from kane_dynamics.control import Controller
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model import Model
-from kane_dynamics.quantities import IN_LOOPS
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.diagnostics import Statistics
+from kane_dynamics.ros.files import load_choices
 from kane_dynamics.ros.imu import GravityFromImu
 from kane_dynamics.ros.loads import checked_payload, Loads, PayloadBounds, start_loads
 from kane_dynamics.ros.parameters import controller_settings
@@ -21,7 +21,7 @@ from kane_dynamics.ros.surroundings import (BEST_EFFORT, check_surroundings, REL
                                             Surroundings)
 from kane_dynamics.ros.torque_path import TorquePath
 from kane_dynamics.ros.wrenches import WrenchFrames
-from kane_dynamics.stepping import compile_simulation
+from kane_dynamics.stepping import compile_simulation, loop_kernels
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -80,16 +80,16 @@ class Arm:
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
         self.robot, self._for_requests, self._for_simulations = robots = [
-            Robot(model, payload_frame=values['payload.frame'] or None,
-                  wrench_frames=values['wrench.frames']) for _ in range(3)]
+            Robot(model, **load_choices(values)) for _ in range(3)]
         check_surroundings(values, self.robot)
         for robot in robots:  # the first compiles, the others find it in the cache
-            robot.compile(*IN_LOOPS, 'external_force', 'body_torques')
+            robot.compile(*loop_kernels(robot), 'external_force', 'body_torques')
         self._request_frames = WrenchFrames(self._for_requests)
         compile_simulation(self._for_simulations)
         self.verified = self.robot.verify()
         controller = Controller(self.robot, **controller_settings(values, self.robot.joint_names))
-        controller.compile()
+        if not self.robot.constraint_names:
+            controller.compile()
         commands = node.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)
         torques = node.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
         self._publishers = commands, torques

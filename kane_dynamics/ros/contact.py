@@ -8,10 +8,11 @@ from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Model
 from kane_dynamics.observer import MomentumObserver, OBSERVED
-from kane_dynamics.robot import Robot, TORQUE_TERMS
+from kane_dynamics.robot import Robot
+from kane_dynamics.ros.acting import Acting
 from kane_dynamics.ros.cdr import joint_efforts, wrench_stamped
 from kane_dynamics.ros.conversion import Array, NANO
-from kane_dynamics.ros.parameters import per_joint, terms
+from kane_dynamics.ros.parameters import per_joint
 from kane_dynamics.ros.watch import Cycle
 import numpy as np
 from rclpy.publisher import Publisher
@@ -55,17 +56,15 @@ def settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
 
 def observed_frame(values: Mapping[str, Any], model: Model) -> str:
     """Return the frame at which the wrench is estimated: as given, else the tip of the arm."""
-    return str(values['observer.frame'] or values['tip'] or model.bodies[-1].name)
+    return str(values['observer.frame'] or (values['tip'] and values['prefix'] + values['tip'])
+               or model.bodies[-1].name)
 
 
 class Contact:
     """
     Watches the torque path with an observer and a detector, and publishes what they find.
 
-    The torque that acts is the effort of the joint states, where each joint has a finite one, or
-    the node's own command with what the arm adds by itself (the terms that are switched off);
-    parameter `observer.torque` chooses. Torques of wrenches that come on `~/wrench` are known:
-    the estimate is of what is beyond them.
+    Torques of wrenches that come on `~/wrench` are known: the estimate is of what is beyond them.
 
     Parameters
     ----------
@@ -90,7 +89,8 @@ class Contact:
         self._robot, self._outputs, self._log, self._reject = robot, outputs, log, reject
         self.collisions: Counter[str] = Counter()  # by joint
         joints, given = robot.joint_names, settings(values, robot)
-        robot.compile(*OBSERVED, 'torque_terms')
+        robot.compile(*OBSERVED)
+        self._acting = Acting(robot, values, reject)
         self._observer = MomentumObserver(robot, gain=given.pop('gain'))
         self.detector = CollisionDetector(joints, **given)
         self._torque_message = joint_efforts(joints)
@@ -99,7 +99,6 @@ class Contact:
         self._workspace = robot.bind()
         self._pose = self._workspace.at_frame('frame_pose', frame)
         self._partials = self._workspace.at_frame('partial_velocities', frame)
-        self._zero = np.zeros(robot.n)
         self._origin = self._last = 0
         self._pose(), self._partials()  # compiled now, not in a cycle
         self.update(values)
@@ -110,12 +109,8 @@ class Contact:
         self._observer.tune(given.pop('gain'), values['state_timeout'])
         self.detector.tune(**given)
         self._thresholds = given['threshold']
-        self._source = values['observer.torque']
+        self._acting.update(values)
         self._period = round(NANO / values['observer.rate'])
-        on = terms(values)
-        # What the arm adds to a command by itself; of inertia it cannot know.
-        self._own = np.array([name != 'inertia' and not getattr(on, name, True)
-                              for name in TORQUE_TERMS], dtype=np.float64)
 
     def start(self) -> None:
         """Forget all and say that nothing collides."""
@@ -134,20 +129,17 @@ class Contact:
 
     def take(self, cycle: Cycle) -> None:
         """Look at one state and the command that answered it; publish what is due."""
-        state = cycle.state
-        measured = self._source != 'command' and state.measured
-        if self._source == 'effort' and not measured:
+        state, acting = cycle.state, self._acting.torque(cycle)
+        if acting is None:
             self._observer.reset()
-            self._reject('no effort', 'the joint states lack a finite effort for each joint, '
-                         'which observer.torque asks for')
             return
-        if measured == self._observer.held:  # from one source to the other nothing carries over
+        if self._acting.measured == self._observer.held:  # nothing carries over
             self._observer.reset()
-            self._observer.held = not measured
+            self._observer.held = not self._acting.measured
         self._origin = self._origin or cycle.stamp
         t = (cycle.stamp - self._origin) / NANO
         try:
-            torque = self._observer.update(t, state.q, state.u, self._acting(cycle, measured))
+            torque = self._observer.update(t, state.q, state.u, acting)
         except InputError as error:  # finite numbers that lead beyond
             self._reject('not finite', str(error))
             return
@@ -156,13 +148,6 @@ class Contact:
         if not 0 <= cycle.stamp - self._last < self._period:
             self._last = cycle.stamp
             self._publish(state.sec, state.nanosec, state.q, torque)
-
-    def _acting(self, cycle: Cycle, measured: bool) -> Array:
-        """Return what acts on the joints as far as it is known, (n,)."""
-        state, torque = cycle.state, cycle.state.effort if measured else cycle.tau
-        if not measured and self._own.any():
-            torque = torque + self._own @ self._robot.torque_terms(state.q, state.u, self._zero)
-        return torque if cycle.external is None else torque + cycle.external
 
     def _tell(self, torque: Array) -> None:
         """Publish and log the flag, which has changed."""

@@ -7,6 +7,7 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Vector3, Wrench
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion import Motion
+from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,23 +142,27 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str],
                               _column(message, 'accelerations', index), joint_names=joints)
 
 
-def trajectory_message(trajectory: Trajectory, names: Sequence[str] = ()) -> JointTrajectory:
+def trajectory_message(trajectory: Trajectory, robot: Robot,
+                       names: Sequence[str] = ()) -> JointTrajectory:
     """
     Return a simulated trajectory as a message; `effort` holds the torques.
 
     The columns stand in the order of `names`, each of the robot's joints once; default: its own.
+    Under constraints, velocities are those of all joints too, and there are no accelerations.
     """
     names = list(names) or list(trajectory.joint_names)
     order = [trajectory.joint_names.index(name) for name in names]
+    q, u, tau = trajectory.q, trajectory.u, trajectory.tau
+    rows = {'positions': q, 'velocities': u, 'accelerations': trajectory.udot, 'effort': tau}
+    if robot.constraint_names:
+        rows = {'positions': q, 'velocities': robot.joint_rates(q, u),
+                'effort': robot.joint_torques(tau, q)}
     # array(typecode, bytes) is several times faster than going through a sequence of floats,
     # and this runs beside the torque path: the interpreter is shared.
-    columns = [np.ascontiguousarray(column[:, order]) for column in (
-        trajectory.q, trajectory.u, trajectory.udot, trajectory.tau)]
-    points = []
-    for k, t in enumerate(trajectory.t.tolist()):
-        q, u, udot, tau = (array('d', column[k].tobytes()) for column in columns)
-        points.append(JointTrajectoryPoint(positions=q, velocities=u, accelerations=udot,
-                                           effort=tau, time_from_start=duration(t)))
+    columns = {field: np.ascontiguousarray(row[:, order]) for field, row in rows.items()}
+    points = [JointTrajectoryPoint(time_from_start=duration(t), **{
+        field: array('d', column[k].tobytes()) for field, column in columns.items()})
+        for k, t in enumerate(trajectory.t.tolist())]
     message = JointTrajectory(joint_names=names)
     message.points = points
     return message

@@ -6,6 +6,7 @@ from typing import Any
 import warnings
 
 from ament_index_python.packages import get_package_share_directory, PackageNotFoundError
+from kane_dynamics.constraint_file import load_constraints
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Model
 from kane_dynamics.resources import resource_path
@@ -63,4 +64,22 @@ def load(source: str | Path, values: Mapping[str, Any], warn: Callable[[str], ob
                           supplement=located('supplement', supplement) if supplement else None)
     for warning in found:
         warn(str(warning.message))
-    return model
+    return model.prefixed(values['prefix']) if values['prefix'] else model
+
+
+def load_choices(values: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return the arguments of Robot that the parameters give: frames and constraints.
+
+    Raises
+    ------
+    KaneError
+        There is no such file, or it is not valid.
+
+    """
+    choices: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
+                               'wrench_frames': values['wrench.frames']}
+    if values['constraints']:
+        choices |= load_constraints(located('constraints', values['constraints']),
+                                    prefix=values['prefix'])
+    return choices

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros.parameters import declare, misspelt, read
+from kane_dynamics.ros.parameters import declare, in_messages, misspelt, read
 from kane_dynamics.ros.specs import Spec
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -33,7 +33,7 @@ class LiveParameters:
     Attributes
     ----------
     values : dict
-        The checked values by name, replaced as a whole.
+        The checked values by name, replaced as a whole; frames are named as in messages.
 
     Raises
     ------
@@ -47,7 +47,8 @@ class LiveParameters:
                  changed: Callable[[Mapping[str, Any]], None]) -> None:
         self._specs = {spec.name: spec for spec in specs}
         self._frozen, self._check, self._changed = frozen, check, changed
-        self.values = self._staged = declare(node, specs)
+        self._given = self._staged = declare(node, specs)
+        self.values = in_messages(self._given)
         for remark in misspelt(list(getattr(node, '_parameter_overrides', {})), self._specs):
             node.get_logger().warning(remark)
         node.add_on_set_parameters_callback(self._on_set)
@@ -55,7 +56,7 @@ class LiveParameters:
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a set of changes as a whole; nothing is applied yet."""
-        staged = dict(self.values)
+        staged = dict(self._given)
         try:
             for change in changes:
                 spec = self._specs.get(change.name)
@@ -68,12 +69,13 @@ class LiveParameters:
                     raise InputError(f"parameter '{spec.name}' cannot become {change.value!r} "
                                      f'now: {reason}')
                 staged[spec.name] = value
-            self._check(staged)
+            self._check(in_messages(staged))
         except KaneError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._staged = staged
         return SetParametersResult(successful=True)
 
     def _after_set(self, changes: list[Parameter]) -> None:
-        before, self.values = self.values, self._staged
+        self._given = self._staged
+        before, self.values = self.values, in_messages(self._given)
         self._changed(before)

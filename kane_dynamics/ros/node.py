@@ -82,7 +82,7 @@ class DynamicsNode(LifecycleNode):
             return
         if not (self.values['robot_description'] or self.values['urdf'] or self._description):
             self.get_logger().info('waiting for a URDF on topic robot_description')
-        elif self.trigger_configure() == SUCCESS:
+        elif self.trigger_configure() == SUCCESS and not self._unable():
             self.trigger_activate()
 
     def _urdf(self) -> str | Path:
@@ -120,11 +120,21 @@ class DynamicsNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to answer joint states."""
+        if unable := self._unable():
+            self.get_logger().error(f'not activated: {unable}')
+            return FAILURE
         result = super().on_activate(state)
         assert self.arm is not None
         self.arm.path.start()
         self.get_logger().info(f'active, mode {self.values["mode"]}')
         return result
+
+    def _unable(self) -> str:
+        """Return why this arm cannot be commanded; empty: it can."""
+        assert self.arm is not None
+        names = self.arm.robot.constraint_names
+        return '' if not names else (f'parameter constraints holds {", ".join(names)}: the node '
+                                     'answers requests, but commands only arms without')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros, then close the publishers."""
@@ -170,6 +180,8 @@ class DynamicsNode(LifecycleNode):
         realtime.apply(self.values, log.warning)
         log.info(f'{model.name}: {model.n} joints ({", ".join(model.joint_names)}), kernels ready '
                  f'in {time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
+        if unable := self._unable():
+            log.info(f'it stays inactive: {unable}')
 
     def _release(self) -> None:
         """Forget the robot and close its topics."""

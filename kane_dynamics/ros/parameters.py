@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 # Parameters that ROS itself puts beside ours in an overrides file.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
 BY_NAME = {spec.name: spec for spec in SPECS}
 
 
@@ -120,6 +121,18 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
         value = node.declare_parameter(spec.name, spec.default, descriptor).value
         values[spec.name] = read(spec, spec.default if value is None else value)
     return values
+
+
+def in_messages(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values with `prefix` before the frames that they name, as messages have it."""
+    prefix = values['prefix']
+    result = dict(values)
+    for name in FRAMES:
+        value = values.get(name)
+        if value:
+            result[name] = (prefix + value if isinstance(value, str) else
+                            tuple(prefix + each for each in value))
+    return result
 
 
 def misspelt(given: Sequence[str], known: Collection[str]) -> list[str]:

@@ -1,6 +1,6 @@
 """What a simulation request asks for, checked; shared by the service and the action."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import time
@@ -18,7 +18,56 @@ from kane_dynamics.simulation import simulate
 import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
+GAP = 0.01   # m or rad, by which encoders and tolerances may miss a closed loop
 ROWS = 100   # points of the answer, about, where a request leaves the sample period open
+
+
+@dataclass(frozen=True)
+class Order:
+    """
+    Which entry of a request is which.
+
+    Attributes
+    ----------
+    joint_names, speed_names : list of str
+        All joints, and the independent ones, in the order of the request: positions are of all,
+        all else of the independent. Without constraints they are the same.
+    joints, speeds : (n_q,) and (n,) arrays of int, or None
+        Where each of the robot's stands in the request; None where the orders are the same.
+
+    """
+
+    joint_names: list[str]
+    speed_names: list[str]
+    joints: Index | None
+    speeds: Index | None
+
+    @classmethod
+    def of(cls, robot: Robot, names: Sequence[str]) -> 'Order':
+        """Read the names of a request; none: the node's own order."""
+        index = order(names, robot.joint_names, 'joint_names')
+        every = list(names) or list(robot.joint_names)
+        free = [name for name in every if name in robot.speed_names]
+        return cls(every, free, index, order(free, robot.speed_names, 'joint_names'))
+
+
+def closed(robot: Robot, q: Array) -> Array:
+    """
+    Return the posture near q at which closed loops are closed; q itself without any.
+
+    Raises
+    ------
+    InputError
+        It is further from closed than measuring explains.
+
+    """
+    if not robot.constraint_names:
+        return q
+    gap = np.nan_to_num(np.abs(robot.constraint_gap(q)))
+    if gap.max() > GAP:
+        raise InputError(f"position misses '{robot.constraint_names[int(gap.argmax())]}' by "
+                         f'{gap.max():.3g} m or rad; valid: at most {GAP:g}')
+    return robot.closed_posture(q, fixed=robot.speed_names)
 
 
 @dataclass(frozen=True)
@@ -75,7 +124,7 @@ class Simulation:
 
     robot: Robot
     loads: Loads
-    joint_names: tuple[str, ...]
+    order: Order
     q0: Array
     u0: Array
     duration: float
@@ -94,22 +143,27 @@ class Simulation:
             Names the field, its value, and what is valid.
 
         """
-        joints, n = served.robot.joint_names, served.robot.n
-        index = order(request.joint_names, joints, 'joint_names')
+        robot, n = served.robot, served.robot.n
+        names = Order.of(robot, request.joint_names)
+        index = names.speeds
         duration, step, sample = _times(request, served.bounds)
         torque: Array | ComputedTorque | None = None
         if request.torque_source == request.TABLE:
             torque = _table(request, index, n, duration, step)
         elif request.torque_source == request.COMPUTED_TORQUE:
-            motion = motion_from_message(request.reference, joints, served.bounds.max_reference)
+            if robot.constraint_names:
+                raise InputError('torque_source is COMPUTED_TORQUE, which the node has for arms '
+                                 'without constraints; valid: ZERO, TABLE')
+            motion = motion_from_message(request.reference, robot.joint_names,
+                                         served.bounds.max_reference)
             torque = ComputedTorque(motion, vector(request.kp, index, n, 'kp', served.kp),
                                     vector(request.kd, index, n, 'kd', served.kd))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE}, COMPUTED_TORQUE '
                              f'{request.COMPUTED_TORQUE}')
-        return cls(served.simulated, served.loads, tuple(request.joint_names),
-                   vector(request.position, index, n, 'position'),
+        q0 = vector(request.position, names.joints, robot.n_q, 'position')
+        return cls(served.simulated, served.loads, names, closed(robot, q0),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
                    torque)
 
@@ -121,7 +175,9 @@ class Simulation:
                               torque=self.torque, sample=self.sample, progress=proceed)
         wall_time = time.perf_counter() - began
         response.wall_time = wall_time
-        response.trajectory = trajectory_message(trajectory, self.joint_names)
+        response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
+        response.constraint_names = list(trajectory.constraint_names)
+        response.constraint_forces = doubles(trajectory.constraint_forces)
         response.kinetic_energy = doubles(trajectory.energy[:, 0])
         response.potential_energy = doubles(trajectory.energy[:, 1])
         response.limit_events = [str(event) for event in trajectory.limit_events]

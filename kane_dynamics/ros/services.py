@@ -10,10 +10,10 @@ import time
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.robot import Robot
-from kane_dynamics.ros.conversion import as_wrench, doubles, Index, order, vector
+from kane_dynamics.robot import Robot, TORQUE_TERMS
+from kane_dynamics.ros.conversion import as_wrench, doubles, Index, vector
 from kane_dynamics.ros.explanation import explanation_message
-from kane_dynamics.ros.requests import Served, Simulation
+from kane_dynamics.ros.requests import closed, Order, Served, Simulation
 from kane_dynamics.ros.worker import Worker
 from kane_dynamics.ros.wrenches import wrenches_of_request
 from kane_dynamics_interfaces.action import SimulateMotion
@@ -180,9 +180,10 @@ class Progress:
 
 def _state(robot: Robot, request: Any, *fields: str) -> tuple[Any, ...]:
     """Return the order of a request and its vectors; velocity may be left out: at rest."""
-    index: Index | None = order(request.joint_names, robot.joint_names, 'joint_names')
-    return index, *(vector(getattr(request, field), index, robot.n, field,
-                           0.0 if field == 'velocity' else None) for field in fields)
+    order = Order.of(robot, request.joint_names)
+    q = closed(robot, vector(request.position, order.joints, robot.n_q, 'position'))
+    return order, q, *(vector(getattr(request, field), order.speeds, robot.n, field,
+                              0.0 if field == 'velocity' else None) for field in fields)
 
 
 def _back(values: Any, index: Index | None) -> Any:
@@ -194,39 +195,46 @@ def _back(values: Any, index: Index | None) -> Any:
     return result
 
 
-def _names(robot: Robot, request: Any) -> list[str]:
-    """Return the joint names in the order of the response: that of the request."""
-    return list(request.joint_names) or list(robot.joint_names)
+def _constraint_forces(robot: Robot, response: Any, *state: Any) -> None:
+    """Fill in what the constraints exert."""
+    response.constraint_names = list(robot.constraint_names)
+    if robot.constraint_names:
+        response.constraint_forces = doubles(robot.constraint_forces(*state))
 
 
 def inverse_dynamics(served: Served, request: Any, response: Any) -> None:
-    """Answer with the torques of a motion, and with what the joints transmit."""
+    """Answer with the torques of a motion, and with what joints and constraints transmit."""
     robot = served.robot
-    index, q, u, udot = _state(robot, request, 'position', 'velocity', 'acceleration')
-    names = response.joint_names = _names(robot, request)
-    response.effort = doubles(_back(robot.inverse_dynamics(q, u, udot), index))
+    order, q, u, udot = _state(robot, request, 'velocity', 'acceleration')
+    tau = robot.inverse_dynamics(q, u, udot)
+    names = response.joint_names = order.joint_names
+    response.effort = doubles(_back(robot.joint_torques(tau, q), order.joints))
     joints = [body.joint.name for body in robot.model.bodies]
     reactions = robot.joint_reactions(q, u, udot)
     response.joint_reactions = [as_wrench(reactions[joints.index(name)]) for name in names]
+    _constraint_forces(robot, response, q, u, tau)
 
 
 def forward_dynamics(served: Served, request: Any, response: Any) -> None:
     """Answer with the accelerations that torques cause."""
     robot = served.robot
-    index, q, u, tau = _state(robot, request, 'position', 'velocity', 'effort')
-    response.joint_names = _names(robot, request)
-    response.acceleration = doubles(_back(robot.forward_dynamics(q, u, tau), index))
+    order, q, u, tau = _state(robot, request, 'velocity', 'effort')
+    response.joint_names = order.speed_names
+    response.acceleration = doubles(_back(robot.forward_dynamics(q, u, tau), order.speeds))
+    _constraint_forces(robot, response, q, u, tau)
 
 
 def get_dynamics(served: Served, request: Any, response: Any) -> None:
     """Answer with mass matrix, forces and energies."""
     robot = served.robot
-    index, q, u = _state(robot, request, 'position', 'velocity')
-    response.joint_names = _names(robot, request)
-    response.mass_matrix = doubles(_back(robot.mass_matrix(q), index))
-    response.bias_force = doubles(_back(robot.bias_force(q, u), index))
-    response.gravity_force = doubles(_back(robot.gravity_force(q), index))
-    response.friction_force = doubles(_back(robot.friction_force(u), index))
+    order, q, u = _state(robot, request, 'velocity')
+    response.joint_names = order.speed_names
+    response.mass_matrix = doubles(_back(robot.mass_matrix(q), order.speeds))
+    friction = robot.torque_terms(q, u, np.zeros(robot.n))[TORQUE_TERMS.index('friction')]
+    for field, values in (('bias_force', robot.bias_force(q, u)),
+                          ('gravity_force', robot.gravity_force(q)),
+                          ('friction_force', friction)):
+        setattr(response, field, doubles(_back(values, order.speeds)))
     response.kinetic_energy = float(robot.kinetic_energy(q, u))
     response.potential_energy = float(robot.potential_energy(q))
 
@@ -234,7 +242,7 @@ def get_dynamics(served: Served, request: Any, response: Any) -> None:
 def explain(served: Served, request: Any, response: Any) -> None:
     """Answer with the torques of a motion by source and by body, and their power."""
     robot = served.robot
-    index, q, u, udot = _state(robot, request, 'position', 'velocity', 'acceleration')
+    order, q, u, udot = _state(robot, request, 'velocity', 'acceleration')
     wrench = wrenches_of_request(served.frames, q, request.wrenches)
     response.explanation = explanation_message(robot, (q, u, udot), wrench,
-                                               _names(robot, request), index)
+                                               order.speed_names, order.speeds)

@@ -71,6 +71,10 @@ SPECS = (
     Spec('tip', 'text', '', 'last link of the part that moves; empty: all branches'),
     Spec('joints', 'names', [], 'joints that move, in the order of `commands`; every other one '
          'is locked; empty: all, parents first'),
+    Spec('constraints', 'text', '', 'path of a YAML with closed loops and other constraints; the '
+         'node then answers requests and commands nothing; empty: none'),
+    Spec('prefix', 'text', '', 'put before the names of joints and frames in all messages, for '
+         'two arms of one URDF; parameters and supplement have the names of the URDF'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
     Spec('payload.frame', 'text', '', 'frame in which a payload is given and on whose link it is '
          'carried; empty: the node carries none'),
@@ -131,6 +135,15 @@ SPECS = (
          'link'),
     live('observer.rate', 'number', 100.0, 'external torques and wrenches published, at most, '
          '1/s', positive=True, low=0.0, high=1e4),
+    Spec('estimator.enabled', 'flag', False, 'estimate what the arm carries, by recursive least '
+         'squares, and publish it; the torques do not follow it'),
+    Spec('estimator.rate', 'number', 2.0, 'estimates published, 1/s', positive=True, low=0.0,
+         high=100.0),
+    Spec('estimator.memory', 'number', 20.0, 'time constant of forgetting, s', positive=True,
+         low=0.0, high=1e5),
+    Spec('estimator.torque_deviation', 'per_joint', [], 'standard deviation of what the model '
+         'leaves of the torques, N m or N; empty: 1 % of the effort limits', positive=True,
+         low=0.0),
     Spec('explanation.rate', 'number', 0.0, 'messages on ~/torque_by_source, 1/s; 0: none',
          low=0.0, high=100.0),
     live('state_timeout', 'number', 0.1, 'age of the joint states, in s, from which on zeros '

@@ -4,13 +4,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from kane_dynamics.errors import InputError
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.contact import Contact, observed_frame, Outputs, settings
+from kane_dynamics.ros.estimator import Estimator, estimator_settings
 from kane_dynamics.ros.explainer import Explainer
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.torque_path import TorquePath
 from kane_dynamics.ros.wrenches import check_frames, Wrenches
-from kane_dynamics_interfaces.msg import TorqueExplanation
+from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -26,9 +28,16 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def check_surroundings(values: Mapping[str, Any], robot: Robot) -> None:
     """Raise InputError unless the parameters wrench.* and observer.* fit a robot."""
     check_frames(robot.model, values['wrench.frames'])
+    if robot.constraint_names:
+        for name in ('observer.enabled', 'estimator.enabled', 'explanation.rate'):
+            if values[name]:
+                raise InputError(f"parameter '{name}' is {values[name]!r}, but an arm with "
+                                 'constraints is not commanded; leave it at its default')
     if values['observer.enabled']:
         settings(values, robot)
         robot.model.frame(observed_frame(values, robot.model))
+    if values['estimator.enabled']:
+        estimator_settings(values, robot)
 
 
 class Surroundings:
@@ -58,6 +67,7 @@ class Surroundings:
         self._publishers: list[Any] = []
         robot = path.controller.robot
         self.contact: Contact | None = None
+        self._estimator: Estimator | None = None
         self._explainer: Explainer | None = None
         self._subscription: Any = None
         if values['observer.enabled']:
@@ -72,6 +82,12 @@ class Surroundings:
                                      lambda reason, detail: reject(f'wrench: {reason}', detail))
             self._subscription = node.create_subscription(
                 WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True)
+        if values['estimator.enabled']:
+            self._estimator = Estimator(
+                robot, values, server,
+                self._open(PayloadEstimate, '~/payload_estimate', RELIABLE),
+                lambda reason, detail: reject(f'estimator: {reason}', detail))
+            path.add_watch(self._estimator, need_effort=True)
         if values['explanation.rate']:
             self._explainer = Explainer(
                 server, self._open(TorqueExplanation, '~/torque_by_source', RELIABLE),
@@ -86,8 +102,9 @@ class Surroundings:
 
     def close(self) -> None:
         """Close the topics."""
-        if self._explainer is not None:
-            self._explainer.close()
+        for watch in (self._estimator, self._explainer):
+            if watch is not None:
+                watch.close()
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
         for publisher in self._publishers:
@@ -97,6 +114,8 @@ class Surroundings:
         """Use checked parameters from the next state on."""
         if self.contact is not None:
             self.contact.update(values)
+        if self._estimator is not None:
+            self._estimator.update(values)
         if self._path.wrenches is not None:
             self._path.wrenches.update(values)
 

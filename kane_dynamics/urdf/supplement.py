@@ -47,7 +47,7 @@ from pathlib import Path
 from reprlib import Repr
 from typing import Any
 
-from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.errors import KaneError, ModelError, UrdfError
 from kane_dynamics.flexible_link import FlexibleLink
 from kane_dynamics.mode_shapes import Bending, Torsion
 from kane_dynamics.model import Inertial
@@ -90,17 +90,17 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
     """
     if source is None:
         return Supplement()
-    data = source if isinstance(source, Mapping) else _load(source)
-    top = _mapping(data, 'supplement', ('joints', 'payload', 'beams'))
-    joints = _mapping(top.get('joints', {}), 'supplement: joints')
+    data = source if isinstance(source, Mapping) else read_yaml(source, 'supplement')
+    top = mapping(data, 'supplement', ('joints', 'payload', 'beams'))
+    joints = mapping(top.get('joints', {}), 'supplement: joints')
     values = {}
     for name, entry in joints.items():
         what = f"supplement: joint '{name}'"
         values[name] = {key: _number(value, f'{what}: {key}', signed=key in SIGNED_KEYS,
                                      positive=key == 'friction_speed')
-                        for key, value in _mapping(entry, what, JOINT_KEYS).items()}
+                        for key, value in mapping(entry, what, JOINT_KEYS).items()}
     payload = top.get('payload')
-    beams = _mapping(top.get('beams', {}), 'supplement: beams')
+    beams = mapping(top.get('beams', {}), 'supplement: beams')
     return Supplement(values, None if payload is None else _payload(payload),
                       {name: _beam(name, entry) for name, entry in beams.items()})
 
@@ -126,31 +126,42 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _load(source: Any) -> Any:
-    """Return what a YAML file holds."""
+def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any:
+    """
+    Return what a YAML file holds; no key of it may be given twice.
+
+    Parameters
+    ----------
+    source : path
+    what : str
+        It is called in messages.
+    error : type
+        Raised where it cannot be read.
+
+    """
     if not isinstance(source, (str, os.PathLike)):
-        raise UrdfError(f'supplement is {SHORT.repr(source)}; valid: the path of a YAML file, or '
-                        'a dict')
+        raise error(f'{what} is {SHORT.repr(source)}; valid: the path of a YAML file, or a dict')
     try:
         data = yaml.load(Path(source).read_bytes(), _Loader)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise UrdfError(f'supplement {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
-                        'file, or a dict') from None
-    except (yaml.YAMLError, RecursionError) as error:
-        raise UrdfError(f"supplement '{source}' is not valid YAML: {error}") from None
+    except (OSError, ValueError) as fault:
+        reason = fault.strerror if isinstance(fault, OSError) else fault
+        raise error(f'{what} {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
+                    'file, or a dict') from None
+    except (yaml.YAMLError, RecursionError) as fault:
+        raise error(f"{what} '{source}' is not valid YAML: {fault}") from None
     return {} if data is None else data
 
 
-def _mapping(data: Any, what: str, valid: tuple[str, ...] | None = None) -> Mapping[str, Any]:
-    """Return a mapping with string keys, all of them among `valid`."""
-    expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of joint names'
+def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,
+            error: type[KaneError] = UrdfError) -> Mapping[str, Any]:
+    """Return a mapping with string keys, all of them among `valid`; else raise `error`."""
+    expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of names'
     if not isinstance(data, Mapping):
-        raise UrdfError(f'{what} is {SHORT.repr(data)}; expected {expected}')
+        raise error(f'{what} is {SHORT.repr(data)}; expected {expected}')
     for key in data:
         if not isinstance(key, str) or (valid and key not in valid):
-            raise UrdfError(f'{what}: unknown key {SHORT.repr(key)}; valid: '
-                            f'{listing(valid or ["names"])}')
+            raise error(f'{what}: unknown key {SHORT.repr(key)}; valid: '
+                        f'{listing(valid or ["names"])}')
     return data
 
 
@@ -171,7 +182,7 @@ def _number(value: Any, what: str, *, signed: bool = False, positive: bool = Fal
 def _beam(name: str, data: Any) -> FlexibleLink:
     """Return the beam that a link becomes; `FlexibleLink.checked` judges the numbers."""
     what = f"supplement: beam '{name}'"
-    entry = dict(_mapping(data, what, BEAM_KEYS))
+    entry = dict(mapping(data, what, BEAM_KEYS))
     for key in BEAM_KEYS[:3]:
         if key not in entry:
             raise UrdfError(f'{what}: {key} is missing')
@@ -190,7 +201,7 @@ def _beam(name: str, data: Any) -> FlexibleLink:
 
 def _torsion(data: Any, what: str) -> Torsion:
     """Return a beam's torsion."""
-    entry = dict(_mapping(data, what, TORSION_KEYS))
+    entry = dict(mapping(data, what, TORSION_KEYS))
     for key in TORSION_KEYS[:2]:
         if key not in entry:
             raise UrdfError(f'{what}: {key} is missing')
@@ -202,7 +213,7 @@ def _torsion(data: Any, what: str) -> Torsion:
 def _payload(data: Any) -> tuple[str, Inertial]:
     """Return the payload's link and inertial."""
     what = 'supplement: payload'
-    entry = _mapping(data, what, PAYLOAD_KEYS)
+    entry = mapping(data, what, PAYLOAD_KEYS)
     for key in ('link', 'mass'):
         if key not in entry:
             raise UrdfError(f"{what} has no '{key}'; it needs link and mass, and may have com "
@@ -214,7 +225,7 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
         raise UrdfError(f'{what}: com is {SHORT.repr(com)}; expected three numbers, m')
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
-    for key, value in _mapping(entry.get('inertia', {}), f'{what}: inertia',
+    for key, value in mapping(entry.get('inertia', {}), f'{what}: inertia',
                                INERTIA_KEYS).items():
         moments[key] = _number(value, f'{what}: inertia: {key}', signed=True)
     xx, xy, xz, yy, yz, zz = moments.values()

@@ -82,7 +82,7 @@ class Process:
     def alive(self):
         return self._process.poll() is None
 
-    def wait_for(self, words, timeout=20.0):
+    def wait_for(self, words, timeout=60.0):
         """Wait until the log holds some words."""
         wait_until(lambda: words in self.log or not self.alive(), timeout)
         assert words in self.log, self.log
@@ -191,7 +191,7 @@ class Client(Node):
         return self.ask(np.zeros(len(self.joints)), np.zeros(len(self.joints)), stamp=stamp,
                         timeout=0.3)
 
-    def connect(self, timeout=20.0):
+    def connect(self, timeout=60.0):
         """Wait until the node answers joint states."""
         assert wait_until(lambda: self.rest() is not None, timeout), 'the node does not answer'
 

@@ -242,6 +242,25 @@ def test_inspect_exits_1_when_the_peer_differs(urdf, monkeypatch, capsys):
     assert 'DIFFERS' in capsys.readouterr().out
 
 
+def test_bench_times_our_calls_and_the_peers_in_turns(urdf):
+    pytest.importorskip('pinocchio')
+    done = process('bench', urdf, '--json')
+    assert (done.returncode, done.stderr) == (0, '')
+    figures = json.loads(done.stdout)
+    assert (figures['joint_names'], figures['no_peer']) == (['lift', 'reach'], None)
+    for what, row in figures['calls'].items():
+        assert 0.0 < row['ns'] < 1e6, what
+        assert row['ratio'] is None or row['ratio'] == pytest.approx(
+            row['pinocchio_ns'] / row['ns'], rel=0.5), what  # medians of ratios, ratio of medians
+    assert sum(row['ratio'] is not None for row in figures['calls'].values()) == 5
+
+
+def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
+    pytest.importorskip('pinocchio')
+    (tmp_path / 'arm.urdf').write_text(MIMIC)
+    assert 'other' in answer('bench', str(tmp_path / 'arm.urdf'))['no_peer']
+
+
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['torque', 'URDF', '--q', '1'], ['--q has 1 numbers', 'expected 2', 'lift, reach']),
     (['torque', 'URDF', '--q', '1', 'x'], ['--q', "'x'"]),

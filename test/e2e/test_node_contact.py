@@ -5,7 +5,7 @@ import time
 from geometry_msgs.msg import WrenchStamped
 from graph import DEEP, JOINTS, LATCHED, model, NAME, Process, URDF, wait_until
 from kane_dynamics import Robot
-from kane_dynamics_interfaces.msg import TorqueExplanation
+from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
 from kane_dynamics_interfaces.srv import Explain
 import numpy as np
 import pytest
@@ -28,7 +28,9 @@ def module_node():
     process = Process(robot_description=f"'{URDF}'", state_timeout=1.0, wrench__timeout=0.5,
                       wrench__frames='[c,b]', observer__enabled=True,
                       observer__threshold=THRESHOLD, observer__rate=1000.0,
-                      explanation__rate=20.0)
+                      explanation__rate=20.0, payload__frame='c',
+                      estimator__enabled=True, estimator__rate=10.0,
+                      estimator__memory=0.3)  # so that no test feels another's
     yield process
     assert process.end()[0] == 0
 
@@ -38,12 +40,14 @@ class Ear:
 
     def __init__(self, client):
         self.flags, self.efforts, self.pushes, self.explained = [], [], [], []
+        self.payloads = []
         self.client = client
         self.open = [client.create_subscription(kind, f'{NAME}/{topic}', heard.append, qos)
                      for kind, topic, heard, qos in (
                          (Bool, 'collision', self.flags, LATCHED),
                          (JointState, 'external_torques', self.efforts, DEEP),
                          (WrenchStamped, 'external_wrench', self.pushes, DEEP),
+                         (PayloadEstimate, 'payload_estimate', self.payloads, DEEP),
                          (TorqueExplanation, 'torque_by_source', self.explained, DEEP))]
 
     def close(self):
@@ -132,6 +136,17 @@ def test_a_push_that_efforts_betray_is_published_and_its_joint_named(node, robot
     np.testing.assert_allclose(robot.external_force(Q, wrench=rows), push, rtol=0.01, atol=0.01)
     assert hold(node, gravity, lambda: not ear.flags[-1].data)
     assert [flag.data for flag in ear.flags] == [False, True, False]
+
+
+def test_what_the_arm_carries_is_estimated_with_its_confidence(node, robot):
+    ear, weight = node.ear, 9.81 * 1.5 * np.array([0.0, 0.0, -1.0])
+    rows = np.zeros((2, 6))
+    rows[0, :3] = weight  # a point mass at the frame's origin
+    effort = robot.gravity_force(Q) - robot.external_force(Q, wrench=rows)
+    assert hold(node, effort, lambda: ear.payloads and abs(ear.payloads[-1].mass - 1.5) < 0.05,
+                seconds=10.0)
+    assert ear.payloads[-1].header.frame_id == 'c'
+    assert 0.0 < ear.payloads[-1].mass_deviation < 1.0
 
 
 def test_explain_answers_in_the_order_of_the_request_with_the_power(node, robot):

@@ -6,7 +6,6 @@ from pathlib import Path
 import subprocess
 import sys
 import threading
-import time
 
 from graph import Process, URDF
 from kane_dynamics import load_urdf, Robot
@@ -75,7 +74,7 @@ def test_a_sound_graph_is_found_sound(client, urdf):
                        initial__position='[0.3, -0.4, 0.2]')]
     try:
         running[0].wait_for('active, mode')
-        time.sleep(2.0)
+        running[1].wait_for('joint states a second')
         code, found = doctor(urdf, '--live', '3', '--namespace', 'ward')
     finally:
         for process in running:

@@ -1,10 +1,12 @@
-"""Two arms in one graph, told apart by namespace and by the prefix of their joints."""
+"""Two arms of one URDF in one graph, told apart by namespace and by prefix."""
 
 import time
 
+from geometry_msgs.msg import Inertia
 from graph import DEEP, JOINTS, Process, URDF, wait_until
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics_interfaces.srv import GetDynamics
+from kane_dynamics.inertial import Inertial
+from kane_dynamics_interfaces.srv import GetDynamics, SetPayload
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -17,10 +19,7 @@ POSES = {'left': [0.3, -0.4, 0.2], 'right': [-0.5, 0.6, 0.1]}
 
 
 def urdf(side):
-    text = URDF.replace('value="2.0"', f'value="{MASSES[side]}"')
-    for joint in JOINTS:
-        text = text.replace(f'joint name="{joint}"', f'joint name="{side}_{joint}"')
-    return text
+    return URDF.replace('value="2.0"', f'value="{MASSES[side]}"')
 
 
 class Side:
@@ -55,9 +54,10 @@ class Side:
 def arms(participant):
     running = []
     for side in MASSES:
-        common = {'robot_description': f"'{urdf(side)}'"}
+        common = {'robot_description': f"'{urdf(side)}'", 'prefix': f'{side}_'}
         namespace = ('-r', f'__ns:=/{side}')
-        running += [Process(*namespace, mode='gravity_compensation', state_timeout=0.5, **common),
+        running += [Process(*namespace, mode='gravity_compensation', state_timeout=0.5,
+                            payload__frame='c', **common),
                     Process(*namespace, module='kane_dynamics.ros.plant.main', rate=200,
                             initial__position=POSES[side], after_timeout='hold', **common)]
     yield {side: Side(participant, side) for side in MASSES}
@@ -93,3 +93,21 @@ def test_when_one_arm_falls_silent_it_alone_gets_zeros(arms, client):
     left.right_answers()
     assert client.call(SetBool, '/right/plant/pause', data=False).success
     assert wait_until(lambda: any(right.commands[-1]), 3.0)
+
+
+def test_frames_in_messages_have_the_prefix_too(arms, client):
+    side, arm = 'right', arms['right']
+    assert wait_until(lambda: arm.torques, 60.0)
+    load = Inertia(m=1.0)
+    answer = client.call(SetPayload, f'/{side}/kane_dynamics/set_payload', frame='c',
+                         payload=load)
+    assert not answer.success
+    assert "no frame 'c'; valid: " in answer.message
+    assert 'right_c' in answer.message
+    assert client.call(SetPayload, f'/{side}/kane_dynamics/set_payload', frame='right_c',
+                       payload=load).success
+    heavy = Robot(load_urdf(urdf(side)), payload_frame='c')
+    heavy.parameters.payload = Inertial(1.0, np.zeros(3), np.zeros((3, 3)))
+    answer = client.call(GetDynamics, f'/{side}/kane_dynamics/get_dynamics', position=POSES[side])
+    np.testing.assert_allclose(answer.gravity_force, heavy.gravity_force(np.array(POSES[side])),
+                               rtol=1e-9)

@@ -26,14 +26,14 @@ from kane_dynamics.ros.loads import Loads  # noqa: E402
 from kane_dynamics.ros.requests import Bounds, Served, Simulation  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.trajectories import read_trajectory  # noqa: E402
-from kane_dynamics.ros.wrenches import WrenchFrames  # noqa: E402
+from kane_dynamics.ros.wrenches import WrenchFrames, Wrenches  # noqa: E402
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics,  # noqa: E402
                                           GetDynamics, InverseDynamics, Simulate)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
-STATES, TRAJECTORIES, REQUESTS = 100_000, 10_000, 10_000
+STATES, TRAJECTORIES, REQUESTS, WRENCHES = 100_000, 10_000, 10_000, 10_000
 MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
 FRAME = MODEL.bodies[-1].name
 ROBOT = Robot(MODEL, wrench_frames=(FRAME,))
@@ -196,16 +196,60 @@ def test_a_mutated_trajectory_is_the_motion_that_rclpys_reading_is_or_rejected()
     assert good > 0.1 * TRAJECTORIES
 
 
+def push(chance, frame=FRAME, stamp=NOW):
+    message = WrenchStamped()
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+    for vector in (message.wrench.force, message.wrench.torque):
+        vector.x, vector.y, vector.z = (chance.uniform(-9, 9) for _ in range(3))
+    return message
+
+
+def push_as_rclpy_reads(data):
+    """Return the numbers, (6,), as plainly as can be; None for what must be dropped."""
+    try:
+        message = deserialize_message(data, WrenchStamped)
+    except Exception:
+        return None
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or NOW
+    force, torque = message.wrench.force, message.wrench.torque
+    numbers = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    good = (message.header.frame_id == FRAME and abs(NOW - stamp) <= TIMEOUT
+            and (np.abs(numbers) <= [100.0] * 3 + [50.0] * 3).all())
+    return numbers if good else None
+
+
+def test_a_mutated_wrench_acts_as_rclpys_reading_does_or_not_at_all():
+    chance = random.Random(8)
+    seeds = [serialize_message(push(chance, *choice)) for choice in (
+        (), (), (), (FRAME, 0), ('elsewhere',), (FRAME, NOW - 2 * TIMEOUT),
+        (FRAME, NOW + 2 * TIMEOUT))]
+    reasons = Counter()
+    wrenches = Wrenches(ROBOT, lambda: NOW, {
+        'wrench.timeout': TIMEOUT * 1e-9, 'wrench.max_force': 100.0, 'wrench.max_moment': 50.0},
+        lambda reason, detail: reasons.update([reason]))
+    q, acted = np.array([0.3, -0.7]), 0
+    for _ in range(WRENCHES):
+        data = mutated(chance, chance.choice(seeds), seeds)
+        wrenches.forget()  # else most stamps would be before the last one
+        wrenches.take(data)
+        came, read = wrenches.torques(q, NOW), push_as_rclpy_reads(data)
+        if read is None:
+            assert came is None, data.hex()
+            continue
+        acted += 1
+        row = wrenches._frames.in_world(q, [(0, read)])
+        assert came.tolist() == ROBOT.external_force(q, wrench=row).tolist(), data.hex()
+    assert acted > 0.1 * WRENCHES
+    assert acted + reasons.total() == WRENCHES
+    assert len(reasons) >= 6, reasons
+
+
 def requests(chance):
     """Return serialised good requests and their types."""
     def numbers():
         return [chance.uniform(-1, 1) for _ in range(2)]
 
-    def push():
-        message = WrenchStamped()
-        message.header.frame_id = FRAME
-        message.wrench.force.x, message.wrench.torque.y = numbers()
-        return message
     kinds = [
         (InverseDynamics.Request(position=numbers(), velocity=numbers(), acceleration=numbers()),
          services.inverse_dynamics, InverseDynamics.Response),
@@ -213,7 +257,7 @@ def requests(chance):
          services.forward_dynamics, ForwardDynamics.Response),
         (GetDynamics.Request(joint_names=[B, A], position=numbers()), services.get_dynamics,
          GetDynamics.Response),
-        (Explain.Request(position=numbers(), acceleration=numbers(), wrenches=[push()]),
+        (Explain.Request(position=numbers(), acceleration=numbers(), wrenches=[push(chance)]),
          services.explain, Explain.Response),
         (Simulate.Request(position=numbers(), duration=0.02), None, Simulate.Response),
         (Simulate.Request(position=numbers(), duration=0.01, step=0.002, torque_source=1,

@@ -8,6 +8,7 @@ import weakref
 
 from kane_dynamics import InputError, Robot
 from kane_dynamics.native import entry
+from kane_dynamics.native.collection import without_collection
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -258,3 +259,18 @@ def test_results_are_freed_with_their_entry():
     del robot
     gc.collect()
     assert [ghost() for ghost in ghosts] == [None] * 4
+
+
+@pytest.mark.parametrize('enabled', [True, False])
+def test_the_collector_rests_while_kernels_are_made_and_is_then_as_it_was(enabled):
+    was = gc.isenabled()
+    (gc.enable if enabled else gc.disable)()
+    try:
+        with pytest.raises(ZeroDivisionError), without_collection():
+            with without_collection():
+                assert not gc.isenabled()
+            assert not gc.isenabled()
+            raise ZeroDivisionError
+        assert gc.isenabled() == enabled
+    finally:
+        (gc.enable if was else gc.disable)()

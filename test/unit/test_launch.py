@@ -96,10 +96,12 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 def test_a_simulated_robot_shares_names_and_keeps_the_clock_that_is_asked_for(launch_file,
                                                                               sim_time):
     node, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
-                        commands='effort/commands', use_sim_time=sim_time)
+                        commands='effort/commands', use_sim_time=sim_time, prefix='left_')
     assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
     assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
-    path, clock = plant.parameters
+    path, prefix, clock = plant.parameters
+    assert prefix == {'prefix': 'left_'}
+    assert prefix in node.parameters
     assert Path(path) == PLANT
     assert clock == {'publish_clock': sim_time == 'true'}
 
@@ -111,6 +113,8 @@ def test_what_cannot_be_started_is_refused_in_words(launch_file):
         start(launch_file, plant='/nowhere/p.yaml')
     with pytest.raises(ValueError, match='needs urdf'):
         start(launch_file, state_publisher='true')
+    with pytest.raises(ValueError, match='knows no prefix'):
+        start(launch_file, state_publisher='true', urdf='arm.urdf', prefix='left_')
 
 
 def test_it_loads_where_launch_is_installed():

@@ -1,5 +1,7 @@
 """Messages to arrays and back, and the counts that diagnostics report."""
 
+from types import SimpleNamespace
+
 from builtin_interfaces.msg import Duration
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.conversion import duration, order, trajectory_message
@@ -30,7 +32,8 @@ def test_a_trajectory_becomes_a_message_in_the_order_asked_for():
     rows = np.arange(6.0).reshape(2, 3)
     trajectory = Trajectory(t=np.array([0.0, 0.25]), q=rows, u=rows + 10, udot=rows + 20,
                             tau=rows + 30, energy=np.zeros((2, 2)), joint_names=JOINTS)
-    message = trajectory_message(trajectory, ['c', 'a', 'b'])
+    message = trajectory_message(trajectory, SimpleNamespace(constraint_names=()),
+                                 ['c', 'a', 'b'])
     last = message.points[1]
     assert list(message.joint_names) == ['c', 'a', 'b']
     assert list(last.positions) == [5, 3, 4]

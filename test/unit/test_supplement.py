@@ -99,7 +99,7 @@ FAULTS = {
     'nothing': ({'joints': {'j': {'damping': None}}}, ("'j'", 'damping is None', 'finite')),
     'list': ({'joints': {'j': {'damping': [1]}}}, ("'j'", 'damping is [1]', 'finite')),
     'joint without mapping': ({'joints': {'j': 5}}, ("joint 'j' is 5", 'a mapping of armature')),
-    'joints without mapping': ({'joints': ['j']}, ("joints is ['j']", 'mapping of joint names')),
+    'joints without mapping': ({'joints': ['j']}, ("joints is ['j']", 'mapping of names')),
     'number as joint': ({'joints': {1: {}}}, ('1', 'valid')),
     'unknown payload key': ({'payload': {**PAYLOAD, 'weight': 1}},
                             ('payload', "'weight'", 'link, mass, com, inertia')),

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from kane_dynamics.errors import ConstraintError
+from kane_dynamics.errors import ConstraintError, ModelError
 from kane_dynamics.mechanics.vector import cross
 from kane_dynamics.model import Array, constant
 import numpy as np
@@ -54,8 +54,11 @@ class Rows:
 
 
 def unit(value: Any, what: str) -> Array:
-    """Return a direction normalised; ConstraintError for the zero vector."""
-    vector = constant(value, (3,), what)
+    """Return a direction normalised; ConstraintError for anything but three numbers, not all 0."""
+    try:
+        vector = constant(value, (3,), what)
+    except ModelError as error:
+        raise ConstraintError(str(error)) from None
     length = float(np.sqrt(vector @ vector))
     if length < 1e-12:
         raise ConstraintError(f'{what} is {vector.tolist()}; a direction must not be zero')

@@ -13,7 +13,7 @@ def _shared(*names: str) -> tuple[Spec, ...]:
 SPECS = (
     Spec('robot_description', 'text', '', 'URDF as text; wins over `urdf`'),
     Spec('urdf', 'text', '', 'path of a URDF file'),
-    *_shared('supplement', 'base', 'tip', 'joints', 'gravity', 'payload.frame'),
+    *_shared('supplement', 'base', 'tip', 'joints', 'prefix', 'gravity', 'payload.frame'),
     replace(BY_NAME['payload.mass'], description='what the arm carries, kg; the dynamics node '
             'need not know of it'),
     *_shared('payload.com', 'payload.inertia', 'payload.max_mass', 'payload.max_distance'),

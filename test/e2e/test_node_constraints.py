@@ -1,0 +1,159 @@
+"""A node for an arm with a closed loop: it tells constraint forces, and commands nothing."""
+
+from action_msgs.msg import GoalStatus
+from graph import NAME, Process, wait_until
+from kane_dynamics import load_constraints, load_urdf, Robot, simulate
+from kane_dynamics_interfaces.action import SimulateMotion
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+                                          InverseDynamics, Simulate)
+from lifecycle_msgs.msg import Transition
+import numpy as np
+import pytest
+from rclpy.action import ActionClient
+
+BARS = (('crank', 'base', '0 0 0', 0.3), ('coupler', 'crank', '0.3 0 0', 0.9),
+        ('rocker', 'coupler', '0.9 0 0', 0.7))
+LINKS = '<robot name="four-bar"><link name="base"/><link name="ground"/><link name="end"/>'
+URDF = LINKS + ''.join(
+    f'<link name="{name}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="{2 * length}"/>'
+    f'<inertia ixx="1e-3" iyy="{length**3 / 6}" izz="{length**3 / 6}" ixy="0" ixz="0" iyz="0"/>'
+    f'</inertial></link><joint name="{name}_joint" type="continuous"><parent link="{parent}"/>'
+    f'<child link="{name}"/><origin xyz="{at}"/><axis xyz="0 -1 0"/>'
+    '<dynamics damping="0.1" friction="0.05"/></joint>' for name, parent, at, length in BARS) + (
+    '<joint name="g" type="fixed"><parent link="base"/><child link="ground"/>'
+    '<origin xyz="1 0 0"/></joint><joint name="e" type="fixed"><parent link="rocker"/>'
+    '<child link="end"/><origin xyz="0.7 0 0"/></joint></robot>')
+LOOP = """
+constraints:
+  pin:
+    closure: {first: end, second: ground, kind: revolute, axis: [0, 1, 0]}
+independent: [crank_joint]
+"""
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('loop')
+    (folder / 'four_bar.urdf').write_text(URDF)
+    (folder / 'loop.yaml').write_text(LOOP)
+    return folder / 'four_bar.urdf', folder / 'loop.yaml'
+
+
+@pytest.fixture(scope='module')
+def linkage(files):
+    return Robot(load_urdf(files[0]), **load_constraints(files[1]))
+
+
+@pytest.fixture(scope='module')
+def posture(linkage):
+    return linkage.closed_posture((0.8, 0.0, -1.5), fixed=['crank_joint'])
+
+
+@pytest.fixture(scope='module')
+def process(files):
+    process = Process(urdf=files[0], constraints=files[1])
+    process.wait_for('stays inactive')
+    yield process
+    assert process.end()[0] == 0
+    assert 'Traceback' not in process.log
+
+
+@pytest.fixture
+def node(process, client):
+    client.process = process
+    return client
+
+
+def close(value, expected):
+    np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_forces_of_the_constraints_come_with_inverse_and_forward_dynamics(node, linkage, posture):
+    q, u, a = posture, np.array([5.0]), np.array([1.0])
+    tau = linkage.inverse_dynamics(q, u, a)
+    forces = linkage.constraint_forces(q, u, tau)
+    answer = node.call(InverseDynamics, 'inverse_dynamics', position=q.tolist(),
+                       velocity=[5.0], acceleration=[1.0])
+    assert answer.success, answer.message
+    assert tuple(answer.joint_names) == linkage.joint_names
+    close(answer.effort, [tau[0], 0.0, 0.0])
+    assert tuple(answer.constraint_names) == linkage.constraint_names
+    close(answer.constraint_forces, forces)
+    close([w.force.x for w in answer.joint_reactions], linkage.joint_reactions(q, u, a)[:, 0])
+    assert np.abs(forces).max() > 1.0
+    # The order of the request is that of the answer.
+    order = [2, 0, 1]
+    names = [linkage.joint_names[k] for k in order]
+    mixed = node.call(InverseDynamics, 'inverse_dynamics', joint_names=names, velocity=[5.0],
+                      position=q[order].tolist(), acceleration=[1.0])
+    close(mixed.effort, [0.0, tau[0], 0.0])
+    forward = node.call(ForwardDynamics, 'forward_dynamics', position=q.tolist(),
+                        velocity=[5.0], effort=tau.tolist())
+    assert forward.joint_names == ['crank_joint']
+    close(forward.acceleration, a)
+    close(forward.constraint_forces, forces)
+
+
+def test_equations_and_sources_are_those_of_the_independent_joints(node, linkage, posture):
+    answer = node.call(GetDynamics, 'get_dynamics', position=posture.tolist(), velocity=[5.0])
+    assert answer.joint_names == ['crank_joint']
+    close(answer.mass_matrix, linkage.mass_matrix(posture).ravel())
+    close(answer.bias_force, linkage.bias_force(posture, [5.0]))
+    assert answer.friction_force[0] != 0.0
+    told = node.call(Explain, 'explain', position=posture.tolist(), velocity=[5.0],
+                     acceleration=[1.0])
+    assert told.success, told.message
+    close(sum(told.explanation.by_source), linkage.inverse_dynamics(posture, [5.0], [1.0])[0])
+    assert abs(told.explanation.power_residual) < 1e-9
+
+
+def test_forces_of_the_constraints_come_with_simulations(node, linkage, posture):
+    expected = simulate(linkage, posture, np.array([2.0]), 0.5, step=1e-3, sample=0.1)
+    request = {'position': posture.tolist(), 'velocity': [2.0], 'duration': 0.5,
+               'sample_period': 0.1}
+    answer = node.call(Simulate, 'simulate', **request)
+    assert answer.success, answer.message
+    client = ActionClient(node, SimulateMotion, f'{NAME}/simulate_motion')
+    assert client.wait_for_server(20.0)
+    sent = client.send_goal_async(SimulateMotion.Goal(**request))
+    assert wait_until(sent.done)
+    result = sent.result().get_result_async()
+    assert wait_until(result.done)
+    client.destroy()
+    outcome = result.result()
+    assert outcome.status == GoalStatus.STATUS_SUCCEEDED
+    for given in (answer, outcome.result):
+        assert tuple(given.constraint_names) == linkage.constraint_names
+        close(np.reshape(given.constraint_forces, (6, -1)), expected.constraint_forces)
+        points = given.trajectory.points
+        close([point.positions for point in points], expected.q)
+        close([point.velocities for point in points],
+              linkage.joint_rates(expected.q, expected.u))
+        assert len(points[0].accelerations) == 0
+
+
+def test_it_is_never_active_and_says_why(node):
+    assert not node.transition(Transition.TRANSITION_ACTIVATE)
+    assert node.state() == 'inactive'
+    assert 'commands only arms without' in node.process.log
+
+
+@pytest.mark.parametrize(('kind', 'name', 'change', 'words'), [
+    (InverseDynamics, 'inverse_dynamics', {'position': [0.8, 0.0, -1.5]}, "misses 'pin/"),
+    (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'valid: 1'),
+    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'valid: ZERO, TABLE')])
+def test_what_the_loop_forbids_is_refused_in_words(node, posture, kind, name, change, words):
+    fields = {'position': posture.tolist(), 'velocity': [1.0], **change}
+    if kind is InverseDynamics:
+        fields['acceleration'] = [0.0]
+    answer = node.call(kind, name, **fields)
+    assert not answer.success
+    assert words in answer.message
+
+
+def test_a_small_gap_of_encoders_is_closed(node, linkage, posture):
+    moved = posture + [0.0, 1e-3, -1e-3]
+    answer = node.call(InverseDynamics, 'inverse_dynamics', position=moved.tolist(),
+                       velocity=[5.0], acceleration=[1.0])
+    near = linkage.inverse_dynamics(posture, [5.0], [1.0])
+    assert answer.effort[0] == pytest.approx(near[0], rel=1e-9)

@@ -1,0 +1,89 @@
+"""Constraints from YAML: the same as from Python, and every slip told by name."""
+
+from kane_dynamics import (Closure, ConstraintError, Coupling, knife_edge, load_constraints,
+                           ModelBuilder, PointVelocity, Robot, rod, Rolling)
+import numpy as np
+import pytest
+
+WHOLE = """
+constraints:
+  pin: {closure: {first: end, second: ground, kind: revolute, axis: [0, 2, 0]}}
+  gear: {coupling: {joint: wrist, ratios: {elbow: -1.5}, offset: 0.1}}
+  blade: {knife_edge: {frame: skate, direction: [0, 1, 0]}}
+  wheel: {rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], height: 0.2}}
+  drift: {point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
+                           value: 0.5, angular: true}}
+independent: [crank]
+"""
+PYTHON = (Closure('end', 'ground', 'revolute', (0, 1, 0), 'pin'),
+          Coupling('wrist', {'elbow': -1.5}, 0.1, 'gear'), knife_edge('skate', (0, 1, 0), 'blade'),
+          Rolling('hub', 0.1, (0, 1, 0), height=0.2, name='wheel'),
+          PointVelocity('tool', (1, 0, 0), 'tool', 'base', 0.5, True, 'drift'))
+
+
+def plain(constraint):
+    return type(constraint), {name: value.tolist() if isinstance(value, np.ndarray) else value
+                              for name, value in vars(constraint).items()}
+
+
+def test_a_file_says_what_python_says(tmp_path):
+    path = tmp_path / 'all.yaml'
+    path.write_text(WHOLE)
+    given = load_constraints(path)
+    assert given['independent'] == ('crank',)
+    assert list(map(plain, given['constraints'])) == list(map(plain, PYTHON))
+
+
+def test_a_prefix_goes_before_every_joint_and_frame_but_not_before_forces(tmp_path):
+    path = tmp_path / 'all.yaml'
+    path.write_text(WHOLE)
+    given = load_constraints(path, prefix='left_')
+    assert given['independent'] == ('left_crank',)
+    pin, gear, blade, wheel, drift = given['constraints']
+    assert (pin.first, pin.second, pin.labels[0]) == ('left_end', 'left_ground', 'pin/x')
+    assert (gear.joint, dict(gear.ratios)) == ('left_wrist', {'left_elbow': -1.5})
+    assert (blade.frame, blade.axes, wheel.frame) == ('left_skate', 'left_skate', 'left_hub')
+    assert (drift.frame, drift.axes, drift.relative_to) == ('left_tool', 'left_tool', 'left_base')
+
+
+def test_its_constraints_are_those_of_the_robot():
+    b = ModelBuilder('pair')
+    b.body('one', 'world', 'revolute', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('two', 'one', 'revolute', axis=(0, 1, 0), at=(1, 0, 0),
+           matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    given = {'constraints': {'gear': {'coupling': {'joint': 'two', 'ratios': {'one': -2}}}}}
+    robot = Robot(b.model(), **load_constraints(given))
+    assert robot.constraint_names == ('gear',)
+    np.testing.assert_allclose(robot.joint_rates([0.1, -0.2], [1.0])[1]
+                               / robot.joint_rates([0.1, -0.2], [1.0])[0], -2.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('constraints: {}', 'it holds no constraint'),
+    ('loops: {}', "unknown key 'loops'; valid: constraints, independent"),
+    ('constraints: {pin: {weld: {}}}', "constraint 'pin': unknown key 'weld'; valid: closure"),
+    ('constraints: {pin: {}}', "constraint 'pin' is []; expected one of closure"),
+    ('constraints: {pin: {closure: {first: a}}}', 'closure lacks second'),
+    ('constraints: {pin: {closure: {first: a, second: 3}}}', 'second is 3; expected a name'),
+    ('constraints: {pin: {closure: {first: a, second: b, kind: glued}}}', "kind is 'glued'"),
+    ('constraints: {pin: {closure: {first: a, second: b, axis: [0, 0]}}}', 'axis'),
+    ('constraints: {g: {coupling: {joint: a, ratios: {b: true}}}}', "ratio of 'b' is True"),
+    ('constraints: {w: {rolling: {frame: a, radius: -1.0}}}', 'radius is -1.0'),
+    ('constraints: {w: {rolling: {frame: a, radius: wide}}}', "radius is 'wide'; expected a num"),
+    ('constraints: {d: {point_velocity: {frame: a, direction: [1, 0, 0], angular: 1}}}',
+     'angular is 1; expected true or false'),
+    ('{constraints: {d: {coupling: {joint: a, ratios: {b: 1}}}}, independent: a}',
+     "independent is 'a'; expected a list"),
+    ('constraints: {d: {}, d: {}}', 'given more than once: d'),
+    ('constraints: [', 'is not valid YAML')])
+def test_a_slip_is_told_by_name(tmp_path, text, words):
+    path = tmp_path / 'slip.yaml'
+    path.write_text(text)
+    with pytest.raises(ConstraintError) as caught:
+        load_constraints(path)
+    assert words in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_named():
+    with pytest.raises(ConstraintError, match=r'nowhere\.yaml'):
+        load_constraints('/nowhere.yaml')
