@@ -7,7 +7,7 @@ from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, UrdfError)
 from kane_dynamics.flexible_link import FlexibleLink
-from kane_dynamics.flexing import with_beam
+from kane_dynamics.flexing import stiffened, with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
@@ -17,6 +17,7 @@ from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.observer import MomentumObserver
 from kane_dynamics.power import power_balance
+from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot
 from kane_dynamics.shapes import ball, box, disc, point_mass, rod
 from kane_dynamics.simulation import simulate
@@ -28,7 +29,8 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
            'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'Terms', 'Torsion',
-           'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box',
-           'disc', 'frame_wrench', 'knife_edge', 'load_constraints', 'load_urdf', 'momenta',
-           'natural_vibration', 'point_mass', 'power_balance', 'rod', 'simulate', 'with_beam']
+           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds', 'Terms',
+           'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
+           'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'knife_edge',
+           'load_constraints', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
+           'power_balance', 'rod', 'simulate', 'stiffened', 'with_beam']

@@ -1,11 +1,11 @@
-"""A link of a loaded model made a beam."""
+"""Links of a loaded model made beams, and beams made rigid."""
 
 from dataclasses import replace
 from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.flexible_link import AssumedModes, FlexibleLink
-from kane_dynamics.model import Array, Body, Frame, Joint, Model
+from kane_dynamics.model import Array, Body, Frame, Joint, Model, WORLD
 import numpy as np
 
 ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it
@@ -49,7 +49,7 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
                 for i, body in enumerate(model.bodies) if body.parent == k}
     frames = {frame.name: sections.place(frame.translation, frame.rotation)
               for frame in model.frames if frame.body == k}
-    tip, _, _ = sections.place(shape.length * shape.axes[0], np.eye(3))
+    tip = sections.place(shape.length * shape.axes[0], np.eye(3))
     more = len(sections.bodies)
 
     def number(i: int) -> int:
@@ -63,10 +63,42 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
         rest.append(replace(body, parent=parent, joint=joint))
     moved = [Frame(frame.name, *_turned(frames[frame.name])) if frame.name in frames else
              replace(frame, body=number(frame.body)) for frame in model.frames]
-    moved.append(Frame(f'{link}/tip', tip))
+    moved.append(Frame(f'{link}/tip', *_turned(tip)))
     return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
                    frames=tuple(moved), coordinate_names=(
                        *model.coordinate_names, *shape.names))
+
+
+def stiffened(model: Model) -> Model:
+    """Return the model with its beams straight and rigid: without modal coordinates."""
+    modal = model.modal_coordinates
+    numbers = {k: number for number, k in enumerate(
+        k for k in range(model.n) if k not in modal)}
+    bodies: list[Body] = []
+    places: list[tuple[int, Array, Array]] = []  # where each body of the model is, on which
+
+    def placed(on: int, R: Array, p: Array) -> tuple[int, Array, Array]:
+        if on == WORLD:
+            return on, R, p
+        body, R_on, p_on = places[on]
+        return body, R_on @ R, p_on + R_on @ p
+    for body in model.bodies:
+        on, R, p = placed(body.parent, body.joint.rotation, body.joint.translation)
+        if body.joint.deflection is None:
+            bodies.append(replace(body, parent=on, beam=None, joint=replace(
+                body.joint, rotation=R, translation=p,
+                coordinate=numbers[body.joint.coordinate])))
+            places.append((len(bodies) - 1, np.eye(3), np.zeros(3)))
+        else:  # a section
+            bodies[on] = replace(bodies[on],
+                                 inertial=bodies[on].inertial + body.inertial.moved(R, p))
+            places.append((on, R, p))
+    frames = []
+    for frame in model.frames:
+        on, R, p = placed(frame.body, frame.rotation, frame.translation)
+        frames.append(Frame(frame.name, on, R, p))
+    return replace(model, bodies=tuple(bodies), frames=tuple(frames), coordinate_names=tuple(
+        model.coordinate_names[k] for k in numbers))
 
 
 class _Sections:

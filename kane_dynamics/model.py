@@ -232,6 +232,11 @@ class Model:
                      for k, name in enumerate(self.coordinate_names))
 
     @property
+    def modal_coordinates(self) -> tuple[int, ...]:
+        """Places in q of the coordinates of beams' modes."""
+        return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
+
+    @property
     def flexible(self) -> bool:
         """Tell whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)

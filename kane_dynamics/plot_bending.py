@@ -138,7 +138,7 @@ def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
     """
     q = q.copy()
     beams = {i: body.beam for i, body in enumerate(model.bodies) if body.beam}
-    q[[k for beam in beams.values() for k in beam.coordinates]] *= exaggeration
+    q[list(model.modal_coordinates)] *= exaggeration
     here = configurations(model, q)
     lines = []
     for i, beam in beams.items():

@@ -28,6 +28,7 @@ TABLE = (
     'constrained dynamics frame_motion',
     'export',
     'robot',
+    'quasi_static',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
     'examination identification plot simulation vibration',
