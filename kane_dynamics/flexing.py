@@ -71,6 +71,8 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
 
 def stiffened(model: Model) -> Model:
     """Return the model with its beams straight and rigid: without modal coordinates."""
+    if not model.flexible:
+        return model
     modal = model.modal_coordinates
     numbers = {k: number for number, k in enumerate(
         k for k in range(model.n) if k not in modal)}

@@ -1,9 +1,12 @@
-"""Feedforward of arms that bend: the deflection is in equilibrium, and the joints follow better."""
+"""Feedforward of arms that bend: deflections are in equilibrium, the joints follow better."""
 
 from functools import cache
+import json
 
+from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (Controller, InputError, load_urdf, Motion, QuasiStatic, Robot, simulate,
                            stiffened)
+from kane_dynamics.cli import main
 from kane_dynamics.mechanics import energy, kane
 from kane_dynamics.resources import resource_path
 import numpy as np
@@ -46,6 +49,14 @@ def test_a_model_with_rigid_beams_is_that_of_no_modes():
                                    Robot(other).frame_pose(name, state[0]), atol=1e-12)
 
 
+def test_doctor_speaks_of_joints_alone(tmp_path, capsys):
+    supplement = tmp_path / 'soft.yaml'
+    supplement.write_text(json.dumps({'beams': BEAMS}))
+    main(['doctor', str(resource_path('urdf', 'two_link.urdf')), '--supplement', str(supplement)])
+    said = capsys.readouterr().out
+    assert 'joint1' in said and 'mode_1' not in said
+
+
 def test_modes_are_in_equilibrium_by_the_definition():
     model = flexible().model
     q, u, udot = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 4, 2))
@@ -85,11 +96,13 @@ def test_feedforward_that_knows_of_the_bending_follows_far_better():
 
 @pytest.mark.parametrize('call, words', [
     (lambda: QuasiStatic(Robot(stiffened(flexible().model))), 'those of robots with beams'),
+    (lambda: QuasiStatic(flexible_four_bar()), 'in joint rates and without constraints'),
     (lambda: bending().modes(np.zeros(3), np.zeros(2), np.zeros(2)), r'q has shape \(3,\); exp'),
     (lambda: bending().inverse_dynamics(np.zeros(2), [900.0, 0.0], np.zeros(2)),
      'the load bends the beams of two_link beyond what their stiffness bears'),
     (lambda: Controller(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))),
-                        bending=bending()), "bending is of the joints .'joint1', 'joint2'.; expected .'shoulder")])
+                        bending=bending()),
+     "bending is of the joints .'joint1', 'joint2'.; expected .'shoulder")])
 def test_what_has_no_equilibrium_is_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
