@@ -11,16 +11,19 @@ name = package.findtext('name')
 share = f'share/{name}'
 ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
+view = ['viser>=1.1']  # 3D in the browser, served from its own files; meshes by yourdfpy's trimesh
 equations = ['sympy>=1.12']
 # Least squares and filters; physical consistency, a semidefinite program.
 # Bags are read without ROS.
 identify = ['scipy>=1.11', 'cvxpy>=1.5', 'clarabel>=0.9', 'rosbags>=0.10']
+# Tables; workers elsewhere.
+sweep = ['pyarrow>=14', 'distributed>=2024.1']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
-        'example-robot-data>=4.1', *equations, *identify,
+        'example-robot-data>=4.1', *equations, *identify, *sweep,
         'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
-        *plot]
+        *plot, *view]
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
 bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
@@ -42,8 +45,9 @@ setup(
     package_data={'kane_dynamics': ['py.typed']},
     python_requires='>=3.11',
     install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
-    extras_require={'ros': ros, 'plot': plot, 'equations': equations, 'identify': identify,
-                    'demo': demo, 'test': test, 'lint': lint, 'bench': bench},
+    extras_require={'ros': ros, 'plot': plot, 'view': view, 'equations': equations,
+                    'identify': identify, 'sweep': sweep, 'demo': demo, 'test': test, 'lint': lint,
+                    'bench': bench},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),

@@ -25,7 +25,7 @@ from kane_dynamics.native import llvm
 from kane_dynamics.resources import package_version, resource_path
 
 FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
-PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop')
+PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop', 'sweep')
 PYTHON, CPP, MUJOCO, START = 'Pinocchio from Python', 'Pinocchio C++', 'MuJoCo', 'start'
 PLAIN, CLOCK = 'the plain arm', 'the clock'
 UNDER = ('absolute rates', 'momenta', 'a knife edge at the tip', 'the tip on a plane',
@@ -67,6 +67,8 @@ def gates() -> list[Gate]:
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
         Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE),
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
+        # in under 20 s all together
+        Gate('a second of each of 10000 simulations, written', CLOCK, 500.0, 2000.0, ('fr3',)),
         Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',)),
         Gate('a second simulated at 0.1 ms', CLOCK, 200.0, 400.0, ('planar flexible arm',)),
         Gate('a second simulated at 0.1 ms', CLOCK, 50.0, 100.0, ('spatial flexible arm',))]

@@ -35,6 +35,6 @@ if __name__ == '__main__':
     print(f'1 s of free motion: first mode up to {np.abs(run.q[:, 2]).max():.4f}, '
           f'loop kept to {run.drift:.1e} m')
     if len(sys.argv) > 1:  # where to draw the picture
-        from kane_dynamics.plot_bending import plot_bending
+        from kane_dynamics.plot import plot_bending
         plot_bending(linkage.model, run.q[:25:4], run.t[:25:4], sys.argv[1],
                      title='A four-bar whose coupler bends')

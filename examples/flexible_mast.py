@@ -39,5 +39,5 @@ if __name__ == '__main__':
     hertz = natural_vibration(free, np.zeros(6), held).frequencies / (2.0 * np.pi)
     print('on a sleigh that is held it swings at', hertz.round(4).tolist(), 'Hz')
     if len(sys.argv) > 1:  # where to draw the picture
-        from kane_dynamics.plot_bending import plot_vibrations
+        from kane_dynamics.plot import plot_vibrations
         plot_vibrations(free, np.zeros(6), sys.argv[1], held=held, title='A mast that bends')

@@ -5,7 +5,7 @@ from kane_dynamics.constraint_file import load_constraints
 from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
-                                  ModelError, ModelWarning, UrdfError)
+                                  ModelError, ModelWarning, SweepError, UrdfError)
 from kane_dynamics.flexible_link import FlexibleLink
 from kane_dynamics.flexing import stiffened, with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
@@ -29,8 +29,8 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
            'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds', 'Terms',
-           'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
+           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
+           'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
            'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'knife_edge',
            'load_constraints', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
            'power_balance', 'rod', 'simulate', 'stiffened', 'with_beam']

@@ -25,5 +25,9 @@ class CompileError(KaneError, RuntimeError):
     """A kernel could not be compiled, loaded or verified."""
 
 
+class SweepError(KaneError, RuntimeError):
+    """A sweep cannot go on: its workers die, or its folder is another's."""
+
+
 class ModelWarning(UserWarning):
     """Something in a model is legal but is probably not what its author meant."""

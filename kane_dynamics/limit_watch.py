@@ -1,9 +1,10 @@
 """Which joints pass their limits in a simulation, and when."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import repeat
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
@@ -11,10 +12,52 @@ from kane_dynamics.parameters import JointLimits
 from kane_dynamics.trajectory import LimitEvent
 import numpy as np
 
-ABREAST = 16  # times that are compared at once
 MOST_EVENTS = 1_000_000
 
 Extremes = tuple[Array, Array]
+
+
+class Crossings(NamedTuple):
+    """Of one limit: (M,) times, simulations, joints, values and bounds."""
+
+    limit: str
+    t: Array
+    which: Any
+    joint: Any
+    value: Array
+    bound: Array
+
+
+class LimitEvents(Sequence[LimitEvent]):
+    """
+    What a `LimitWatch` has found, in the order of time.
+
+    The events are made when they are first asked for: a free arm's fall has thousands.
+    """
+
+    def __init__(self, joint_names: Sequence[str], found: Sequence[Crossings],
+                 single: bool) -> None:
+        self._names, self._found, self._single = joint_names, tuple(found), single
+
+    @cached_property
+    def _events(self) -> tuple[LimitEvent, ...]:
+        events: list[LimitEvent] = []
+        for limit, t, which, joint, value, bound in self._found:
+            events += map(LimitEvent, t.tolist(), map(self._names.__getitem__, joint.tolist()),
+                          repeat(limit), value.tolist(), bound.tolist(),
+                          repeat(None) if self._single else which.tolist())
+        return tuple(sorted(events, key=itemgetter(0)))
+
+    def __len__(self) -> int:
+        return sum(len(crossings.t) for crossings in self._found)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._events[index]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and self._events == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 class LimitWatch:
@@ -34,7 +77,8 @@ class LimitWatch:
 
     def __init__(self, joint_names: Sequence[str], limits: JointLimits, states: Array,
                  single: bool) -> None:
-        self.events: list[LimitEvent] = []
+        self._found: list[Crossings] = []
+        self._count = 0
         self._names, self._single, n = joint_names, single, len(joint_names)
         self._bounds = {
             name: (part, bound, sign) for name, part, bound, sign in (
@@ -43,6 +87,11 @@ class LimitWatch:
                 ('velocity', slice(n, 2 * n), limits.velocity, 0.0)) if np.isfinite(bound).any()}
         self._beyond = {name: np.zeros((len(states), n), dtype=bool) for name in self._bounds}
         self.look(states[:, None], np.zeros(1))
+
+    @property
+    def events(self) -> LimitEvents:
+        """Return what has been found so far."""
+        return LimitEvents(self._names, self._found, self._single)
 
     def look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
         """
@@ -66,43 +115,33 @@ class LimitWatch:
         """
         if not self._bounds:
             return
-        low, high = extremes or _extremes(states)
-        found: list[LimitEvent] = []
+        rows = np.moveaxis(states, 2, 1)  # one for each entry of each state
+        if extremes is None:
+            rows = np.ascontiguousarray(rows)  # long rows go several times faster
+        low, high = extremes or (rows.min(axis=2), rows.max(axis=2))
         for name, (part, bound, sign) in self._bounds.items():
-            x, before = states[:, :, part], self._beyond[name]
+            x, before = rows[:, part], self._beyond[name]
             i, j = np.nonzero(_passing(low[:, part], high[:, part], bound, sign, before))
-            self._beyond[name] = _beyond(x[:, -1], bound, sign)
+            self._beyond[name] = _beyond(x[:, :, -1], bound, sign)
             if not len(i):
                 continue
-            beyond = _beyond(x[i, :, j], bound[j, None], sign)
-            new = beyond & ~np.concatenate([before[i, j][:, None], beyond[:, :-1]], axis=1)
+            beyond = np.empty((len(i), x.shape[2] + 1), dtype=bool)
+            beyond[:, 0] = before[i, j]
+            beyond[:, 1:] = _beyond(x[i, j], bound[j, None], sign)
+            new = beyond[:, 1:] > beyond[:, :-1]
             which, k = np.divmod(np.flatnonzero(new), new.shape[1])  # nonzero is ten times slower
             i, j = i[which], j[which]
-            if len(self.events) + len(found) + len(k) > MOST_EVENTS:
+            self._count += len(k)
+            if self._count > MOST_EVENTS:
                 raise InputError(f'joints pass their limits more than {MOST_EVENTS} times by '
                                  f'{t[-1]:.6g} s; simulate less, or give the model no limits')
-            found += map(LimitEvent, t[k].tolist(), map(self._names.__getitem__, j.tolist()),
-                         repeat(name), x[i, k, j].tolist(), bound[j].tolist(),
-                         repeat(None) if self._single else i.tolist())
-        self.events += sorted(found, key=itemgetter(0))
-
-
-def _extremes(states: Array) -> Extremes:
-    """Return the least and the largest of each entry over the times; (N, K, 2 n) to (N, 2 n)."""
-    N, K, size = states.shape
-    if N == 1 and K >= 2 * ABREAST:  # numpy takes rows one by one: long ones go faster
-        whole = K // ABREAST * ABREAST
-        wide = states[:, :whole].reshape(1, -1, ABREAST * size)
-        low, high = (x.reshape(1, ABREAST, size) for x in (wide.min(axis=1), wide.max(axis=1)))
-        rest = states[:, whole:]
-        return (np.concatenate([low, rest], axis=1).min(axis=1),
-                np.concatenate([high, rest], axis=1).max(axis=1))
-    return states.min(axis=1), states.max(axis=1)
+            if len(k):
+                self._found.append(Crossings(name, t[k], i, j, x[i, j, k], bound[j]))
 
 
 def _beyond(x: Array, bound: Array, sign: float) -> Any:
     """Tell which entries are past a limit: a speed's size, a position to one side."""
-    return np.abs(x) > bound if sign == 0.0 else sign * x > sign * bound
+    return np.abs(x) > bound if sign == 0.0 else x > bound if sign > 0.0 else x < bound
 
 
 def _passing(low: Array, high: Array, bound: Array, sign: float, before: Any) -> Any:

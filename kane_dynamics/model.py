@@ -237,6 +237,12 @@ class Model:
         return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
 
     @property
+    def sliding(self) -> frozenset[str]:
+        """Names of the coordinates that are lengths, whose units are m and N."""
+        return frozenset(name for name, joint in zip(
+            self.coordinate_names, self.coordinate_joints) if joint.kind == 'prismatic')
+
+    @property
     def flexible(self) -> bool:
         """Tell whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)

@@ -13,14 +13,14 @@ import time
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.limit_watch import LimitWatch
+from kane_dynamics.limit_watch import LimitEvents, LimitWatch
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Argument, checked
 from kane_dynamics.parameters import JointLimits
 from kane_dynamics.robot import Robot
 from kane_dynamics.stepping import state_names
 from kane_dynamics.torque_source import torque_source, TorqueSource
-from kane_dynamics.trajectory import LimitEvent, Trajectory
+from kane_dynamics.trajectory import Trajectory
 import numpy as np
 
 CLOSED = 1e-8  # m or rad: a larger gap at the start is the caller's mistake
@@ -104,7 +104,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         tau = source.torques(kept, q, u)
     arrays = {'q': q, 'u': u, 'tau': tau, **_derived(robot, kept * step, q, u, tau)}
     return Trajectory(kept * step, **{name: x[0] if single else x for name, x in arrays.items()},
-                      joint_names=robot.joint_names, limit_events=tuple(events),
+                      joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names)
 
 
@@ -123,7 +123,7 @@ def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str
 
 
 def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None) -> tuple[Array, Array, list[LimitEvent]]:
+                progress: Progress | None) -> tuple[Array, Array, LimitEvents]:
     """Step in native chunks; return the kept step numbers, their states, and the events."""
     robot, (N, size) = source.robot, starts.shape
     kept = np.append(np.arange(0, count, every), count)
@@ -163,7 +163,7 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 def _run_callable(robot: Robot, state: Array, count: int, step: float, every: int,
                   torque: Torque, progress: Progress | None
-                  ) -> tuple[Array, Array, Array, list[LimitEvent]]:
+                  ) -> tuple[Array, Array, Array, LimitEvents]:
     """Ask for the torque before every step; Python in the loop."""
     n_q, n = robot.n_q, robot.n
     source = torque_source(robot, step, 1, None, None)

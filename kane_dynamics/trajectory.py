@@ -1,5 +1,6 @@
 """`Trajectory`: what a simulation returns."""
 
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -8,6 +9,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array, freeze
+from kane_dynamics.robot import Robot
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -15,7 +17,7 @@ ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constrai
 NAMES = ('joint_names', 'speed_names', 'constraint_names')
 
 
-class LimitEvent(NamedTuple):  # a free arm's fall has thousands: they must be cheap to make
+class LimitEvent(NamedTuple):
     """A joint's first crossing of one of its limits since it last kept it."""
 
     t: float
@@ -49,7 +51,7 @@ class Trajectory:
     energy : (K, 2) or (N, K, 2) array
         Kinetic and potential energy, J.
     joint_names : tuple of str
-    limit_events : tuple of LimitEvent
+    limit_events : sequence of LimitEvent
         Found at every step, not only at the samples. The simulation goes on past a limit: a stop
         would be a contact, which is not modelled. Limits of speed are those of joints whose rates
         are the speeds.
@@ -68,7 +70,7 @@ class Trajectory:
     tau: Array
     energy: Array
     joint_names: tuple[str, ...]
-    limit_events: tuple[LimitEvent, ...] = ()
+    limit_events: Sequence[LimitEvent] = ()
     speed_names: tuple[str, ...] = ()
     constraint_names: tuple[str, ...] = ()
     constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
@@ -81,6 +83,32 @@ class Trajectory:
         if not self.constraint_names:
             for name in ('constraint_forces', 'constraint_gap'):
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+
+    @classmethod
+    def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':
+        """
+        Return a motion that was not simulated, with the torques that it takes and its energies.
+
+        Parameters
+        ----------
+        robot : Robot
+            Without constraints.
+        t : (K,) array
+            s.
+        q, u, udot : (K, n) arrays
+            rad or m, and s.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+
+        """
+        if robot.constraint_names:
+            raise InputError('the robot has constraints; the motion of such a one is simulated')
+        tau = robot.inverse_dynamics(q, u, udot, t=t)
+        energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
+        return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names)
 
     @property
     def drift(self) -> float:
@@ -139,6 +167,15 @@ class Trajectory:
         self._require_single('plot')
         from kane_dynamics.plot import plot_trajectory
         return plot_trajectory(self, path)
+
+    def require(self, robot: Robot, what: str) -> None:
+        """Raise InputError unless this is one motion, and of that robot; `what` asks for it."""
+        self._require_single(what)
+        names = (robot.joint_names, robot.speed_names)
+        if (self.joint_names, self.speed_names) != names:
+            raise InputError(f'the trajectory is of the joints {list(self.joint_names)} and '
+                             f'speeds {list(self.speed_names)}; {what} expects {list(names[0])} '
+                             f'and {list(names[1])}')
 
     def _require_single(self, what: str) -> None:
         if self.q.ndim == 3:

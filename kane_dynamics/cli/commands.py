@@ -1,7 +1,6 @@
 """What the subcommands of `kane-dynamics` do."""
 
 from argparse import Namespace
-from collections.abc import Sequence
 import math
 from pathlib import Path
 import sys
@@ -10,10 +9,12 @@ from typing import Any
 import warnings
 
 from kane_dynamics import examination
-from kane_dynamics.cli import identification, inspection, replay as replaying
-from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, sliding,
-                                      source_of, split)
-from kane_dynamics.cli.tables import read_motion, read_states, write_states
+from kane_dynamics.cli import (identification, inspection, pictures, replay as replaying,
+                               sweeping, viewing)
+from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, source_of,
+                                      split)
+from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
+                                      read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.flexing import stiffened
@@ -29,24 +30,33 @@ _MOST_EVENTS = 10  # printed for people
 
 def torque(options: Namespace) -> None:
     """Print the torques of one state, or write those of a trajectory."""
+    plot = pictures.plotter(options)
+    if options.trajectory is None:
+        for name in ('out', 'plot'):
+            if getattr(options, name):
+                raise InputError(f'--{name} is for a --trajectory; the torque of one state is '
+                                 'printed')
     model, robot = load(options)
     if options.trajectory is None:
-        if options.out:
-            raise InputError('--out is for a --trajectory; the torque of one state is printed')
         _print_torque(options, model, robot)
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
         raise InputError('--trajectory holds the states; leave out --q, --u and --udot')
-    t, *state = _rows(options.trajectory, robot.joint_names)
+    t, state = read_rows(options.trajectory, robot.joint_names)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
     rows['tau'] = robot.inverse_dynamics(*state)
+    if plot is not None:
+        pictures.draw(plot, options, robot, read_trajectory(options.trajectory, robot))
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, t, rows, robot.joint_names)
     if options.json:
         print_json({'joint_names': robot.joint_names, 't': t, **rows})
-    elif options.out:
-        print(f'wrote {len(rows["tau"])} rows to {options.out}')
+    elif options.out or options.plot:
+        if options.out:
+            print(f'wrote {len(rows["tau"])} rows to {options.out}')
+        if options.plot:
+            print(f'wrote {options.plot}')
     else:
         write_states(sys.stdout, t, rows, robot.joint_names)
 
@@ -55,8 +65,8 @@ def simulation(options: Namespace) -> None:
     """Simulate, save, draw and sum up."""
     if options.out and not options.out.endswith(('.npz', '.csv')):
         raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
-    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
-    model, robot = load(options)
+    plot = pictures.plotter(options)  # before the work
+    _, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
     with progress_bar('simulating', duration) as progress:
@@ -66,7 +76,7 @@ def simulation(options: Namespace) -> None:
     if options.out:
         (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
     if plot is not None:
-        plot.plot_trajectory(result, options.plot, prismatic=sliding(model))
+        pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
     before, after = result.energy[[0, -1]].sum(axis=1).tolist()
     events = [str(event) for event in result.limit_events]
     if options.json:
@@ -83,6 +93,12 @@ def simulation(options: Namespace) -> None:
     for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
                  *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
         print(line)
+
+
+def sweep(options: Namespace) -> None:
+    """Run a sweep, or what is left of it, and sum up its table."""
+    data = sweeping.run(options)
+    (print_json if options.json else sweeping.print_result)(data)
 
 
 def inspect(options: Namespace) -> int:
@@ -142,12 +158,12 @@ def identify(options: Namespace) -> None:
 
 def replay(options: Namespace) -> None:
     """Compare a recording's measured torques with those of the equations of motion."""
-    plot = extra('kane_dynamics.plot', 'plot') if options.plot else None  # before the work
+    plot = pictures.plotter(options)  # before the work
     model, robot = load(options)
     data = replaying.run(options, robot, identification.recorded(options, model))
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=sliding(model))
+                         options.plot, prismatic=model.sliding)
     (print_json if options.json else replaying.print_comparison)(data)
 
 
@@ -171,6 +187,11 @@ def doctor(options: Namespace) -> int:
     else:
         examination.print_findings(found)
     return int(any(finding.level == 'problem' for finding in found))
+
+
+def view(options: Namespace) -> None:
+    """Show a robot and its motion in the browser."""
+    viewing.run(options)
 
 
 def demo(options: Namespace) -> int:
@@ -215,18 +236,6 @@ def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
     return states.tau[np.maximum(rows, 0)]
 
 
-def _rows(path: str, joint_names: Sequence[str]) -> tuple[Array | None, Array, Array, Array]:
-    """Return t, q, u, udot of a trajectory file at its own rows."""
-    if not path.endswith(('.yaml', '.yml')):
-        states = read_states(path, joint_names)
-        if states.q is not None and states.u is not None and states.udot is not None:
-            return states.t, states.q, states.u, states.udot
-    motion = read_motion(path, joint_names)
-    t = motion.times.copy()
-    t[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
-    return motion.times, *motion.sample(t)
-
-
 def _vector(options: Namespace, name: str, robot: Robot) -> Array:
     """Return an argument as one number a joint; zeros if it was not given."""
     given = getattr(options, name)
@@ -250,7 +259,7 @@ def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
         print_json({'joint_names': robot.joint_names, 'tau': tau,
                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
-    slides = sliding(model)
+    slides = model.sliding
     inspection.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
         [name, total, 'N' if name in slides else 'N m', *row]
         for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])

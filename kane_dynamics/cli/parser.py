@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from kane_dynamics.cli import benchmark, commands
+from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.identification.equations import STANDSTILL
@@ -16,6 +17,7 @@ EXAMPLES = {
 examples:
   kane-dynamics torque arm.urdf --q 0.1 -0.5 1.2 --u 0 0.3 0 --udot 1 0 0
   kane-dynamics torque arm.urdf --trajectory motion.csv --out torques.csv
+  kane-dynamics torque arm.urdf --trajectory motion.csv --plot sources.png
   xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
 
 A trajectory is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file
@@ -24,11 +26,34 @@ smooth curve through its points.""",
     'simulate': """
 examples:
   kane-dynamics simulate arm.urdf --q0 0.5 0 0 --duration 5 --plot fall.png
+  kane-dynamics simulate arm.urdf --q0 0.5 0 0 --plot energy.png --plot-of energy
   kane-dynamics simulate arm.urdf --duration 2 --torque 3.0 0 0 --out push.csv
   kane-dynamics simulate arm.urdf --motion motion.yaml --kp 400 --kd 40 --out track.npz
 
 Without --motion and --torque no torque acts. A torque file is a CSV file with the columns
 tau.<joint>: with a column t each row is held until the next one's time, without it one step.""",
+    'sweep': """
+examples:
+  kane-dynamics sweep payloads.yaml --out payloads
+  kane-dynamics sweep payloads.yaml --out payloads --workers 4 --json
+  kane-dynamics sweep payloads.yaml --out payloads --dask tcp://127.0.0.1:8786
+
+payloads.yaml, for example:
+  urdf: arm.urdf
+  tip: tool0
+  samples: 10000
+  seed: 1
+  duration: 1.0
+  step: 0.001
+  q0: {shoulder: {uniform: [-1, 1]}, elbow: {normal: [0.5, 0.1]}}
+  payload: {frame: tool0, mass: {uniform: [0, 5]}, com: [0, 0, {uniform: [0, 0.1]}]}
+  friction: {uniform: [0.5, 2]}
+  controller: {kind: computed_torque, kp: {loguniform: [50, 500]}, kd: 20, known_payload: 0}
+  motion: motion.csv
+
+A value is a number or one of uniform, loguniform, normal: [mean, deviation], choice, grid; for all
+joints together, {each: value} for each its own, a list, or by name. The folder is one parquet
+table. Run the command again to carry on a sweep that was ended.""",
     'inspect': """
 examples:
   kane-dynamics inspect arm.urdf
@@ -77,6 +102,16 @@ examples:
 A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
 hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
 with --cutoff.""",
+    'view': """
+examples:
+  kane-dynamics view arm.urdf
+  kane-dynamics view arm.urdf --trajectory fall.npz
+  kane-dynamics view arm.urdf --trajectory motion.csv --export motion.html
+
+Without a trajectory each joint has a slider, and the arrows hold the arm against gravity. A
+trajectory is what torque takes, or an .npz file of simulate. Meshes are looked for beside the
+URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported page needs no
+server.""",
     'doctor': """
 examples:
   kane-dynamics doctor arm.urdf
@@ -135,6 +170,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
     sub.add_argument('--trajectory', metavar='FILE', help='CSV or YAML file; one answer a row')
     sub.add_argument('--out', metavar='CSV', help='file for the torques of a trajectory')
+    add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
     sub = command('simulate', commands.simulation, 'Forward dynamics over time')
     _add_model(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
@@ -151,7 +187,14 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
                      help='for --motion, one or one a joint, 1/s; default: 20')
     sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
-    sub.add_argument('--plot', metavar='FILE', help='picture of the trajectory, .png or .pdf')
+    add_plot(sub, *KINDS, 'tracking')
+    sub = command('sweep', commands.sweep, 'Many simulations with values that vary, as a table')
+    sub.add_argument('sweep', metavar='YAML', help='what to simulate; see below')
+    sub.add_argument('-o', '--out', required=True, metavar='FOLDER',
+                     help='for the parquet files; new, or of this sweep')
+    sub.add_argument('--workers', type=int, metavar='N', help='processes (default: all cores)')
+    sub.add_argument('--dask', metavar='ADDRESS', help='of a Dask scheduler, to compute there')
+    sub.add_argument('--json', action='store_true', help='print JSON')
     sub = command('inspect', commands.inspect, 'Tree, masses, limits, operation counts')
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],
@@ -190,13 +233,22 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     _add_recording(sub)
     sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
-    sub.add_argument('--plot', metavar='FILE', help='draw measured and computed torques')
+    add_plot(sub, 'measured and computed torques')
     sub = command('doctor', commands.doctor, 'What is wrong with a URDF, its node, its graph')
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     sub.add_argument('--live', type=float, metavar='S', help='listen to the graph for so long')
     sub.add_argument('--namespace', default='', help='of the arm in the graph')
     sub.add_argument('--prefix', default='', help="of the arm's joints in the graph")
+    sub = command('view', commands.view, 'The robot, its motion and its loads in the browser')
+    _add_model(sub)
+    sub.add_argument('--trajectory', metavar='FILE', help='.npz, CSV or YAML file: a slider over '
+                     'time')
+    sub.add_argument('--host', default='127.0.0.1', help='address to serve at; by default only '
+                     'this machine sees the page')
+    sub.add_argument('--port', type=int, default=8080, help='or the next free one; default: 8080')
+    sub.add_argument('--no-open', action='store_true', help='open no browser')
+    sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
 

@@ -1,7 +1,8 @@
 """What the commands have in common: loading a robot, optional parts, JSON."""
 
 from argparse import Namespace
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 import json
 import math
@@ -43,26 +44,28 @@ def selection(options: Namespace) -> dict[str, Any]:
 def load(options: Namespace, caught: list[str] | None = None, **choices: Any
          ) -> tuple[Model, Robot]:
     """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
-    with warnings.catch_warnings(record=True) as records:
-        warnings.simplefilter('always', ModelWarning)
+    with told(caught):
         model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
         robot = Robot(model, friction=not options.no_friction, **choices)
+    return model, robot
+
+
+@contextmanager
+def told(caught: list[str] | None = None) -> Iterator[None]:
+    """Put warnings of models into words: to `caught`, or to stderr."""
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter('always', ModelWarning)
+        yield
     for record in records:
         if caught is None:
             print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
         else:
             caught.append(str(record.message))
-    return model, robot
 
 
 def split(tokens: Iterable[str]) -> list[str]:
     """Return arguments that are parted by blanks or commas."""
     return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
-
-
-def sliding(model: Model) -> set[str]:
-    """Return the names of the joints whose coordinate is a length."""
-    return {joint.name for joint in model.coordinate_joints if joint.kind == 'prismatic'}
 
 
 def print_json(value: Any) -> None:

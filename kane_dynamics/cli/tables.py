@@ -10,12 +10,15 @@ laid out like a trajectory_msgs/JointTrajectory: `joint_names` and `points` with
 from collections.abc import Mapping, Sequence
 import csv
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
+from kane_dynamics.robot import Robot
+from kane_dynamics.trajectory import Trajectory
 import numpy as np
 import yaml
 
@@ -81,6 +84,47 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
                          f"'q.{joint_names[0]}', found {header}")
     times = [column for column, name in enumerate(header) if name in ('t', 'time')]
     return States(_numbers(path, lines, times[:1])[:, 0] if times else None, **found)
+
+
+def read_rows(path: str, joint_names: Sequence[str]
+              ) -> tuple[Array | None, tuple[Array, Array, Array]]:
+    """
+    Return t and (q, u, udot) of a CSV or YAML file at its own rows; t may be missing.
+
+    Speeds and accelerations that the file lacks are those of the smooth curve through its points.
+
+    Raises
+    ------
+    InputError
+        Names the file and what in it is wrong or missing.
+
+    """
+    if not path.endswith(('.yaml', '.yml')):
+        states = read_states(path, joint_names)
+        if states.q is not None and states.u is not None and states.udot is not None:
+            return states.t, (states.q, states.u, states.udot)
+    motion = read_motion(path, joint_names)
+    t = motion.times.copy()
+    t[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
+    return motion.times, motion.sample(t)
+
+
+def read_trajectory(path: str, robot: Robot) -> Trajectory:
+    """
+    Return a robot's motion from a CSV or YAML file, or from an npz file that was saved.
+
+    Raises
+    ------
+    InputError
+        Names the file and what in it is wrong or missing.
+
+    """
+    if path.endswith('.npz'):
+        return Trajectory.load_npz(path)
+    t, state = read_rows(path, robot.joint_names)
+    if t is None:
+        raise InputError(f"{path}: has no column 't'")
+    return Trajectory.along(robot, t, *state)
 
 
 def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],

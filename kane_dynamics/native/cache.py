@@ -46,7 +46,7 @@ def directory() -> Path | None:
 def _source_stamp() -> str:
     """Identify the version of the code that makes kernels, edits to a checkout included."""
     package = Path(__file__).resolve().parent.parent
-    files = sorted(path for part in ('native', 'mechanics', '.')
+    files = sorted(path for part in ('native', 'mechanics', 'sweep', '.')
                    for path in (package / part).glob('*.py'))
     status = [(str(path.relative_to(package)), path.stat()) for path in files]
     return repr([(name, s.st_size, s.st_mtime_ns) for name, s in status])

@@ -5,7 +5,7 @@ Together with `urdf.py`, which hands what is left to yourdfpy, this is all that 
 """
 
 import codecs
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import os
 from pathlib import Path
@@ -15,7 +15,7 @@ from xml.parsers import expat
 
 from kane_dynamics.errors import InputError, UrdfError
 
-DEPTH = 4  # robot / link / inertial / mass: nothing that we read lies deeper
+DEPTH = 4  # robot / link / inertial / mass: nothing of the dynamics lies deeper
 BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
         (codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
         (codecs.BOM_UTF16_BE, 'utf-16'), (b'<\0\0\0', 'utf-32-le'), (b'\0\0\0<', 'utf-32-be'),
@@ -62,9 +62,9 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
                         'URDF file, or its XML as str or bytes') from None
 
 
-def parse(text: str) -> Element:
+def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> Element:
     """
-    Return the root of the text's elements down to `DEPTH`, without `UNREAD` parts.
+    Return the root of the text's elements down to a depth, without the `unread` parts.
 
     Not namespace-aware, as the parsers of ROS are not: real files use prefixes that they never
     declare.
@@ -77,24 +77,24 @@ def parse(text: str) -> Element:
                         'Unicode text') from None
     parser = expat.ParserCreate('utf-8')
     top = Element('', {}, 0)
-    path, depth, skipped = [top], 0, 0
+    path, level, skipped = [top], 0, 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, skipped
-        depth += 1
-        if skipped or depth > DEPTH:
+        nonlocal level, skipped
+        level += 1
+        if skipped or level > depth:
             skipped += 1
             return
         element = Element(tag, attributes, parser.CurrentLineNumber)
         path[-1].children.append(element)
         path.append(element)
-        skipped = int(tag in UNREAD)
+        skipped = int(tag in unread)
 
     def end(tag: str) -> None:
-        nonlocal depth, skipped
-        depth -= 1
+        nonlocal level, skipped
+        level -= 1
         skipped = max(skipped - 1, 0)
-        if not skipped and depth + 1 < len(path):
+        if not skipped and level + 1 < len(path):
             path.pop()
 
     parser.StartElementHandler, parser.EndElementHandler = start, end

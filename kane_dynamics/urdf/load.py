@@ -94,18 +94,23 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
 
 
 def _tree(root: Element, notices: Notices) -> UrdfTree:
-    """Return checked XML as records, by way of yourdfpy."""
-    import yourdfpy  # it loads trimesh, for more than a second: only who loads a URDF shall wait
-    clean = rebuilt(root, CHILDREN)
-    try:
-        robot = yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
-                                   build_scene_graph=False).robot
-    except Exception as error:  # whatever it raises is about this text
-        raise UrdfError(f'yourdfpy cannot read the URDF: {error}') from error
+    """Return checked XML as records."""
+    robot = read_robot(root, CHILDREN)
     stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
     links = [_link(link) for link in robot.links]
     joints = [_joint(joint, stated[joint.name], notices) for joint in robot.joints]
     return build_tree(robot.name, links, joints)
+
+
+def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
+    """Return yourdfpy's robot of XML, cut down to the elements named under each tag."""
+    import yourdfpy  # it loads trimesh, for more than a second: only who loads a URDF shall wait
+    clean = rebuilt(root, children)
+    try:
+        return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
+                                  build_scene_graph=False).robot
+    except Exception as error:  # whatever it raises is about this text
+        raise UrdfError(f'yourdfpy cannot read the URDF: {error}') from error
 
 
 def _pose(origin: Any) -> tuple[Array, Array]:

@@ -174,6 +174,27 @@ def test_simulate_follows_a_motion_from_its_first_point(urdf, tmp_path, answer):
     np.testing.assert_allclose(off['q'], [0.6, -0.2], atol=1e-3)
 
 
+def test_plot_of_chooses_the_picture(urdf, tmp_path, monkeypatch):
+    import kane_dynamics.plot as plot
+    drawn = []
+    for name in ('tracking', 'energy', 'torque_by_source', 'phase'):
+        monkeypatch.setattr(plot, f'plot_{name}', lambda *given, name=name, **_: drawn.append(
+            (name, given)))
+    path = write(tmp_path / 'motion.csv', t=[0.0, 0.5], q__lift=[0.3, -0.4], q__reach=[0.0, 0.2])
+    assert main(['torque', urdf, '--trajectory', path, '--plot', 'a.png']) == 0
+    name, (_, trajectory, file) = drawn.pop()
+    assert (name, file) == ('torque_by_source', 'a.png')
+    np.testing.assert_allclose(trajectory.tau, expected(trajectory.q, trajectory.u,
+                                                        trajectory.udot), rtol=1e-12)
+    run = ['simulate', urdf, '--motion', path, '--kp', '900', '--kd', '60', '--plot', 'b.svg']
+    for what in ('energy', 'phase', 'tracking'):
+        assert main([*run, '--plot-of', what]) == 0
+        assert drawn[-1][0] == what and 'b.svg' in drawn[-1][1]
+    (t, desired, actual), = drawn[-1][1][0].values()
+    np.testing.assert_allclose(desired, actual, atol=1e-3)
+    assert desired[-1] == pytest.approx([-0.4, 0.2]) and t[-1] == pytest.approx(0.5)
+
+
 def test_torques_written_by_torque_drive_simulate_along_the_same_motion(urdf, tmp_path, answer):
     t = np.linspace(0.0, 1.0, 1001)
     path = write(tmp_path / 'm.csv', t=t, q__lift=0.3 * np.cos(2 * t), q__reach=0.1 * np.sin(t),
@@ -267,6 +288,7 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
     (['torque', 'URDF', '--q', '1', 'nan'], ['q', 'nan']),
     (['torque', 'URDF', '--joints', 'elbow'], ['elbow', 'lift']),
     (['torque', 'URDF', '--out', 'x.csv'], ['--out', '--trajectory']),
+    (['torque', 'URDF', '--plot', 'x.png'], ['--plot', '--trajectory']),
     (['torque', 'URDF', '--trajectory', 'x.csv', '--q', '1', '2'], ['--trajectory', '--q']),
     (['torque', 'URDF', '--trajectory', '/no/such.csv'], ['/no/such.csv']),
     (['torque', '/no/such.urdf'], ['/no/such.urdf']),
@@ -276,6 +298,9 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
     (['simulate', 'URDF', '--step', '0'], ['step', '0']),
     (['simulate', 'URDF', '--out', 'x.txt'], ['x.txt', '.npz', '.csv']),
     (['simulate', 'URDF', '--torque', '1'], ['--torque', 'expected 2']),
+    (['simulate', 'URDF', '--plot', 'x.txt'], ['x.txt', '.png']),
+    (['simulate', 'URDF', '--plot-of', 'energy'], ['energy', '--plot']),
+    (['simulate', 'URDF', '--plot', 'x.png', '--plot-of', 'tracking'], ['tracking', '--motion']),
     (['simulate', 'URDF', '--out', '/no/dir/x.csv', '--duration', '0.01'], ['/no/dir']),
 ])
 def test_bad_input_exits_2_and_says_what_was_wrong(urdf, arguments, words, capsys):
@@ -306,12 +331,15 @@ def test_help_exits_0(arguments, capsys):
 
 @pytest.mark.parametrize(('module', 'arguments', 'words'), [
     ('matplotlib', ['simulate', '--plot', 'x.png'], ["'matplotlib'", 'kane_dynamics[plot]']),
+    ('viser', ['view'], ["'viser'", 'kane_dynamics[view]']),
     ('pinocchio', ['inspect', '--against', 'pinocchio'], ['Pinocchio', 'pip install pin']),
 ])
 def test_a_missing_extra_is_named_with_what_to_install(urdf, module, arguments, words,
                                                        monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.delitem(sys.modules, 'kane_dynamics.plot', raising=False)
+    for name in [name for name in sys.modules
+                 if name.startswith(('kane_dynamics.plot', 'kane_dynamics.view'))]:
+        monkeypatch.delitem(sys.modules, name)
     assert main([arguments[0], urdf, *arguments[1:]]) == 2
     error = capsys.readouterr().err
     for word in words:

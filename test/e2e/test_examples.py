@@ -104,6 +104,13 @@ def test_flexible_mast():
         np.sqrt((3 * 30.0 - 1.2 * 0.3 * g) / mass) / (2 * np.pi), rel=0.03)
 
 
+def test_payload_sweep():
+    soft, stiff, known = (numbers(line) for line in printed('payload_sweep'))
+    assert [soft[0], stiff[0], known[0]] == [100.0, 400.0, 100.0]
+    assert 0.0 < soft[1] < stiff[1] < known[1] < 8.0  # then torque is short
+    assert soft[3] > stiff[3] > 0.05 > 1e-3 > known[3]
+
+
 def test_rolling_disc():
     held, circle = printed('rolling_disc')
     spin, left = numbers(held)

@@ -31,8 +31,8 @@ TABLE = (
     'quasi_static',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'examination identification plot simulation vibration',
-    'plot_bending',
+    'examination identification simulation sweep vibration view',
+    'plot',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
@@ -40,21 +40,25 @@ RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}
 # Who may import these at all, even inside a function.
 DOORS = {
     'ament_index_python': ('ros',),
+    'distributed': ('sweep',),
     'example_robot_data': (),
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
     'llvmlite': ('native/llvm.py',),
-    'matplotlib': ('plot.py', 'plot_bending.py'),
+    'matplotlib': ('plot',),
     'mujoco': ('demo',),
     'pinocchio': ('cli/benchmark.py', 'cli/inspection.py'),
+    'pyarrow': ('sweep',),
     'rclpy': ('demo', 'ros'),
     'rich': ('demo', 'progress.py'),
     'scipy': ('identification',),
     'sympy': ('cli',),
+    'trimesh': ('view',),
+    'viser': ('view',),
     'yourdfpy': ('urdf/load.py',),
 }
 # Never while being imported, but in demo/ and in modules that are themselves loaded on use.
-LAZY = ('matplotlib', 'pinocchio', 'rich', 'sympy')
+LAZY = ('matplotlib', 'pinocchio', 'rich', 'sympy', 'viser')
 
 
 class Import(NamedTuple):
@@ -124,7 +128,7 @@ def test_library_is_imported_only_where_it_may_be(library):
 @pytest.mark.parametrize('library', LAZY)
 def test_optional_library_is_imported_only_when_used(library):
     eager = [found for found in IMPORTS if found.target.split('.')[0] == library
-             and not found.lazy and found.unit not in ('demo', 'plot', 'plot_bending')
+             and not found.lazy and found.unit not in ('demo', 'plot', 'view')
              and found.importer not in ('cli/equations.py', 'cli/symbolic.py')]
     assert eager == []
 

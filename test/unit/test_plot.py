@@ -1,11 +1,16 @@
 """Promises of the pictures: labels with units, honest numbers, and no trace left in matplotlib."""
 
+from functools import cache
 import subprocess
 import sys
 from types import SimpleNamespace
 
-from kane_dynamics.plot import plot_torque_sources, plot_tracking, plot_trajectory
+from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
+from kane_dynamics.plot import (plot_energy, plot_phase, plot_reactions, plot_replay,
+                                plot_torque_by_source, plot_tracking, plot_trajectory)
+from kane_dynamics.power import power_balance, unaccounted_energy
 import matplotlib
+from mechanisms import random_model
 import numpy as np
 import pytest
 
@@ -16,12 +21,32 @@ TERMS = np.stack([Q, -0.5 * Q, 1.0 + 0.0 * Q, 0.2 * Q, 0.0 * Q], axis=1)
 RUNS = {'PD only': (T, Q, Q + 0.02), 'PD + feedforward': (T[::2], Q[::2], Q[::2] - 0.0005)}
 TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T], axis=1),
                              joint_names=NAMES, speed_names=NAMES)
+
+
+@cache
+def arm():
+    """Return a robot with springs and friction whose second joint of three slides."""
+    return Robot(random_model(9, n=3))
+
+
+@cache
+def push(step=2e-3):
+    """Return a motion of it under torques that vary smoothly."""
+    def torque(t, q, u):
+        return np.array([3.0, 5.0, -1.0]) * np.cos(4.0 * t)
+    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=step, torque=torque,
+                    sample=4e-3)
+
+
 DRAWINGS = {
-    'trajectory': lambda path: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
-    'tracking': lambda path: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},
-                                           sources=(T, TERMS)),
-    'sources': lambda path: plot_torque_sources(T, TERMS, NAMES, path, prismatic={'slide'}),
-    'many': lambda path: plot_torque_sources(T, np.tile(TERMS, 3), NAMES * 3, path),
+    'trajectory': lambda path=None: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
+    'tracking': lambda path=None: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},
+                                                sources=(T, TERMS)),
+    'replay': lambda path=None: plot_replay(T, Q, 0.9 * Q, NAMES, path, prismatic={'slide'}),
+    'sources': lambda path=None: plot_torque_by_source(arm(), push(), path),
+    'energy': lambda path=None: plot_energy(arm(), push(), path),
+    'reactions': lambda path=None: plot_reactions(arm(), push(), path),
+    'phase': lambda path=None: plot_phase(arm(), push(), path),
 }
 
 
@@ -32,32 +57,101 @@ def test_writes_a_picture_and_leaves_the_users_style_alone(name, tmp_path):
     assert (tmp_path / 'picture.png').read_bytes().startswith(b'\x89PNG')
     assert dict(matplotlib.rcParams) == before
     assert all('[' in axes.get_ylabel() for axes in figure.axes)
-    assert figure.axes[-1].get_xlabel() == 'Time [s]'
+    assert figure.axes[-1].get_xlabel().startswith('Position [' if name == 'phase' else 'Time [s]')
 
 
 def test_units_follow_the_kind_of_joint():
-    labels = [axes.get_ylabel() for axes in DRAWINGS['tracking'](None).axes]
-    assert labels == ['shoulder\n[rad]', '[mrad]', '[N m]', 'elbow\n[rad]', '[mrad]', '[N m]',
-                      'slide\n[m]', '[mm]', '[N]']
-    assert DRAWINGS['trajectory'](None).axes[0].get_ylabel() == 'Position\n[rad, m]'
+    def labels(name):
+        return [axes.get_ylabel() for axes in DRAWINGS[name]().axes]
+    assert labels('tracking') == [
+        'shoulder\n[rad]', '[mrad]', '[N m]', 'elbow\n[rad]', '[mrad]', '[N m]', 'slide\n[m]',
+        '[mm]', '[N]']
+    assert labels('trajectory')[0] == 'Position\n[rad, m]'
+    assert [joint.kind for joint in arm().model.coordinate_joints] == [
+        'prismatic' if label == '[N]' else 'revolute' for label in labels('sources')]
+    assert {'[N]', '[N m]'} == set(labels('sources'))
 
 
 def test_tracking_states_the_rms_of_each_run():
-    texts = [text.get_text() for text in DRAWINGS['tracking'](None).axes[1].texts]
+    texts = [text.get_text() for text in DRAWINGS['tracking']().axes[1].texts]
     assert texts == ['RMS', '20 mrad', '0.5 mrad']
 
 
-def test_sources_are_stacked_away_from_zero_and_their_line_is_the_sum():
-    axes = DRAWINGS['sources'](None).axes[0]
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), TERMS[:, :, 0].sum(axis=1))
-    heights = np.concatenate([c.get_paths()[0].vertices[:, 1] for c in axes.collections])
-    assert heights.max() == pytest.approx(np.maximum(TERMS[:, :, 0], 0.0).sum(axis=1).max())
-    assert heights.min() == pytest.approx(np.minimum(TERMS[:, :, 0], 0.0).sum(axis=1).min())
+def test_sources_are_stacked_away_from_zero_and_add_up_to_the_torque():
+    motion = push()
+    terms = arm().torque_terms(motion.q, motion.u, motion.udot)
+    for i, axes in enumerate(DRAWINGS['sources']().axes):
+        total = axes.lines[0].get_ydata()
+        np.testing.assert_allclose(total, motion.tau[:, i], atol=1e-10)
+        heights = [c.get_paths()[0].get_extents() for c in axes.collections]
+        up, down = (sign(terms[:, :, i], 0.0).sum(axis=1) for sign in (np.maximum, np.minimum))
+        assert max(h.y1 for h in heights) == pytest.approx(up.max())
+        assert min(h.y0 for h in heights) == pytest.approx(down.min())
+        np.testing.assert_allclose(up + down, total, atol=1e-10)
 
 
 def test_sources_that_a_robot_lacks_are_not_in_the_legend():
-    labels = [text.get_text() for text in DRAWINGS['sources'](None).legends[0].get_texts()]
-    assert labels == ['inertia', 'Coriolis, centrifugal', 'gravity', 'friction', 'sum']
+    labels = [text.get_text() for text in DRAWINGS['tracking']().legends[0].get_texts()]
+    assert labels[-5:] == ['inertia', 'Coriolis, centrifugal', 'gravity', 'friction', 'sum']
+
+
+def test_energies_add_up_and_the_power_balances_to_rounding():
+    motion, (energies, power, residual, _) = push(), DRAWINGS['energy']().axes
+    lines = {line.get_label(): line.get_ydata() for axes in (energies, power)
+             for line in axes.lines}
+    np.testing.assert_allclose(lines['kinetic'] + lines['gravity'] + lines['springs'],
+                               lines['total'], atol=1e-12)
+    springs = sum(0.5 * joint.stiffness * (motion.q[:, i] - joint.rest) ** 2
+                  for i, joint in enumerate(arm().model.coordinate_joints))
+    np.testing.assert_allclose(lines['springs'], springs, rtol=1e-12)
+    np.testing.assert_allclose(lines['motors'], (motion.tau * motion.u).sum(axis=1), atol=1e-9)
+    assert np.abs(lines['rate of energy']).max() > 0.5
+    assert np.abs(residual.lines[0].get_ydata()).max() < 1e-9
+
+
+def test_unaccounted_energy_is_the_integrators_error():
+    def lost(step):
+        motion = push(step)
+        power = power_balance(arm(), motion.q, motion.u, motion.udot)
+        return unaccounted_energy(motion.t, motion.energy.sum(axis=1),
+                                  power.joints - power.friction)
+    coarse, fine = np.abs(lost(4e-3)).max(), np.abs(lost(2e-3)).max()
+    assert coarse < 1e-2  # torques are held for a step: of first order
+    assert fine == pytest.approx(coarse / 2.0, rel=0.1)
+
+
+def test_a_reactions_magnitude_is_that_of_its_components():
+    first = DRAWINGS['reactions']().axes[:2]
+    motion = push()
+    expected = arm().joint_reactions(motion.q, motion.u, motion.udot)[:, 0]
+    for axes, vector in zip(first, (expected[:, :3], expected[:, 3:]), strict=True):
+        lines = {line.get_label(): line.get_ydata() for line in axes.lines}
+        np.testing.assert_array_equal(np.stack([lines[x] for x in 'xyz'], axis=1), vector)
+        np.testing.assert_allclose(lines['magnitude'], np.linalg.norm(vector, axis=1))
+
+
+def test_phase_portraits_show_motion_and_limits():
+    limits = arm().limits
+    for i, axes in enumerate(DRAWINGS['phase']().axes):
+        drawn = [line for line in axes.lines if line.get_label() == 'limit']
+        ends = np.concatenate([np.unique(line.get_xydata()) for line in drawn])
+        assert {limits.lower[i], limits.upper[i], limits.velocity[i]} <= set(ends)
+        np.testing.assert_array_equal(axes.lines[0].get_xydata(),
+                                      np.stack([push().q[:, i], push().u[:, i]], axis=1))
+
+
+def test_a_motion_of_other_joints_is_refused():
+    b = ModelBuilder('other')
+    b.body('only', matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    other = Robot(b.model())
+    for function in (plot_torque_by_source, plot_energy, plot_reactions, plot_phase):
+        with pytest.raises(InputError, match=r"joint0.*expects \['only'\]"):
+            function(other, push())
+
+
+def test_a_picture_of_an_unknown_format_is_refused():
+    with pytest.raises(InputError, match=r"'picture\.bad'.*\.png"):
+        DRAWINGS['phase']('picture.bad')
 
 
 def test_pyplot_is_never_imported_so_no_backend_is_chosen():

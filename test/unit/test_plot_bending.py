@@ -3,7 +3,7 @@
 from functools import cache
 
 from kane_dynamics import FlexibleLink, InputError, ModelBuilder, natural_vibration, Robot, rod
-from kane_dynamics.plot_bending import plot_bending, plot_vibrations
+from kane_dynamics.plot import plot_bending, plot_vibrations
 import matplotlib
 import numpy as np
 import pytest

@@ -6,10 +6,9 @@ from typing import Any
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.kinematics import configurations
 from kane_dynamics.model import Array, Model, WORLD
-from kane_dynamics.plot import _STYLE, BLUE, GREY, INK, ORANGE, Path, RED, SKY
+from kane_dynamics.plot.style import BLUE, GREY, INK, ORANGE, Path, RED, SKY, styled
 from kane_dynamics.robot import Robot
 from kane_dynamics.vibration import natural_vibration
-import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -59,15 +58,14 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     drawn = [_lines(model, posture, exaggeration) for posture in postures]
     view = _View(plane, drawn)
     colors = _AGES(np.linspace(0.0, 1.0, len(drawn)))
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(8.0, 6.0), layout='constrained')
+    times = '' if exaggeration == 1.0 else f', deflections drawn {exaggeration:g} times'
+    with styled(8.0, 6.0, title + times, path) as figure:
         axes = view.panel(figure, 1, 1, 0)
         for k, lines in enumerate(drawn):
             view.draw(axes, lines, colors[k], None if t is None else f'{t[k]:.3g} s')
         if t is not None:
             figure.legend(loc='outside right upper', title='Time', alignment='left')
-        times = '' if exaggeration == 1.0 else f', deflections drawn {exaggeration:g} times'
-        return _saved(figure, title + times, path)
+    return figure
 
 
 def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Sequence[str] = (),
@@ -108,8 +106,8 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
     view = _View(plane, [still, *(lines for swing in swings for lines in swing)])
     columns = min(len(shown), 4)
     rows = -(-len(shown) // columns)
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(3.6 * columns, 0.6 + 3.6 * rows), layout='constrained')
+    with styled(3.6 * columns, 0.6 + 3.6 * rows, f'{title}, amplitudes not to scale',
+                path) as figure:
         for place, (k, swing) in enumerate(zip(shown, swings)):
             axes = view.panel(figure, rows, columns, place)
             for lines, color in zip((still, *swing), (GREY, BLUE, ORANGE)):
@@ -118,7 +116,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
                         for (_, a), (_, b) in zip(still, swing[0]))
             axes.set_title(f'{found.frequencies[k] / (2.0 * np.pi):.4g} Hz'
                            f'{"" if moves else ", twist"}')
-        return _saved(figure, f'{title}, amplitudes not to scale', path)
+    return figure
 
 
 def _checked(model: Model, q: Any) -> Array:
@@ -206,11 +204,3 @@ class _View:
             axes.plot(*places, color=color, label=label, linewidth=2.4 if beam else 1.2)
             axes.plot(*places[:, :1], 'o', color=INK, markersize=3.0)
             label = None
-
-
-def _saved(figure: Figure, title: str, path: Path | None) -> Figure:
-    """Title a figure, and save it if there is a path."""
-    figure.suptitle(title, x=0.01, ha='left', fontsize=14.0, fontweight='bold')
-    if path is not None:
-        figure.savefig(path)
-    return figure

@@ -1,0 +1,73 @@
+"""Ten thousand simulations of a second, drawn, run, and written as a table, against the clock."""
+
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+from tempfile import TemporaryDirectory
+import time
+from typing import Any
+
+from kane_dynamics.cli.interleaved import Timing
+from kane_dynamics.native.threads import thread_count
+from kane_dynamics.sweep import read_table, run_sweep, Sweep
+from native_loop import Race, shipped_arm
+import numpy as np
+
+COUNT, TURNS = 10_000, 3
+POSE = (0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.7)  # rad, of the Research 3, within its limits
+WHAT, CLOCK = f'a second of each of {COUNT} simulations, written', 'the clock'
+
+
+@dataclass(frozen=True)
+class Done:
+    """Wall time of a sweep, s, and of how many workers."""
+
+    seconds: float
+    workers: int
+
+
+def sweep(seed: int) -> Sweep:
+    """Return what varies: payloads that the controller ignores, friction, starts and gains."""
+    model = shipped_arm('fr3')
+    return Sweep(
+        model, COUNT, seed, q0=[{'normal': [q, 0.1]} for q in POSE],
+        u0={'each': {'uniform': [-0.5, 0.5]}}, friction={'uniform': [0.5, 2.0]},
+        payload={'frame': 'fr3_hand_tcp', 'mass': {'uniform': [0.0, 3.0]},
+                 'com': [0.0, 0.0, {'uniform': [0.0, 0.1]}], 'gyration': 0.05},
+        controller={'kind': 'computed_torque', 'kp': {'loguniform': [50.0, 500.0]}})
+
+
+def timed(seed: int, workers: int) -> Done:
+    """Run a sweep into a folder that is new, with processes that are new."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'table'
+        start = time.perf_counter()
+        made = run_sweep(sweep(seed), path, workers=workers).made
+        took = time.perf_counter() - start
+        rows = read_table(path)
+    if made != COUNT or not all(rows['ok'].to_pylist()):
+        raise AssertionError(f'{made} simulations made; expected {COUNT}, none failed')
+    drift: Any = np.abs(rows['energy_drift'].to_numpy()).max()
+    if not drift < 1e-3:
+        raise AssertionError(f'energy and work differ by {drift:.2g} J: the physics is wrong')
+    return Done(took, workers)
+
+
+def races() -> list[Race]:
+    """Return the sweep on all processors against the clock."""
+    done = [timed(seed, thread_count()) for seed in range(TURNS)]
+    timing = Timing({'ours': np.array([x.seconds / COUNT for x in done]), CLOCK: np.ones(TURNS)})
+    return [Race('fr3', len(POSE), WHAT, CLOCK, timing.median('ours'), 1.0,
+                 timing.ratio(CLOCK, 'ours'))]
+
+
+def main() -> int:
+    """Print how long it takes with one process, with all, and the race."""
+    for workers in sorted({1, thread_count()}):
+        print(f'{COUNT} simulations of 1 s, {workers} workers: {timed(0, workers).seconds:.2f} s')
+    print(*races(), sep='\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""The pictures that --plot draws of a motion."""
+
+from argparse import ArgumentParser, Namespace
+from typing import Any
+
+from kane_dynamics.cli.shared import extra
+from kane_dynamics.errors import InputError
+from kane_dynamics.motion import Motion
+from kane_dynamics.robot import Robot
+from kane_dynamics.trajectory import Trajectory
+
+KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')
+
+
+def add_plot(parser: ArgumentParser, *kinds: str) -> None:
+    """Add --plot, and --plot-of where there is a choice: the first kind is the default."""
+    words = f'picture of {kinds[0]}' if len(kinds) == 1 else 'picture'
+    parser.add_argument('--plot', metavar='FILE', help=f'{words}, .png, .svg or .pdf')
+    parser.set_defaults(plot_of=None, plot_default=kinds[0])
+    if len(kinds) > 1:
+        parser.add_argument('--plot-of', choices=kinds, metavar='WHAT',
+                            help=f'{", ".join(kinds)}; default: {kinds[0]}')
+
+
+def plotter(options: Namespace) -> Any:
+    """Return the module that draws, or None without --plot; InputError before any work."""
+    if options.plot is None:
+        if options.plot_of is not None:
+            raise InputError(f"--plot-of is '{options.plot_of}', but no --plot names a file")
+        return None
+    if options.plot_of == 'tracking' and options.motion is None:
+        raise InputError('--plot-of tracking shows how a --motion is followed; none is given')
+    plot = extra('kane_dynamics.plot', 'plot')
+    plot.check_path(options.plot)
+    return plot
+
+
+def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
+         desired: Motion | None = None) -> None:
+    """Write the picture that the options ask for."""
+    what, sliding = options.plot_of or options.plot_default, robot.model.sliding
+    if what == 'trajectory':
+        plot.plot_trajectory(trajectory, options.plot, prismatic=sliding)
+    elif what == 'tracking' and desired is not None:
+        wanted, *_ = desired.sample(trajectory.t)
+        plot.plot_tracking({'simulated': (trajectory.t, wanted, trajectory.q)},
+                           robot.joint_names, options.plot, prismatic=sliding)
+    else:
+        draws = {'torque-by-source': plot.plot_torque_by_source, 'energy': plot.plot_energy,
+                 'reactions': plot.plot_reactions, 'phase': plot.plot_phase}
+        draws[what](robot, trajectory, options.plot)

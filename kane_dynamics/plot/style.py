@@ -1,0 +1,133 @@
+"""What the pictures have in common: colours, type, units, panels, legend and file."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import os
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model import Array
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.figure import Figure
+import numpy as np
+
+Path = str | os.PathLike[str]
+
+# Okabe & Ito's palette, which all kinds of colour vision tell apart, without its pale yellow.
+BLUE, ORANGE, GREEN, RED = '#0072B2', '#E69F00', '#009E73', '#D55E00'
+PINK, SKY, GREY, INK = '#CC79A7', '#56B4E9', '#8A8F98', '#22262B'
+LINES = (BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY)
+THIN = 0.8  # of lines that stand behind, and of measured ones
+_STYLE: Any = {
+    'font.family': 'sans-serif', 'font.size': 10.0, 'text.color': INK, 'figure.dpi': 100.0,
+    'figure.facecolor': 'white', 'savefig.dpi': 150.0, 'axes.edgecolor': '#C4C8CE',
+    'axes.labelcolor': INK, 'axes.labelsize': 10.0, 'axes.titlesize': 11.0,
+    'axes.titleweight': 'bold', 'axes.titlelocation': 'left', 'axes.titlecolor': INK,
+    'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
+    'axes.axisbelow': True, 'axes.formatter.limits': (-3, 4), 'axes.xmargin': 0.0,
+    'grid.color': '#E6E8EB', 'grid.linewidth': 0.8, 'xtick.color': '#5A6068',
+    'ytick.color': '#5A6068', 'xtick.labelsize': 9.0, 'ytick.labelsize': 9.0,
+    'lines.linewidth': 1.6, 'lines.solid_capstyle': 'round', 'legend.frameon': False,
+    'legend.fontsize': 10.0, 'legend.handlelength': 1.6, 'path.simplify': True,
+    'svg.hashsalt': 'kane_dynamics',  # the same picture is the same file
+}
+_UNITS = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'), 'Torque': ('N m', 'N')}
+
+
+def check_path(path: Path) -> None:
+    """Raise InputError unless the suffix of a picture's path is a format that can be written."""
+    suffix = os.path.splitext(path)[1]
+    valid = [f'.{name}' for name in sorted(FigureCanvasBase.filetypes)]
+    if suffix.lower() not in valid:
+        raise InputError(f"the picture's path is '{os.fspath(path)}'; expected a suffix of "
+                         f'{", ".join(valid)}')
+
+
+@contextmanager
+def styled(width: float, height: float, title: str, path: Path | None) -> Iterator[Figure]:
+    """Give a figure to draw on, in inches; title and save it at the end."""
+    if path is not None:
+        check_path(path)
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout='constrained')
+        yield figure
+        figure.suptitle(title, x=0.01, ha='left', fontsize=14.0, fontweight='bold')
+        figure.align_ylabels()
+        if path is not None:
+            figure.savefig(path)
+
+
+def grid(figure: Figure, count: int, columns: int, *, share_x: bool) -> list[Axes]:
+    """Return `count` panels in rows of as many columns."""
+    panels = figure.subplots(-(-count // columns), columns, sharex=share_x, squeeze=False)
+    for axes in panels.flat[count:]:
+        axes.remove()
+    left: list[Axes] = list(panels.flat[:count])
+    for axes in left[-columns:]:
+        axes.tick_params(labelbottom=True)
+    return left
+
+
+def lowest(panels: Sequence[Axes]) -> list[Axes]:
+    """Return the last panel of every column."""
+    below: dict[int, Axes] = {}
+    for axes in panels:
+        spec = axes.get_subplotspec()
+        assert spec is not None
+        below[spec.colspan.start] = axes
+    return list(below.values())
+
+
+def time_axis(panels: Any) -> None:
+    """Label the time below every column of panels."""
+    for axes in lowest(list(np.asarray(panels).flat)):
+        axes.set_xlabel('Time [s]')
+
+
+def draw(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str, Any]]) -> None:
+    """Draw lines by label: values, colour, dash."""
+    for label, (values, color, dash) in lines.items():
+        axes.plot(t, values, color=color, linestyle=dash, label=label)
+
+
+def zero_line(axes: Axes) -> None:
+    """Mark zero, behind all else."""
+    axes.axhline(0.0, color=GREY, linewidth=THIN, zorder=0.5)
+
+
+def above(axes: Axes, columns: int) -> None:
+    """Put a panel's legend over its right upper corner."""
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)
+
+
+def beside(axes: Axes, *words: tuple[str, str]) -> None:
+    """Write (text, colour) pairs beside a panel, from the top down, all but the first bold."""
+    for k, (text, color) in enumerate(words):
+        axes.text(1.02, 0.98 - 0.18 * k, text, transform=axes.transAxes, va='top', fontsize=9.0,
+                  color=color, fontweight='bold' if k else 'normal')
+
+
+def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
+    """Put one legend of everything that panels show below them; `last` go last, in this order."""
+    shown: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            shown.setdefault(label, handle)
+    order = sorted(shown, key=lambda label: last.index(label) if label in last else -1)
+    figure.legend([shown[label] for label in order], order, loc='outside lower center',
+                  ncols=min(len(order), 5 if figure.get_figwidth() < 12.0 else 9),
+                  columnspacing=1.6)
+
+
+def unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:
+    """Return the unit of a panel, of both kinds of joint if it shows both."""
+    turning, sliding = _UNITS[what]
+    slides = [name in prismatic for name in names]
+    return sliding if all(slides) else f'{turning}, {sliding}' if any(slides) else turning
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values * values)))

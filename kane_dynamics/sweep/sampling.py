@@ -1,0 +1,71 @@
+"""The values of trials: drawn from the sweep's seed and the trial's number, from nothing else."""
+
+from collections.abc import Iterator, Sequence
+
+from kane_dynamics.model import Array
+from kane_dynamics.sweep.description import Sweep
+from kane_dynamics.sweep.trial import CONTROLLERS, PAYLOAD, Plant
+import numpy as np
+
+Values = dict[str, Array]
+
+
+def drawn(sweep: Sweep, rows: Sequence[int]) -> Values:
+    """
+    Return the values of some trials, (N,) arrays by column.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        Whose trials.
+    rows : sequence of int
+        Numbers of the trials.
+
+    """
+    count = sum(value.random for value in sweep.values)
+    uniform, normal = np.zeros((len(rows), count)), np.zeros((len(rows), count))
+    if count:
+        for k, row in enumerate(rows):
+            seed = np.random.SeedSequence(sweep.seed, spawn_key=(row,))
+            generator = np.random.Generator(np.random.PCG64(seed))
+            generator.random(out=uniform[k])
+            generator.standard_normal(out=normal[k])
+    found, numbers, unused = {}, np.asarray(rows), np.zeros(len(rows))
+    draws: Iterator[tuple[Array, Array]] = zip(uniform.T, normal.T)
+    for value in sweep.values:
+        own = next(draws) if value.random else (unused, unused)
+        length = len(value.numbers) if value.kind == 'grid' else 1
+        found[value.name] = value.taken(*own, numbers % length)
+        numbers = numbers // length
+    return found
+
+
+def of_joints(values: Values, name: str, joints: Sequence[str], default: float = 0.0) -> Array:
+    """Return what is given for all joints together or for each, (N, n)."""
+    count = len(next(iter(values.values())))
+    columns = [values.get(f'{name}.{joint}', values.get(name, np.full(count, default)))
+               for joint in joints]
+    return np.stack(columns, axis=1)
+
+
+def controllers(values: Values) -> list[str]:
+    """Return the controller of each trial."""
+    return [CONTROLLERS[int(place)] for place in values['controller'].tolist()]
+
+
+def plant(values: Values, joints: Sequence[str]) -> Plant:
+    """Return what the kernels read of each trial."""
+    friction = of_joints(values, 'friction', joints)
+    payload, known = np.zeros((len(friction), PAYLOAD)), np.zeros((len(friction), 1))
+    if 'payload.mass' in values:
+        mass, gyration = values['payload.mass'], values['payload.gyration']
+        com = np.stack([values[f'payload.com_{axis}'] for axis in 'xyz'], axis=1)
+        payload[:, 0] = mass
+        payload[:, 1:4] = mass[:, None] * com
+        # J = m k^2 1 about the mass centre is the second moment 1/2 m k^2 1.
+        second = com[:, :, None] * com[:, None] + 0.5 * (gyration**2)[:, None, None] * np.eye(3)
+        upper = np.triu_indices(3)
+        payload[:, 4:] = mass[:, None] * second[:, upper[0], upper[1]]
+        known[:, 0] = values.get('known_payload', 0.0)
+    return Plant(payload, known, friction, of_joints(values, 'kp', joints),
+                 of_joints(values, 'kd', joints))

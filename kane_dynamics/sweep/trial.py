@@ -1,0 +1,171 @@
+"""
+One trial as native code: a plant, the controller that holds it, and what is measured on the way.
+
+A trial's state is (q, u, work, squared error, tau): n coordinates, n speeds, the integral of the
+power of torques and friction, the n integrals of the squared tracking error, and the n torques at
+the beginning of the last step. Everything but tau is integrated by the same Runge-Kutta step.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+from kane_dynamics.control import Mode
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.integration import runge_kutta_4
+from kane_dynamics.model import Array, Model
+from kane_dynamics.native.expression import call
+from kane_dynamics.native.kernels import Argument, Kernel
+from kane_dynamics.native.program import Program, Shape, trace_program
+from kane_dynamics.robot import Robot
+import numpy as np
+
+NONE = 'none'
+CONTROLLERS = (Mode.COMPUTED_TORQUE.value, Mode.GRAVITY_COMPENSATION.value, NONE)
+PAYLOAD = 10  # inertial parameters of a payload, in the order of a robot's parameters
+
+
+class Parts(NamedTuple):
+    """Where the entries of a trial's state are."""
+
+    q: slice
+    u: slice
+    work: int
+    squared_error: slice
+    tau: slice
+    size: int
+
+
+def parts(n: int) -> Parts:
+    """Return where the entries of the state of n coordinates are."""
+    return Parts(slice(0, n), slice(n, 2 * n), 2 * n, slice(2 * n + 1, 3 * n + 1),
+                 slice(3 * n + 1, 4 * n + 1), 4 * n + 1)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """
+    What differs from trial to trial, as rows that the kernels read.
+
+    Attributes
+    ----------
+    payload : (N, 10) array
+        Inertial parameters of what is carried: m, m c, second moments.
+    known : (N, 1) array
+        The share of it that the controller takes into account.
+    friction : (N, n) array
+        Factors on the friction of the model.
+    kp, kd : (N, n) arrays
+        Gains of computed torque, 1/s^2 and 1/s.
+
+    """
+
+    payload: Array
+    known: Array
+    friction: Array
+    kp: Array
+    kd: Array
+
+    @property
+    def rows(self) -> Array:
+        """Return everything side by side, (N, 11 + 3 n)."""
+        return np.ascontiguousarray(np.concatenate(
+            [self.payload, self.known, self.friction, self.kp, self.kd], axis=1))
+
+
+class Trial:
+    """
+    The kernels of a model's trials, each compiled at its first use.
+
+    Parameters
+    ----------
+    model : Model
+    payload_frame : str, optional
+        Frame in which payloads are given; without it none is carried.
+
+    """
+
+    def __init__(self, model: Model, payload_frame: str | None = None) -> None:
+        """Compile nothing yet."""
+        self.robot = Robot(model, payload_frame=payload_frame)
+        self._frictionless = Robot(model, payload_frame=payload_frame, friction=False)
+        assert isinstance(self.robot.equations, Equations)  # nothing was chosen but friction
+        self._equations = self.robot.equations
+        self.n = self.robot.n
+        self.parts = parts(self.n)
+        self._carries = payload_frame is not None
+
+    def step(self, controller: str) -> Kernel:
+        """
+        Return the kernel of one step under one of `CONTROLLERS`.
+
+        Its arguments are the state, q, u and udot desired at the step's beginning, middle and end
+        (3, 3 n), a row of `Plant`, and what all trials share: step and gravity (4,).
+        """
+        if controller not in CONTROLLERS:
+            raise InputError(f"no controller '{controller}'; valid: {', '.join(CONTROLLERS)}")
+        return self._kernel(f'trial_{controller}', partial(self._step, controller),
+                            ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
+
+    def energy(self) -> Kernel:
+        """Return the kernel of a state's total energy, J, from state, row of `Plant`, shared."""
+        return self._kernel('trial_energy', self._energy, ('state', 'plant', 'shared'), ())
+
+    def shared(self, step: float) -> Array:
+        """Return what all trials share, for a step in s."""
+        return np.array([step, *self.robot.model.gravity])
+
+    def _kernel(self, name: str, program: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
+        shapes = {'state': (self.parts.size,), 'desired': (3, 3 * self.n),
+                  'plant': (PAYLOAD + 1 + 3 * self.n,), 'shared': (4,)}
+        inputs = [(key, shapes[key]) for key in names]
+
+        def traced() -> Program:
+            return trace_program(name, program, inputs)
+        return self.robot.kernels.extra(name, traced, [Argument(*x) for x in inputs[:-1]],
+                                        np.zeros(4), shape)
+
+    def _step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any) -> Any:
+        """Return the state one step later."""
+        n, equations, at = self.n, self._equations, self.parts
+        _, _, factors, gains = np.split(plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + n])
+        carried, assumed = self._parameters(plant, shared)
+        motion = self._frictionless.kernels.program('forward_dynamics')
+        law = self._law(controller, gains, assumed)
+
+        def rates(x: Any, wanted: Any) -> Any:
+            q, u = x[at.q], x[at.u]
+            tau = law(q, u, wanted)
+            pushing = tau - factors * equations.friction_force(u)
+            error = wanted[:n] - q
+            return np.array([*u, *call(motion, q, u, pushing, carried), pushing @ u,
+                             *(error * error)])
+        after = runge_kutta_4(rates, state[:at.tau.start], desired, shared[0])
+        return [*after, *law(state[at.q], state[at.u], desired[0])]
+
+    def _law(self, controller: str, gains: Any, assumed: Any) -> Any:
+        """Return the controller's torque as a function of q, u and the desired q, u, udot."""
+        kernels = self.robot.kernels
+        if controller == Mode.COMPUTED_TORQUE:
+            computed = kernels.feedback_program()
+            return lambda q, u, wanted: np.array(
+                call(computed, q, u, *np.split(wanted, 3), gains, assumed))
+        if controller == Mode.GRAVITY_COMPENSATION:
+            weight = kernels.program('gravity_force')
+            return lambda q, u, wanted: np.array(call(weight, q, assumed))
+        return lambda q, u, wanted: np.zeros(self.n).astype(object)
+
+    def _energy(self, state: Any, plant: Any, shared: Any) -> Any:
+        """Return the kinetic and potential energy."""
+        q, u, equations = state[self.parts.q], state[self.parts.u], self._equations
+        carried, _ = self._parameters(plant, shared)
+        return equations.kinetic_energy(q, u, carried) + equations.potential_energy(q, carried)
+
+    def _parameters(self, plant: Any, shared: Any) -> tuple[Any, Any]:
+        """Return the parameters of the plant, and those of the controller's model of it."""
+        gravity, payload = shared[1:], plant[:PAYLOAD]
+        if not self._carries:
+            return gravity, gravity
+        known = plant[PAYLOAD]
+        return np.array([*gravity, *payload]), np.array([*gravity, *(known * payload)])

@@ -1,0 +1,127 @@
+"""What the links of a URDF look like; files of meshes are found, not opened."""
+
+from dataclasses import dataclass
+import os
+from pathlib import Path
+from typing import Any, Literal
+import warnings
+
+from kane_dynamics.errors import ModelWarning
+from kane_dynamics.model import Array
+from kane_dynamics.urdf.document import parse, read_source
+from kane_dynamics.urdf.load import read_robot
+from kane_dynamics.urdf.schema import CHILDREN
+import numpy as np
+
+_CHILDREN = {**CHILDREN, 'robot': ('material', *CHILDREN['robot']), 'link': ('visual',),
+             'visual': ('origin', 'geometry', 'material'), 'material': ('color',),
+             'geometry': ('box', 'cylinder', 'sphere', 'mesh')}
+_DEPTH = 5  # robot / link / visual / geometry / box
+_SIZES = {'box': ('size',), 'cylinder': ('radius', 'length'), 'sphere': ('radius',),
+          'mesh': ('scale',)}
+_SHARES = ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """
+    One shape of a link.
+
+    Attributes
+    ----------
+    link : str
+        In whose axes it stands.
+    kind : 'box', 'cylinder', 'sphere' or 'mesh'
+    size : (k,) array
+        A box's lengths, a cylinder's radius and length (along z), a sphere's radius, m; a mesh's
+        scale along its axes.
+    pose : (4, 4) array
+        m.
+    color : (3,) array or None
+        Red, green, blue, from 0 to 1.
+    file : Path or None
+        Of a mesh.
+
+    """
+
+    link: str
+    kind: Literal['box', 'cylinder', 'sphere', 'mesh']
+    size: Array
+    pose: Array
+    color: Array | None = None
+    file: Path | None = None
+
+
+def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
+    """
+    Return the shapes of a URDF's links.
+
+    A mesh is looked for as a path, by a package's name or without it beside the URDF and in every
+    folder above, and in share/ of the environments that AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH
+    name.
+
+    Parameters
+    ----------
+    source : path, or str or bytes of XML
+        As `load_urdf` takes it; beside XML without a path there are no files.
+
+    Warns
+    -----
+    ModelWarning
+        Meshes were not found; they are left out.
+
+    Raises
+    ------
+    UrdfError
+        The URDF is malformed.
+
+    """
+    robot = read_robot(parse(read_source(source), depth=_DEPTH, unread=('collision',)), _CHILDREN)
+    colors = {material.name: material.color for material in robot.materials or ()}
+    is_path = not isinstance(source, bytes) and not str(source).lstrip().startswith('<')
+    here = Path(os.fspath(source)).resolve().parent if is_path else None  # type: ignore[arg-type]
+    found, missing = [], set()
+    for link in robot.links:
+        for visual in link.visuals or ():
+            shape = _visual(link.name, visual, colors, here)
+            if shape is None:
+                continue
+            if shape.kind == 'mesh' and shape.file is None:
+                missing.add(visual.geometry.mesh.filename)
+            else:
+                found.append(shape)
+    if missing:
+        warnings.warn(f'meshes are not found, and left out: {", ".join(sorted(missing))}',
+                      ModelWarning, stacklevel=2)
+    return tuple(found)
+
+
+def _visual(link: str, visual: Any, colors: dict[str, Any], here: Path | None) -> Visual | None:
+    """Return yourdfpy's record as ours; None if it has no shape."""
+    for kind, names in _SIZES.items():
+        shape = getattr(visual.geometry, kind, None)
+        if shape is None:
+            continue
+        size = np.hstack([1.0 if (x := getattr(shape, name)) is None else x for name in names])
+        if kind == 'mesh':
+            size = np.broadcast_to(size, 3)
+        pose = np.eye(4) if visual.origin is None else visual.origin
+        material = visual.material
+        color = material and (material.color or colors.get(material.name))
+        return Visual(link, kind, size, pose,  # type: ignore[arg-type]
+                      np.asarray(color.rgba[:3]) if color is not None else None,
+                      _found(shape.filename, here) if kind == 'mesh' else None)
+    return None
+
+
+def _found(name: str, here: Path | None) -> Path | None:
+    """Return the path of a file that a URDF names, or None."""
+    scheme, _, rest = name.rpartition('://')
+    package, _, inside = rest.partition('/') if scheme == 'package' else ('', '', rest)
+    candidates = [Path(inside)] if Path(inside).is_absolute() else []
+    for folder in (here, *here.parents) if here else ():
+        candidates += [folder / package / inside, folder / inside]
+    for variable in _SHARES:
+        candidates += [Path(prefix) / 'share' / package / inside
+                       for prefix in os.environ.get(variable, '').split(os.pathsep) if prefix]
+    return next((path for path in candidates if path.is_file()), None)

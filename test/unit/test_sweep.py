@@ -1,0 +1,313 @@
+"""Promises of sweeps: rows that depend on seed and number alone, right physics, a safe table."""
+
+from dataclasses import replace
+from functools import cache
+import json
+import multiprocessing
+import os
+import sys
+
+from kane_dynamics import InputError, Motion, Robot
+from kane_dynamics.errors import SweepError
+from kane_dynamics.inertial import Inertial
+from kane_dynamics.mechanics.integration import runge_kutta_4
+from kane_dynamics.mechanics.payload import with_payload
+from kane_dynamics.native import threads
+from kane_dynamics.sweep import read_table, run_sweep, Sweep, workers
+from kane_dynamics.sweep.sampling import drawn, of_joints
+from kane_dynamics.sweep.simulator import Simulator
+from kane_dynamics.sweep.table import Table
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+MODEL = random_model(11, 3, mimics=1)
+JOINTS = MODEL.joint_names
+PAYLOAD = {'frame': 'frame2', 'mass': {'uniform': [0.0, 3.0]},
+           'com': [0.0, {'normal': [0.1, 0.02]}, 0.3], 'gyration': {'loguniform': [0.01, 0.1]}}
+KINDS = ('computed_torque', 'gravity_compensation', 'none')
+
+
+@cache
+def motion():
+    """Return some motion."""
+    points = np.cumsum(np.random.default_rng(1).normal(size=(3, 3)) * 0.1, axis=0)
+    return Motion.from_points([0.0, 0.02, 0.05], points, joint_names=JOINTS)
+
+
+def sweep(**changes):
+    """Return a sweep in which everything varies."""
+    return Sweep(MODEL, **{
+        'samples': 30, 'seed': 7, 'duration': 0.04, 'step': 2e-3, 'payload': PAYLOAD,
+        'q0': {'each': {'uniform': [-0.5, 0.5]}}, 'u0': {JOINTS[1]: {'normal': [0.0, 0.3]}},
+        'friction': {'uniform': [0.5, 2.0]}, 'motion': motion(), 'chunk': 30, 'controller': {
+            'kind': {'choice': list(KINDS)}, 'kp': {'loguniform': [50.0, 500.0]},
+            'kd': [10.0, {'uniform': [10.0, 30.0]}, 20.0], 'known_payload': {'grid': [0.0, 1.0]}},
+        **changes})
+
+
+def columns(given):
+    """Return all rows of a sweep by column."""
+    simulator = Simulator(given)
+    chunks = [simulator.columns(chunk) for chunk in range(given.chunks)]
+    return {name: np.concatenate([np.array(chunk[name], dtype=object) for chunk in chunks])
+            for name in chunks[0]}
+
+
+def same(a, b):
+    """Tell whether two sets of columns hold the same bits."""
+    assert list(a) == list(b)
+    return all((a[name] == b[name]).all() for name in a)
+
+
+def reference(given, row):
+    """Return a trial's numbers by Python, its payload and friction being part of the model."""
+    values = {name: x[0] for name, x in drawn(given, [row]).items()}
+    at = {name: of_joints({k: np.array([v]) for k, v in values.items()}, name, JOINTS)[0]
+          for name in ('q0', 'u0', 'friction', 'kp', 'kd')}
+    mass, second = values['payload.mass'], values['payload.mass'] * values['payload.gyration']**2
+    load = Inertial(mass, [values[f'payload.com_{x}'] for x in 'xyz'], second * np.eye(3))
+    factor = at['friction'][0]
+    loaded = with_payload(MODEL, 'frame2', load)
+    plant = Robot(replace(loaded, bodies=tuple(
+        replace(body, joint=replace(body.joint, **{
+            name: factor * getattr(body.joint, name)
+            for name in ('damping', 'friction', 'friction_offset')})) for body in loaded.bodies)))
+    nominal = Robot(loaded if values['known_payload'] else MODEL)
+    kind, n = KINDS[int(values['controller'])], MODEL.n
+
+    def law(q, u, wanted):
+        if kind == 'none':
+            return np.zeros(n)
+        if kind == 'gravity_compensation':
+            return nominal.gravity_force(q)
+        q_d, u_d, udot_d = np.split(wanted, 3)
+        udot = udot_d + at['kd'] * (u_d - u) + at['kp'] * (q_d - q)
+        return (nominal.inverse_dynamics(q, u, udot) - nominal.friction_force(u)
+                + nominal.friction_force(u_d))
+
+    def rates(x, wanted):
+        q, u = x[:n], x[n:2 * n]
+        tau = law(q, u, wanted)
+        error = wanted[:n] - q
+        return np.concatenate([u, plant.forward_dynamics(q, u, tau),
+                               [(tau - plant.friction_force(u)) @ u], error**2])
+    x, peak, energies = np.concatenate([at['q0'], at['u0'], np.zeros(n + 1)]), np.zeros(n), []
+    for k in range(given.steps):
+        moments = [np.concatenate(given.motion.sample((k + half) * given.step))
+                   for half in (0.0, 0.5, 1.0)]
+        energies.append(plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
+        peak = np.maximum(peak, np.abs(law(x[:n], x[n:2 * n], moments[0])))
+        x = runge_kutta_4(rates, x, moments, given.step)
+    energies.append(plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
+    return {'q': x[:n], 'u': x[n:2 * n], 'peak_torque': peak,
+            'rms_error': np.sqrt(x[2 * n + 1:] / given.duration),
+            'energy_drift': energies[-1] - energies[0] - x[2 * n]}, energies
+
+
+def test_a_row_is_the_simulation_of_its_own_payload_friction_start_and_controller():
+    given = sweep()
+    rows = columns(given)
+    assert rows['ok'].all() and rows['index'].tolist() == list(range(30))
+    pairs = list(zip(rows['controller'], rows['known_payload']))
+    assert len(set(pairs)) == 6
+    for row in map(pairs.index, sorted(set(pairs) - {('none', 1.0)})):
+        expected, energies = reference(given, row)
+        for name in ('q', 'u', 'peak_torque', 'rms_error'):
+            got = np.array([rows[f'{name}.{joint}'][row] for joint in JOINTS])
+            np.testing.assert_allclose(got, expected[name], rtol=1e-9, atol=1e-10)
+        assert abs(rows['energy_drift'][row] - expected['energy_drift']) < 1e-10 * max(
+            map(abs, energies))
+
+
+def test_a_row_depends_on_seed_and_number_alone(monkeypatch):
+    monkeypatch.setenv(threads.VARIABLE, '1')
+    whole = columns(sweep())
+    assert same(columns(sweep(chunk=7)), whole)
+    assert same({name: x[:10] for name, x in whole.items()}, columns(sweep(samples=10)))
+    monkeypatch.setenv(threads.VARIABLE, '3')
+    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    assert same(columns(sweep()), whole)
+    other = columns(sweep(seed=8))
+    assert not (other['payload.mass'] == whole['payload.mass']).any()
+
+
+def test_draws_keep_to_their_laws():
+    many = sweep(samples=4000, chunk=4000)
+    values = drawn(many, range(4000))
+    mass, com, k = (values[f'payload.{x}'] for x in ('mass', 'com_y', 'gyration'))
+    assert mass.min() >= 0.0 and mass.max() <= 3.0 and abs(mass.mean() - 1.5) < 0.05
+    assert abs(com.mean() - 0.1) < 2e-3 and abs(com.std() - 0.02) < 1e-3
+    assert abs(np.log10(k).mean() + 1.5) < 0.02 and k.min() > 0.00999 and k.max() < 0.10001
+    assert np.abs(np.bincount(values['controller'].astype(int)) - 4000 / 3).max() < 150
+    starts = of_joints(values, 'q0', JOINTS)
+    assert np.abs(np.corrcoef([*starts.T, mass, com]) - np.eye(5)).max() < 0.06
+    np.testing.assert_array_equal(of_joints(values, 'u0', JOINTS)[0, ::2],
+                                  motion().sample(0.0)[1][::2])
+
+
+def test_grids_meet_in_every_combination_equally_often():
+    values = drawn(sweep(samples=24, friction={'grid': [1.0, 2.0, 3.0]}), range(24))
+    pairs = list(zip(values['friction'].tolist(), values['known_payload'].tolist()))
+    assert {pairs.count(pair) for pair in pairs} == {4} and len(set(pairs)) == 6
+
+
+def test_a_trial_that_diverges_is_a_row_with_its_error_and_harms_no_other():
+    calm, wild = (columns(sweep(controller={'kind': 'computed_torque', 'kd': [
+        kd, {'uniform': [10.0, 30.0]}, 20.0]})) for kd in (10.0, {'grid': [10.0, 1e9]}))
+    lost = wild[f'kd.{JOINTS[0]}'] > 10.0
+    assert lost.sum() == 15 and (wild['ok'] == ~lost).all()
+    assert all('finite numbers before 0.0' in text for text in wild['error'][lost])
+    assert np.isnan(wild['energy_drift'][lost].astype(float)).all()
+    assert same({name: x[~lost] for name, x in wild.items()},
+                {name: x[~lost] for name, x in calm.items()})
+
+
+def test_limits_that_were_passed_are_told():
+    still = sweep(samples=1, chunk=1, controller='none', motion=None, payload=None, duration=2e-3,
+                  u0=None, q0=[joint.limits.upper + 0.1 for joint in MODEL.coordinate_joints])
+    row = Simulator(still).columns(0)
+    assert row['limits'] == ['; '.join(f'{joint} upper' for joint in JOINTS)]
+    assert row['limit_events'].tolist() == [3]
+    rows, effort = columns(sweep()), Robot(MODEL).limits.effort
+    for joint, most in zip(JOINTS, effort):
+        told = [f'{joint} effort' in text.split('; ') for text in rows['limits']]
+        assert told == (rows[f'peak_torque.{joint}'] > most).tolist()
+        assert any(told) and not all(told)
+
+
+def parts(folder):
+    """Return the part files, in order."""
+    return sorted(folder.glob('part-*.parquet'))
+
+
+def test_a_run_makes_what_is_missing_or_torn_and_nothing_twice(tmp_path):
+    given, folder = sweep(chunk=7), tmp_path / 'table'
+    done = run_sweep(given, folder, workers=1)
+    assert (done.found, done.made, done.failed) == (0, 30, 0)
+    whole, files = read_table(folder), [part.read_bytes() for part in parts(folder)]
+    assert whole['index'].to_pylist() == list(range(30)) and len(files) == 5
+    first, second, third, fourth, _ = parts(folder)
+    first.unlink()
+    second.write_bytes(files[1][:len(files[1]) // 2])
+    middle = files[2].index(np.float64(whole['payload.mass'][15].as_py()).tobytes())
+    third.write_bytes(files[2][:middle] + b'\0' + files[2][middle + 1:])
+    os.replace(fourth, folder / f'.{fourth.name}.partial')
+    done = run_sweep(given, folder, workers=1)
+    assert (done.found, done.made) == (2, 28)
+    assert read_table(folder).equals(whole)
+    assert [part.read_bytes() for part in parts(folder)] == files
+    assert not list(folder.glob('.*'))
+    assert run_sweep(given, folder, workers=1).made == 0
+
+
+def test_a_part_that_is_of_another_chunk_is_made_anew(tmp_path):
+    given = sweep(chunk=10)
+    run_sweep(given, tmp_path, workers=1)
+    first, second, _ = parts(tmp_path)
+    second.write_bytes(first.read_bytes())
+    assert run_sweep(given, tmp_path, workers=1).made == 10
+    assert read_table(tmp_path)['index'].to_pylist() == list(range(30))
+
+
+@pytest.mark.parametrize('change, word', [
+    ({'seed': 8}, 'seed'), ({'step': 1e-3}, 'step'), ({'friction': 1.0}, 'friction'),
+    ({'chunk': 8}, 'chunk'), ({'payload': {**PAYLOAD, 'mass': 1.0}}, 'payload.mass')])
+def test_a_folder_of_another_sweep_is_refused_by_name(tmp_path, change, word):
+    mine = sweep(samples=2, chunk=1)
+    with Table(mine, tmp_path).opened():
+        pass
+    with pytest.raises(InputError, match=f'differ in {word}[,;]') as caught:
+        run_sweep(sweep(**{'samples': 2, 'chunk': 1, **change}), tmp_path, workers=1)
+    assert mine.digest[:12] in str(caught.value)
+
+
+def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
+    (tmp_path / 'thesis.tex').write_text('...')
+    with pytest.raises(InputError, match=r"holds 'thesis\.tex' and no sweep"):
+        run_sweep(sweep(), tmp_path, workers=1)
+    with pytest.raises(InputError, match='expected the folder of a sweep'):
+        read_table(tmp_path)
+
+
+def test_two_runs_do_not_write_one_folder_at_once(tmp_path):
+    with (Table(sweep(), tmp_path).opened(),
+          pytest.raises(SweepError, match='another process is writing')):
+        run_sweep(sweep(), tmp_path, workers=1)
+
+
+def test_what_failed_is_null_in_the_table(tmp_path):
+    given = sweep(samples=2, chunk=2, controller={
+        'kind': 'computed_torque', 'kp': 100.0, 'kd': {'grid': [20.0, 1e9]}})
+    assert run_sweep(given, tmp_path, workers=1).failed == 1
+    good, bad = read_table(tmp_path).to_pylist()
+    outcomes = [name for name in good if name.partition('.')[0] in (
+        'q', 'u', 'peak_torque', 'rms_error', 'energy_drift', 'limit_events', 'limits')]
+    assert len(outcomes) == 15 and good['ok'] and good['error'] is None and not bad['ok']
+    assert all(good[name] is not None and bad[name] is None for name in outcomes)
+
+
+def kill_first(work, chunk):
+    """Die, as a worker whose memory ran out does."""
+    os.kill(os.getpid(), 9)
+
+
+def test_workers_that_die_and_finish_nothing_are_an_error(monkeypatch, tmp_path):
+    monkeypatch.setattr(workers, 'compute', kill_first)
+    monkeypatch.setattr(workers, 'MOST_DEATHS', 1)
+    with pytest.raises(SweepError, match='1 times a worker died'):
+        run_sweep(sweep(chunk=15), tmp_path, workers=2)
+    assert not parts(tmp_path) and not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'samples': 0}, 'samples is 0; expected a whole number from 1'),
+    ({'seed': -1}, 'seed is -1'),
+    ({'duration': 0.0011}, 'expected a whole number of steps'),
+    ({'friction': {'uniform': [2, 1]}}, r'friction: uniform is \[2.0, 1.0\]; expected \[low, hi'),
+    ({'friction': {'normal': [1, 1]}}, 'friction must not be negative, which a normal law'),
+    ({'friction': -1.0}, 'friction is -1.0; expected a finite number >= 0'),
+    ({'q0': {'elbow': 1.0}}, "q0: no joint 'elbow'; valid: joint0"),
+    ({'q0': [0.0]}, 'q0 has 1 entries; expected 3, in the order joint0'),
+    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}}, 'q0 is .*; expected a number, or a mapping'),
+    ({'q0': float('nan')}, 'q0 is nan; expected a finite number'),
+    ({'payload': {'mass': 1.0}}, 'expected frame and mass'),
+    ({'payload': {'frame': 'hand', 'mass': 1.0}}, "no frame 'hand'; valid: base"),
+    ({'payload': {**PAYLOAD, 'com': 0.1}}, 'payload.com is 0.1; expected three values'),
+    ({'payload': {**PAYLOAD, 'weight': 1}}, "payload: unknown key 'weight'; valid: frame"),
+    ({'payload': {**PAYLOAD, 'mass': {'loguniform': [0, 1]}}}, '0 < low <= high'),
+    ({'controller': 'pid'}, "controller is 'pid'; valid: computed_torque"),
+    ({'controller': {'kind': {'uniform': [0, 1]}}}, 'expected one of computed_torque'),
+    ({'controller': {'kind': 'none', 'ki': 1}}, "controller: unknown key 'ki'"),
+    ({'controller': {'kp': 100.0}}, 'kp is given, but no trial uses it: the kind is none'),
+    ({'payload': None}, 'known_payload is given, but no trial uses it: .* no payload'),
+    ({'friction': {'grid': [1, 2, 3, 4]}}, 'grids have 8 combinations and samples is 30'),
+    ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])}, "of the joints \\['x'\\]"),
+])
+def test_a_description_that_cannot_be_is_refused_by_name(change, words):
+    with pytest.raises(InputError, match=words):
+        sweep(**change)
+
+
+def test_a_worker_of_another_version_is_refused(monkeypatch, tmp_path):
+    from kane_dynamics.sweep import simulator
+    work = simulator.task(sweep())
+    monkeypatch.setattr('kane_dynamics.sweep.description.package_version', lambda: '99')
+    with pytest.raises(SweepError, match='runs kane_dynamics 99'):
+        simulator.compute(work, 0)
+
+
+def test_what_is_not_installed_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, 'pyarrow', None)
+    with pytest.raises(InputError, match=r"needs 'pyarrow'.*pip install 'kane_dynamics\[sweep\]'"):
+        run_sweep(sweep(), tmp_path / 'table', workers=1)
+    assert not (tmp_path / 'table').exists()
+
+
+def test_the_description_in_the_folder_tells_what_the_rows_are_of(tmp_path):
+    given = sweep()
+    with Table(given, tmp_path).opened() as finished:
+        assert finished == set()
+    told = json.loads((tmp_path / '_sweep.json').read_text())
+    assert told['digest'] == given.digest and told['seed'] == 7
+    assert told['values']['friction'] == ['uniform', 0.5, 2.0]
