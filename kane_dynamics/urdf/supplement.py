@@ -133,6 +133,7 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
     Parameters
     ----------
     source : path
+        The file.
     what : str
         It is called in messages.
     error : type
