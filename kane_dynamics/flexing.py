@@ -1,23 +1,25 @@
 """Links of a loaded model made beams, and beams made rigid."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.flexible_link import AssumedModes, FlexibleLink
-from kane_dynamics.model import Array, Body, Frame, Joint, Model, WORLD
+from kane_dynamics.model import Array, Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 
 ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it
 
 
-def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
+def with_beam(model: Model, link: str, beam: FlexibleLink,
+              riders: Collection[tuple[str, Inertial]] = ()) -> Model:
     """
     Return the model with one of its links bending.
 
-    The beam begins at the link's joint. Its matter takes the place of the link's own. Joints and
-    frames on the link move and turn with the beam's section beside which they are; what is behind
-    the joint stays with the root.
+    The beam begins at the link's joint. Its matter takes the place of all that the body has, but
+    for `riders`. Joints and frames on the link move and turn with the beam's section beside which
+    they are; what is behind the joint stays with the root.
 
     Parameters
     ----------
@@ -27,6 +29,10 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
         The name of a moving body; its axes are those of the beam's `direction` and `up`.
     beam : FlexibleLink
         What it becomes.
+    riders : collection of (str, Inertial)
+        What is welded to the link and stays: a frame on the link, and matter in its axes. It
+        rides with that frame; what is given in the link's own, with the section beside its mass
+        centre.
 
     Raises
     ------
@@ -50,6 +56,8 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
     frames = {frame.name: sections.place(frame.translation, frame.rotation)
               for frame in model.frames if frame.body == k}
     tip = sections.place(shape.length * shape.axes[0], np.eye(3))
+    for name, matter in riders:
+        own = sections.carrying(model.frame(name), matter, own)
     more = len(sections.bodies)
 
     def number(i: int) -> int:
@@ -110,6 +118,17 @@ class _Sections:
         self.bodies: list[Body] = []
         self._shape, self._body, self._coordinates = modes, body, coordinates
         self._ends: dict[float, int] = {}
+
+    def carrying(self, frame: Frame, matter: Inertial, own: Body) -> Body:
+        """Load matter, given in a frame's axes, on its section; return the beam's own body."""
+        at = frame.translation if frame.name != self._shape.name else matter.com
+        body, p, R = self.place(at, frame.rotation)
+        moved = matter.moved(R, p + frame.translation - at)
+        if body == self._body:
+            return replace(own, inertial=own.inertial + moved)
+        section = self.bodies[body - self._body - 1]
+        self.bodies[body - self._body - 1] = replace(section, inertial=section.inertial + moved)
+        return own
 
     def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
         """Return the body that a place of the straight beam rides on, and where it is on it."""

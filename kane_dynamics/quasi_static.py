@@ -9,7 +9,7 @@ import numpy as np
 
 PRECISION = 1e-10  # of the deflection, at which it is found
 MOST = 100  # corrections
-GROWING = 3  # that are not smaller than the one before: there is no end to them
+GROWING = 2  # that are not smaller than the one before: there is no end to them
 
 
 class QuasiStatic:

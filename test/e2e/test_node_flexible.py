@@ -1,6 +1,5 @@
 """An arm whose links bend, simulated by the plant, led by the node that knows of its bending."""
 
-import json
 import time
 
 from graph import DEEP, Process, wait_until
@@ -13,34 +12,26 @@ URDF = resource_path('urdf', 'two_link.urdf')
 JOINTS = ('joint1', 'joint2')
 POINTS = ((0.0, (0.4, 0.3)), (1.6, (0.9, -0.4)))
 REST = [(0.0, 0.0)] * 2
-SUPPLEMENT = {
-    'beams': {'link1': {'length': 0.5, 'density': 4.0, 'stiffness': 60.0, 'modes': [2, 0],
-                        'up': [0, 1, 0], 'damping': 2e-3},
-              'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 40.0, 'modes': [1, 0],
-                        'up': [0, 1, 0], 'damping': 2e-3}},
-    'joints': {'joint1': {'armature': 0.4}, 'joint2': {'armature': 0.1}},
-    'payload': {'link': 'tip', 'mass': 1.5}}
+BENDING = resource_path('urdf', 'two_link.bending.yaml')
 GAINS = {'kp': 100.0, 'kd': 20.0}
 
 
 def error_of_rigid_feedforward(motion):
     """Return the mean error of the joints, rad, of the arm led as if its links were rigid."""
-    model = load_urdf(URDF, supplement=SUPPLEMENT)
+    model = load_urdf(URDF, supplement=BENDING)
     arm, controller = Robot(model), Controller(Robot(stiffened(model)), mode='computed_torque',
                                                **GAINS)
     q, rest = np.array(POINTS[0][1]), np.zeros(2)
-    run = simulate(arm, np.append(q, QuasiStatic(arm).modes(q, rest, rest)), np.zeros(5), 1.6,
+    run = simulate(arm, np.append(q, QuasiStatic(arm).modes(q, rest, rest)), np.zeros(7), 1.6,
                    step=1e-3, sample=0.01, torque=lambda t, q, u: np.append(
-                       controller.command(t, q[:2], u[:2], motion).tau, np.zeros(3)))
+                       controller.command(t, q[:2], u[:2], motion).tau, np.zeros(5)))
     return np.abs(run.q[:, :2] - [motion.sample(t)[0] for t in run.t]).mean()
 
 
-def test_the_node_leads_a_bending_arm_far_better_than_rigid_feedforward(client, start, tmp_path):
-    path = tmp_path / 'bends.yaml'
-    path.write_text(json.dumps(SUPPLEMENT))  # JSON is YAML
+def test_the_node_leads_a_bending_arm_far_better_than_rigid_feedforward(client, start):
     plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', urdf=URDF,
-                    rate=200, substeps=5, supplement=path, initial__position=list(POINTS[0][1]))
-    node = start(urdf=URDF, supplement=path, mode='computed_torque', gains__kp=GAINS['kp'],
+                    rate=200, substeps=5, supplement=BENDING, initial__position=list(POINTS[0][1]))
+    node = start(urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],
                  gains__kd=GAINS['kd'])
     states = []
     listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(
@@ -48,7 +39,7 @@ def test_the_node_leads_a_bending_arm_far_better_than_rigid_feedforward(client, 
     motion = Motion.from_points(*zip(*POINTS), REST, joint_names=JOINTS)
     try:
         plant.wait_for('2 joints (joint1, joint2), beams bend in link1/mode_1, link1/mode_2, '
-                       'link2/mode_1, 200 joint states', 60.0)
+                       'link2/mode_1, link2/mode_2, link2/twist_1, 200 joint states', 60.0)
         node.wait_for('active, mode', 60.0)
         assert wait_until(lambda: client.motions.get_subscription_count() > 0 and len(states) > 5)
         assert len(states[0][1]) == 2  # modes are the plant's own business

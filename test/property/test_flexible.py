@@ -9,6 +9,7 @@ from kane_dynamics import (ball, Bending, FlexibleLink, Inertial, load_urdf, Mod
                            Torsion, UrdfError, with_beam)
 from kane_dynamics.mechanics import energy, kane
 from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
+from kane_dynamics.mechanics.payload import with_payload
 from kane_dynamics.resources import resource_path
 from kane_dynamics.vibration import stiffness_matrix
 import numpy as np
@@ -429,6 +430,23 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     assert moved.mass == pytest.approx(12.0 * 0.6127)
     found = natural_vibration(robot, q, held=robot.joint_names[:6]).frequencies / (2 * np.pi)
     assert 5.0 < found[0] < 15.0  # Hz, with some 20 kg at its end
+
+
+def test_what_is_welded_to_a_bending_link_goes_on_weighing():
+    source, com = resource_path('urdf', 'two_link.urdf'), [0.1, 0.05, 0.02]
+    beams = {'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 100.0, 'modes': [1, 1]}}
+    bare, *held = (load_urdf(source, supplement={'beams': beams, **payload}) for payload in (
+        {}, *({'payload': {'link': link, 'mass': 1.5, 'com': com}} for link in ('tip', 'link2'))))
+    q = states(bare, 1)[0]
+    expected = energy.conservative_force(with_payload(bare, 'tip', point_mass(1.5, com)), q)
+    np.testing.assert_allclose(energy.conservative_force(held[0], q), expected)
+    beside, = (body for body in held[1].bodies if body.inertial.mass == 1.5)
+    assert beside.name.startswith('link2/at_0.1/')  # the section beside its mass centre
+    locked = load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={
+        'beams': {'upper_arm_link': UPPER_ARM}}, joints=['shoulder_pan_joint',
+                                                         'shoulder_lift_joint'])
+    assert locked.bodies[-1].name.startswith('upper_arm_link/at_0.6127/')
+    assert locked.bodies[-1].inertial.mass == pytest.approx(3.989 + 2.1 + 1.98 + 0.615)
 
 
 def test_a_second_beam_hangs_on_the_first():

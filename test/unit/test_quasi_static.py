@@ -1,7 +1,6 @@
 """Feedforward of arms that bend: deflections are in equilibrium, the joints follow better."""
 
 from functools import cache
-import json
 
 from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (Controller, InputError, load_urdf, Motion, QuasiStatic, Robot, simulate,
@@ -11,20 +10,15 @@ from kane_dynamics.mechanics import energy, kane
 from kane_dynamics.resources import resource_path
 import numpy as np
 import pytest
+import yaml
 
-BEAMS = {'link1': {'length': 0.5, 'density': 4.0, 'stiffness': 60.0, 'modes': [2, 0],
-                   'direction': [1, 0, 0], 'up': [0, 1, 0], 'damping': 2e-3},
-         'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 40.0, 'modes': [1, 1],
-                   'direction': [1, 0, 0], 'up': [0, 1, 0], 'damping': 2e-3,
-                   'torsion': {'stiffness': 40.0, 'inertia': 1e-3}}}
-MOTORS = {'joint1': {'armature': 0.4}, 'joint2': {'armature': 0.1}}
-PAYLOAD = {'link': 'tip', 'mass': 1.5, 'com': [0.02, 0.0, 0.05]}
+URDF = resource_path('urdf', 'two_link.urdf')
+BENDING = resource_path('urdf', 'two_link.bending.yaml')
 
 
 @cache
 def flexible():
-    return Robot(load_urdf(resource_path('urdf', 'two_link.urdf'),
-                           supplement={'beams': BEAMS, 'payload': PAYLOAD, 'joints': MOTORS}))
+    return Robot(load_urdf(URDF, supplement=BENDING))
 
 
 @cache
@@ -34,10 +28,11 @@ def bending():
 
 def test_a_model_with_rigid_beams_is_that_of_no_modes():
     model = stiffened(flexible().model)
-    rods = {link: {**beam, 'modes': 0, 'torsion': {**beam['torsion'], 'modes': 0}}
-            if 'torsion' in beam else {**beam, 'modes': 0} for link, beam in BEAMS.items()}
-    other = load_urdf(resource_path('urdf', 'two_link.urdf'),
-                      supplement={'beams': rods, 'payload': PAYLOAD, 'joints': MOTORS})
+    data = yaml.safe_load(BENDING.read_text())
+    for beam in data['beams'].values():
+        beam['modes'] = 0
+        beam.get('torsion', {})['modes'] = 0
+    other = load_urdf(URDF, supplement=data)
     assert model.joint_names == other.joint_names == bending().joint_names
     assert not model.flexible and len(model.bodies) == 2
     assert [f.name for f in model.frames] == [f.name for f in other.frames]
@@ -49,10 +44,8 @@ def test_a_model_with_rigid_beams_is_that_of_no_modes():
                                    Robot(other).frame_pose(name, state[0]), atol=1e-12)
 
 
-def test_doctor_speaks_of_joints_alone(tmp_path, capsys):
-    supplement = tmp_path / 'soft.yaml'
-    supplement.write_text(json.dumps({'beams': BEAMS}))
-    main(['doctor', str(resource_path('urdf', 'two_link.urdf')), '--supplement', str(supplement)])
+def test_doctor_speaks_of_joints_alone(capsys):
+    main(['doctor', str(URDF), '--supplement', str(BENDING)])
     said = capsys.readouterr().out
     assert 'joint1' in said and 'mode_1' not in said
 

@@ -51,16 +51,9 @@ def plant(**changes):
     return Plant(robot, values(**changes))
 
 
-BEAMS = {'link1': {'length': 0.5, 'density': 4.0, 'stiffness': 200.0, 'modes': [1, 1],
-                   'up': [0, 1, 0], 'damping': 1e-3},
-         'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 90.0, 'modes': [2, 0],
-                   'up': [0, 1, 0], 'damping': 1e-3, 'torsion': {'stiffness': 9, 'inertia': 1e-3}}}
-
-
 @cache
 def flexible():
-    return load_urdf(URDF, supplement={'beams': BEAMS, 'joints': {
-        'joint1': {'armature': 0.1}, 'joint2': {'armature': 0.05}}})
+    return load_urdf(URDF, supplement=resource_path('urdf', 'two_link.bending.yaml'))
 
 
 def run(which, ticks):
