@@ -26,7 +26,7 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test test-slow soak bench kernel-sizes lint colcon-test clean FORCE
+.PHONY: help install demo test test-slow soak bench kernel-sizes picture lint colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
@@ -35,6 +35,7 @@ help:
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
+	@echo 'make picture      docs/view.png anew, by a headless Chromium'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
 	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
 	@echo 'make clean        remove all of that'
@@ -102,6 +103,9 @@ bench: install $(VENV)/.bench
 	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
 	    || failed="$$failed $$program"; \
 	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
+
+picture: install
+	PYTHONPATH='$(CURDIR):$(CURDIR)/test/e2e' $(BIN)/python docs/view.py docs/view.png
 
 kernel-sizes: install
 	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py

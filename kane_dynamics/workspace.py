@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakSet
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.kernel_set import ALL, KernelSet
 from kane_dynamics.model import Array
+from kane_dynamics.native.entry import Tabled
 from kane_dynamics.native.kernels import Kernel
 from kane_dynamics.quantities import FRAME_QUANTITIES
 import numpy as np
@@ -14,21 +16,17 @@ STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # resul
 
 
 class _Quantity:
-    """A quantity that, once used on a workspace, gives way to its function there."""
+    """A quantity that, once used, gives way to its method, or to a function of the workspace."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.__doc__ = f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
 
     def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
-        if workspace is None:
-            return self
-        function = workspace._bound(workspace._kernels.quantity(self.name), self.__doc__ or '')
-        workspace.__dict__[self.name] = function
-        return function
+        return self if workspace is None else workspace._first(self.name, self.__doc__ or '')
 
 
-class Workspace:
+class Workspace(Tabled):
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
 
@@ -38,9 +36,7 @@ class Workspace:
     ``inverse_dynamics()`` writes to and returns `tau`, ``forward_dynamics()`` `udot`; every other
     quantity returns an array of its own, the same one at every call (derivatives (3, n, n), which
     unpacks), and energies return a float.
-    A call allocates no array and runs no Python; take the function out of a tight loop, since
-    looking it up costs nearly half as much as calling it. It reads the robot's `parameters`
-    as they are.
+    A call allocates no array and runs no Python. It reads the robot's `parameters` as they are.
 
     The arrays stay where they are: to rebind an attribute is an error, and so is to resize an
     array. A workspace belongs to one thread. A quantity compiles at its first use. A call raises
@@ -54,6 +50,8 @@ class Workspace:
 
     """
 
+    __slots__ = ('__weakref__', '_at', '_functions', '_kernels', '_owned', '_states', 'q', 't',
+                 'tau', 'u', 'udot', 'wrench')
     q: Array
     u: Array
     udot: Array
@@ -63,6 +61,17 @@ class Workspace:
     _kernels: KernelSet
     _states: dict[str, Array]
     _at: dict[tuple[str, str], Callable[[], Any]]
+    _functions: dict[str, Callable[[], Any]]  # of quantities that cannot be methods
+    _owned: dict[str, Array]  # the tables of those that are
+
+    def __new__(cls, kernels: KernelSet) -> 'Workspace':
+        """Return an object of a class of these kernels' own, which has them for methods."""
+        if kernels.workspace_type is None:
+            kernels.workspace_type = type(cls.__name__, (cls,), {
+                '__slots__': (), '__doc__': cls.__doc__, '__module__': cls.__module__,
+                '_living': WeakSet(), '_methods': {}})
+        workspace: Workspace = object.__new__(kernels.workspace_type)
+        return workspace
 
     def __init__(self, kernels: KernelSet) -> None:
         """Make the arrays; nothing is compiled yet."""
@@ -73,7 +82,14 @@ class Workspace:
             states['wrench'] = _fixed(kernels.no_wrench.shape)
         if equations.timed:
             states['t'] = _fixed(())
-        self.__dict__.update(states, _kernels=kernels, _states=states, _at={})
+        for name, value in {**states, '_kernels': kernels, '_states': states, '_at': {},
+                            '_functions': {}, '_owned': {},
+                            '_tables': np.zeros(len(ALL), dtype=np.uint64)}.items():
+            object.__setattr__(self, name, value)
+        kind: Any = type(self)
+        kind._living.add(self)
+        for name in kind._methods:
+            self._tabulate(kernels.quantity(name))
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse: the compiled calls read the memory that is there."""
@@ -111,16 +127,40 @@ class Workspace:
         """Return `Robot.joint_reaction` at a joint as a function without arguments."""
         return self._bound_at(self._kernels.reaction(joint), joint)
 
+    def _first(self, name: str, doc: str) -> Callable[[], Any]:
+        """Make a quantity a method of all workspaces of this robot; return this one's."""
+        if name in self._functions:
+            return self._functions[name]
+        kernel, kind = self._kernels.quantity(name), self._kernels.workspace_type
+        made = kernel.method(kind, doc)
+        if made is None:
+            self._functions[name] = self._bound(kernel, doc)
+            return self._functions[name]
+        for workspace in kind._living:
+            workspace._tabulate(kernel)
+        method, kind._methods[name] = made
+        setattr(kind, name, method)  # from now on it is found before the _Quantity
+        function: Callable[[], Any] = getattr(self, name)
+        return function
+
+    def _tabulate(self, kernel: Kernel) -> None:
+        """Let the kernel's method find the memory of this workspace."""
+        table = self._owned[kernel.name] = kernel.table(*self._memory(kernel))
+        self._tables[kernel.place] = table.ctypes.data
+
+    def _memory(self, kernel: Kernel) -> tuple[list[Array], Array]:
+        """Return the arrays that a kernel reads, and the one that it writes."""
+        target = STATE_RESULTS.get(kernel.name)
+        return ([self._states[argument.name] for argument in kernel.arguments],
+                _fixed(kernel.shape) if target is None else self._states[target])
+
     def _bound_at(self, kernel: Kernel, at: str) -> Callable[[], Any]:
         if (kernel.name, at) not in self._at:
             self._at[kernel.name, at] = self._bound(kernel, f'Compute {kernel.name} of {at}.')
         return self._at[kernel.name, at]
 
     def _bound(self, kernel: Kernel, doc: str) -> Callable[[], Any]:
-        target = STATE_RESULTS.get(kernel.name)
-        result = _fixed(kernel.shape) if target is None else self._states[target]
-        return kernel.bind([self._states[argument.name] for argument in kernel.arguments], result,
-                           doc)
+        return kernel.bind(*self._memory(kernel), doc)
 
 
 for _name in ALL:  # not by `__getattr__`, which makes every look-up of an attribute slower

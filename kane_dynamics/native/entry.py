@@ -55,14 +55,21 @@ def _symbol(name: str) -> int:
     return int(ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0)
 
 
-def _built_in(name: str, doc: str, address: llvm.Address, flags: int, words: Mapping[str, int],
-              blocks: Sequence[np.ndarray], owned: tuple[Any, ...]) -> Callable[..., Any]:
-    """Make a built-in function of machine code that reads these words and blocks."""
+def _table(words: Mapping[str, int], blocks: Sequence[np.ndarray],
+           owned: tuple[Any, ...]) -> _Table:
+    """Return the table of these words and blocks."""
     words = {**_interpreter_words(), **words}
     table = np.array([*(words.get(word, 0) for word in TABLE),
                       *(block.ctypes.data for block in blocks)], dtype=np.uint64).view(_Table)
+    table.owned = (tuple(blocks), *owned)
+    return table
+
+
+def _built_in(name: str, doc: str, address: llvm.Address, flags: int,
+              table: _Table) -> Callable[..., Any]:
+    """Make a built-in function of machine code that reads a table."""
     method = _MethodDef(name.encode(), address, flags, doc.encode())
-    table.owned = (method, tuple(blocks), *owned)
+    table.owned = (method, *table.owned)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype = ctypes.py_object
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
@@ -77,15 +84,27 @@ def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray],
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
     words = {'FALLBACK': id(fallback), 'RESULT_SHAPE': lengths.ctypes.data,
              'RING': ring.ctypes.data}
-    return _built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS, words,
-                     defaults, (lengths, ring, fallback, code))
+    return _built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
+                     _table(words, defaults, (lengths, ring, fallback, code)))
 
 
 def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
            fallback: Callable[..., Any]) -> Callable[..., Any]:
-    words = {'FALLBACK': id(fallback), 'RESULT': id(blocks[-1])}
-    return _built_in(name, doc, code.address('bound'), METH_FASTCALL, words, blocks,
-                     (fallback, code))
+    return _built_in(name, doc, code.address('bound'), METH_FASTCALL,
+                     bound_table(code, blocks, fallback))
+
+
+def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
+                fallback: Callable[..., Any]) -> _Table:
+    """Return what a method reads for one object, to stay alive; arguments as `bound` has them."""
+    return _table({'FALLBACK': id(fallback), 'RESULT': id(blocks[-1])}, blocks, (fallback, code))
+
+
+class Tabled:
+    """What methods of machine code are for: its first slot holds addresses of their tables."""
+
+    __slots__ = ('_tables',)
+    _tables: np.ndarray
 
 
 @cache
@@ -114,7 +133,7 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  %y = load ptr, ptr %slot', '  %a = load <3 x double>, ptr %x, align 8',
                       '  %b = fadd <3 x double> %a, %a',
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
-                      entry_code('twice', [3], 0, (3,)), bound_code('twice', [3], 0, (3,))])
+                      entry_code('twice', [3], 0, (3,)), bound_code('twice', [3], 0, (3,), 1)])
     code = llvm.Code(object_cache.fetch(object_cache.key('self-test', text),
                                         lambda: llvm.assemble(text)))
     twice = _entry('twice', '', code, [], (3,), lambda *args, **keywords: (args, keywords))
@@ -122,10 +141,15 @@ def _self_test(probe: np.ndarray) -> bool:
     first, second, third = twice(probe), twice(probe), twice(probe)
     source, result = probe.copy(), np.empty(3)
     bound = _bound('twice', '', code, [source, result], lambda *args: args)
+    kind: Any = type('Probe', (Tabled,), {'__slots__': ()})
+    kind.twice, kept = method(kind, 'twice', '', code)
+    table, owner = bound_table(code, [source, result], lambda *args: args), kind()
+    owner._tables = np.array([0, table.ctypes.data], dtype=np.uint64)
     counts = sys.getrefcount(first), sys.getrefcount(result)
     return (all(np.array_equal(x, 2.0 * probe) for x in (first, second, third, bound()))
             and len({x.ctypes.data for x in (first, second, third)}) == 3
-            and bound() is result and (sys.getrefcount(first), sys.getrefcount(result)) == counts
+            and bound() is result and owner.twice() is result and owner.twice(1) == (1,)
+            and kept and (sys.getrefcount(first), sys.getrefcount(result)) == counts
             and twice(bad)[0][0] is bad
             and twice() == ((), {}) and twice(probe, out=1)[1] == {'out': 1}
             and twice(probe[::2])[0][0].shape == (2,) and twice(1.0) == ((1.0,), {})
@@ -182,10 +206,32 @@ def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
     return _bound(name, doc, code, blocks, fallback)
 
 
-def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
-            shape: Shape) -> str:
+def method(cls: type[Tabled], name: str, doc: str, code: llvm.Code) -> tuple[Any, Any]:
     """
-    Return the assembly that goes into a kernel's module for `entry` and `bound`.
+    Return a method that calls a kernel on the memory of its object, and what it needs alive.
+
+    Parameters
+    ----------
+    cls : subclass of Tabled
+        Of the objects.
+    name, doc : str
+        What the method is called and says of itself.
+    code : Code
+        Holds what `ways_in` wrote for a place.
+
+    """
+    definition = _MethodDef(name.encode(), code.address('method'), METH_FASTCALL, doc.encode())
+    make = ctypes.pythonapi.PyDescr_NewMethod
+    make.restype, make.argtypes = ctypes.py_object, [ctypes.py_object, ctypes.c_void_p]
+    return make(cls, ctypes.addressof(definition)), (definition, code)
+
+
+
+
+def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
+            shape: Shape, place: int | None = None) -> str:
+    """
+    Return the assembly that goes into a kernel's module for `entry`, `bound` and `method`.
 
     Parameters
     ----------
@@ -196,9 +242,11 @@ def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
         parameters follows.
     shape : tuple of int
         Shape of the result.
+    place : int, optional
+        Where its objects have its table, if there is to be a method.
 
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
     return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, len(default_sizes) + 1, shape),
-                      bound_code(symbol, [*lengths, *default_sizes], 1, shape)])
+                      bound_code(symbol, [*lengths, *default_sizes], 1, shape, place)])

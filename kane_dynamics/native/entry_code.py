@@ -1,9 +1,11 @@
 """
 The machine code between Python and one kernel, written for that kernel's very signature.
 
-Two C functions go into the kernel's own module. `entry` takes arrays as positional arguments,
-checks them, finds memory for the result, and calls the kernel; `bound` takes no argument and calls
-the kernel on memory that was settled before. What they do not take goes to the Python fallback.
+Two or three C functions go into the kernel's own module. `entry` takes arrays as positional
+arguments, checks them, finds memory for the result, and calls the kernel; `bound` takes no
+argument and calls the kernel on memory that was settled before; `method` does the same for an
+object, which the interpreter calls faster than a function that is an attribute. What they do not
+take goes to the Python fallback.
 
 Memory for a result is kept from call to call: an entry owns its last two results, and one that
 nobody else refers to any more is given out again, as CPython's `zip` does with its tuples. Two,
@@ -23,6 +25,7 @@ TABLE = ('FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY', 'NEW_FLOAT
 
 # Where CPython and numpy keep things: byte offsets in an object and in an ndarray.
 COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72
+SLOT = 16  # the first slot of an object of Python
 READABLE = 0x101  # C_CONTIGUOUS, ALIGNED
 FRESH = READABLE | 0x404  # OWNDATA, WRITEABLE
 TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
@@ -235,9 +238,13 @@ def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shap
     return '\n'.join(a.lines)
 
 
-def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shape) -> str:
+def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shape,
+               place: int | None = None) -> str:
     """
-    Return the assembly of `bound`.
+    Return the assembly of `bound`, and of `method` where it has a place.
+
+    A method's `self` is an object that begins with a slot: in it an array of the addresses of
+    tables, of which it takes the one at its place.
 
     Parameters
     ----------
@@ -249,12 +256,25 @@ def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shap
         Blocks that follow the arguments and are not checked.
     shape : tuple of int
         Of the result; () returns a float.
+    place : int, optional
+        Of the method's table among those of its object.
 
     """
     a = _Assembly()
-    a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {',
-          *TABLE_OF_SELF,
-          f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
+    a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF)
+    _run_bound(a, symbol, sizes, n_parameters, shape)
+    if place is not None:
+        a.put('define ptr @method(ptr %self, ptr %args, i64 %nargs) {')
+        tables = a.load('ptr', a.load('ptr', '%self', SLOT), DATA)
+        a.put(f'  %table = getelementptr i8, ptr {a.load("ptr", tables, 8 * place)}, i64 0')
+        _run_bound(a, symbol, sizes, n_parameters, shape)
+    return '\n'.join(a.lines)
+
+
+def _run_bound(a: _Assembly, symbol: str, sizes: Sequence[int], n_parameters: int,
+               shape: Shape) -> None:
+    """Write the rest of a function that has found its table."""
+    a.put(f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
     data = [a.load('ptr', '%pointers', 8 * k) for k in range(len(sizes))]
     a.branch([a.equal('i64', '%nargs', 0), *a.finite(list(zip(data, sizes)))], 'run', 'slow')
     a.put('run:', f'  call void @{symbol}(ptr %pointers)')
@@ -268,4 +288,3 @@ def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shap
     else:
         _give_float(a, memory)
     a.slow('null')
-    return '\n'.join(a.lines)

@@ -3,8 +3,8 @@
 import copy
 
 from kane_dynamics.model import Array
-from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED, SKY,
-                                      styled, time_axis, zero_line)
+from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED,
+                                      show_at_least, SKY, styled, time_axis, zero_line)
 from kane_dynamics.power import power_balance, unaccounted_energy
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
@@ -63,10 +63,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
             above(axes, 4)
         for axes in panels[1:]:
             zero_line(axes)
-        # Where nothing is put in or lost, rounding must not fill the panel.
-        least = 1e-3 * np.ptp(trajectory.energy[:, 0]) / max(np.ptp(t), np.finfo(float).tiny)
-        low, high = panels[1].get_ylim()
-        panels[1].set_ylim(min(low, -least), max(high, least))
+        swing = np.ptp(trajectory.energy[:, 0]) / max(np.ptp(t), np.finfo(float).tiny)
+        show_at_least(panels[1], 1e-3 * swing)
         time_axis(panels)
     return figure
 

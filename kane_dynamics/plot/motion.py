@@ -4,7 +4,6 @@ from collections.abc import Collection
 from itertools import cycle
 from typing import Any
 
-from kane_dynamics.errors import InputError
 from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, INK, legend_below, LINES,
                                       ORANGE, Path, RED, SKY, styled, THIN, time_axis, unit)
 from kane_dynamics.robot import Robot
@@ -66,7 +65,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds.
+        Whose joints.
     trajectory : Trajectory
         A single motion of this robot.
     path : str or Path, optional
@@ -77,20 +76,19 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     Raises
     ------
     InputError
-        The trajectory holds several motions, or is of other joints; or speeds are not joint rates.
+        The trajectory holds several motions, or is of other joints.
 
     """
     trajectory.require(robot, 'plot_phase')
-    if robot.speed_names != robot.joint_names:
-        raise InputError(f'the speeds of this robot are {list(robot.speed_names)}; a phase '
-                         'portrait needs the joint rates')
+    rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(
+        trajectory.q, trajectory.u, t=trajectory.t)
     names, limits = robot.joint_names, robot.limits
     columns = min(len(names), 1 if len(names) == 1 else 2 if len(names) < 5 else 4)
     with styled(max(3.0 * columns, 6.0), 1.3 + 2.7 * -(-len(names) // columns), title, path
                 ) as figure:
         panels = grid(figure, len(names), columns, share_x=False)
         for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
-            q, u = trajectory.q[:, i], trajectory.u[:, i]
+            q, u = trajectory.q[:, i], rates[:, i]
             axes.plot(q, u, color=BLUE, label='motion')
             axes.plot(q[:1], u[:1], 'o', color=BLUE, markersize=6.0, label='start')
             axes.plot(q[-1:], u[-1:], 's', color=ORANGE, markersize=6.0, label='end')

@@ -1,7 +1,7 @@
 """What joints transmit."""
 
 from kane_dynamics.plot.style import (beside, BLUE, draw, GREEN, INK, legend_below, Path, RED,
-                                      styled, time_axis, zero_line)
+                                      show_at_least, styled, time_axis, zero_line)
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 from matplotlib.figure import Figure
@@ -34,6 +34,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
     """
     trajectory.require(robot, 'plot_reactions')
     reactions = robot.joint_reactions(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
+    least = 1e-6 * np.abs(reactions).max()
     joints = [body.joint.name for body in robot.model.bodies]
     with styled(11.0, 1.3 + 1.55 * len(joints), title, path) as figure:
         panels = figure.subplots(len(joints), 2, sharex=True, squeeze=False)
@@ -47,6 +48,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
                     **{label: (row, color, '-')
                        for (label, color), row in zip(_AXES.items(), vector.T, strict=True)},
                     'magnitude': (size, INK, '--')})
+                show_at_least(axes, least)
                 axes.set_ylabel(f'{name}\n[{unit}]' if unit == 'N' else f'[{unit}]')
                 beside(axes, ('largest', INK), (f'{size.max():.3g} {unit}', INK))
         for axes, text in zip(panels[0], ('Force', 'Moment about the joint'), strict=True):

@@ -97,6 +97,12 @@ def zero_line(axes: Axes) -> None:
     axes.axhline(0.0, color=GREY, linewidth=THIN, zorder=0.5)
 
 
+def show_at_least(axes: Axes, least: float) -> None:
+    """Widen a panel to values of that size: where there is nothing, rounding must not fill it."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -least), max(high, least))
+
+
 def above(axes: Axes, columns: int) -> None:
     """Put a panel's legend over its right upper corner."""
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)

@@ -11,6 +11,7 @@ import numpy as np
 KINDS = ('torques', 'forces', 'moments')
 LONGEST = 0.4  # of an arrow, in units of the robot's size
 _LEAST = 0.01  # of the longest: shorter ones are left out
+_ROUNDING = 1e-9
 _SAMPLES = 100  # postures that the largest gravity torques are taken of
 
 
@@ -53,14 +54,20 @@ class Loads:
 
     @cached_property
     def largest(self) -> dict[str, float]:
-        """Return the largest magnitude of each of `KINDS`: N m of revolute joints, N, N m."""
+        """
+        Return the largest magnitude of each of `KINDS`: N m of revolute joints, N, N m.
+
+        Zero for what is only rounding beside the others.
+        """
         sliding = [name in self.robot.model.sliding for name in self.robot.joint_names]
         turning = np.logical_not(sliding)
         force, moment = (np.linalg.norm(self.reactions[..., part], axis=-1).max(initial=0.0)
                          for part in (slice(0, 3), slice(3, 6)))
-        return {'torques': float(np.abs(self.tau[:, turning]).max(initial=0.0)),
-                'forces': float(max(force, np.abs(self.tau[:, sliding]).max(initial=0.0))),
-                'moments': float(moment)}
+        found = {'torques': float(np.abs(self.tau[:, turning]).max(initial=0.0)),
+                 'forces': float(max(force, np.abs(self.tau[:, sliding]).max(initial=0.0))),
+                 'moments': float(moment)}
+        least = _ROUNDING * max(found.values())
+        return {kind: size if size > least else 0.0 for kind, size in found.items()}
 
     def arrows(self, k: int, length: float, largest: dict[str, float]) -> dict[str, Array]:
         """

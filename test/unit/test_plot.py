@@ -9,6 +9,7 @@ from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
 from kane_dynamics.plot import (plot_energy, plot_phase, plot_reactions, plot_replay,
                                 plot_torque_by_source, plot_tracking, plot_trajectory)
 from kane_dynamics.power import power_balance, unaccounted_energy
+from kane_dynamics.trajectory import Trajectory
 import matplotlib
 from mechanisms import random_model
 import numpy as np
@@ -25,16 +26,16 @@ TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T],
 
 @cache
 def arm():
-    """Return a robot with springs and friction whose second joint of three slides."""
+    """Return a robot with springs and friction whose joints turn and slide."""
     return Robot(random_model(9, n=3))
 
 
 @cache
-def push(step=2e-3):
+def push():
     """Return a motion of it under torques that vary smoothly."""
     def torque(t, q, u):
         return np.array([3.0, 5.0, -1.0]) * np.cos(4.0 * t)
-    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=step, torque=torque,
+    return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=2e-3, torque=torque,
                     sample=4e-3)
 
 
@@ -106,18 +107,37 @@ def test_energies_add_up_and_the_power_balances_to_rounding():
     np.testing.assert_allclose(lines['springs'], springs, rtol=1e-12)
     np.testing.assert_allclose(lines['motors'], (motion.tau * motion.u).sum(axis=1), atol=1e-9)
     assert np.abs(lines['rate of energy']).max() > 0.5
+    np.testing.assert_allclose(lines['motors'] + lines['friction'], lines['rate of energy'],
+                               atol=1e-9)
     assert np.abs(residual.lines[0].get_ydata()).max() < 1e-9
 
 
-def test_unaccounted_energy_is_the_integrators_error():
+def test_a_balance_of_many_states_is_that_of_each():
+    motion = push()
+    many = power_balance(arm(), motion.q, motion.u, motion.udot)
+    for k in (0, 40):
+        one = power_balance(arm(), motion.q[k], motion.u[k], motion.udot[k])
+        np.testing.assert_allclose(one, [power[k] for power in many], rtol=1e-9, atol=1e-10)
+
+
+def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_that_was():
+    motion = push()
+    along = Trajectory.along(arm(), motion.t, motion.q, motion.u, motion.udot)
+    np.testing.assert_allclose(along.tau, motion.tau, atol=1e-10)
+    np.testing.assert_allclose(along.energy, motion.energy, rtol=1e-13)
+    assert along.joint_names == motion.joint_names
+
+
+def test_unaccounted_energy_is_the_error_of_integration_of_fourth_order():
     def lost(step):
-        motion = push(step)
+        motion = simulate(arm(), np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.5, 0.7]), 0.4,
+                          step=step, sample=step)
         power = power_balance(arm(), motion.q, motion.u, motion.udot)
-        return unaccounted_energy(motion.t, motion.energy.sum(axis=1),
-                                  power.joints - power.friction)
-    coarse, fine = np.abs(lost(4e-3)).max(), np.abs(lost(2e-3)).max()
-    assert coarse < 1e-2  # torques are held for a step: of first order
-    assert fine == pytest.approx(coarse / 2.0, rel=0.1)
+        return np.abs(unaccounted_energy(motion.t, motion.energy.sum(axis=1),
+                                         power.joints - power.friction)).max()
+    coarse, fine = lost(4e-3), lost(2e-3)
+    assert coarse < 1e-8
+    assert fine == pytest.approx(coarse / 16.0, rel=0.1)
 
 
 def test_a_reactions_magnitude_is_that_of_its_components():

@@ -1,5 +1,6 @@
 """Promises of the view: what is drawn is where the robot is, and arrows are what acts there."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -31,7 +32,7 @@ ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></materia
 <joint name="bend" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
   <origin xyz="0.6 0 0"/><limit lower="-2" upper="2" velocity="3" effort="20"/></joint>
 <joint name="flange" type="fixed"><parent link="fore"/><child link="tool"/>
-  <origin xyz="0.4 0 0"/></joint></robot>"""
+  <origin xyz="0.4 0 0" rpy="0 0.7 0"/></joint></robot>"""
 
 
 @cache
@@ -80,10 +81,11 @@ def test_malformed_looks_are_the_urdfs_fault():
 def test_shapes_are_drawn_where_the_robots_frames_are(arm):
     robot = Robot(load_urdf(arm))
     q = np.array([0.4, -0.9])
-    body, visual = looks(robot.model, load_visuals(arm), 1.0)[0]
-    np.testing.assert_allclose(body_poses(robot.model, q)[body] @ visual.pose,
-                               robot.frame_pose('upper', q) @ load_visuals(arm)[0].pose,
-                               atol=1e-14)
+    for link in ('base', 'upper', 'tool'):  # fixed, moving, merged into another's body
+        stated = replace(load_visuals(arm)[0], link=link)
+        body, visual = looks(robot.model, [stated], 1.0)[0]
+        np.testing.assert_allclose(body_poses(robot.model, q)[body] @ visual.pose,
+                                   robot.frame_pose(link, q) @ stated.pose, atol=1e-14)
     q = random_state(tree().model, 1)[0]
     poses = body_poses(tree().model, q)
     for frame in ('frame0', 'frame5', 'base'):
@@ -129,9 +131,17 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
                for x in long.values())
 
 
-def test_at_rest_the_base_carries_the_weight(arm):
+def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
     loads = Loads.at_rest(Robot(load_urdf(arm)), np.array([[0.3, 0.2]]))
     np.testing.assert_allclose(loads.reactions[0, 0, :3], [0.0, 0.0, 3 * 9.81], atol=1e-12)
+    arrows = loads.arrows(0, 1.0, loads.largest)
+    up = arrows['torques'][:, 1] - arrows['torques'][:, 0]  # x turns to z about -y
+    np.testing.assert_allclose(up / np.linalg.norm(up, axis=1)[:, None], [[0, -1, 0]] * 2,
+                               atol=1e-12)
+    assert np.linalg.norm(up[0]) == pytest.approx(1.0)
+    rounding = replace(loads, reactions=loads.reactions * [1, 1, 1, 1e-14, 1e-14, 1e-14])
+    assert rounding.largest['moments'] == 0.0
+    assert rounding.arrows(0, 1.0, rounding.largest)['moments'].shape == (0, 2, 3)
 
 
 def test_a_window_refuses_what_it_cannot_show(arm):

@@ -4,10 +4,12 @@ import copy
 import gc
 import sys
 import tracemalloc
+import weakref
 
 from kane_dynamics import InputError, Robot
 from kane_dynamics.native import entry
 from kane_dynamics.quantities import FRAME_QUANTITIES, QUANTITIES
+from kane_dynamics.workspace import Workspace
 from mechanisms import random_inertial, random_model, random_state
 import numpy as np
 import pytest
@@ -36,8 +38,7 @@ def bound(robot):
 @pytest.mark.parametrize('name', QUANTITIES)
 def test_every_quantity_is_the_robots_own(robot, name):
     workspace = bound(robot)
-    given = {key: value.copy() for key, value in vars(workspace).items()
-             if isinstance(value, np.ndarray)}
+    given = {key: getattr(workspace, key).copy() for key in ('q', 'u', 'udot', 'tau', 'wrench')}
     quantity = QUANTITIES[name]
     wrench = {'wrench': given['wrench']} if quantity.wrench else {}
     expected = getattr(robot, name)(*[given[a] for a in quantity.arguments], **wrench)
@@ -128,6 +129,32 @@ def test_two_workspaces_share_nothing(robot):
     expected = first.inverse_dynamics().copy()
     second.inverse_dynamics()
     assert np.array_equal(first.tau, expected)
+
+
+def test_a_quantity_serves_workspaces_that_were_there_before_its_first_use(robot):
+    before, user = robot.bind(), bound(robot)
+    expected = user.gravity_force().copy()
+    after = bound(robot)
+    assert not np.array_equal(before.gravity_force(), expected), 'at zero, not at the state'
+    assert np.array_equal(after.gravity_force(), expected)
+    assert np.array_equal(user.gravity_force(), expected)
+    assert len({id(w.gravity_force()) for w in (before, user, after)}) == 3
+
+
+def test_quantities_of_machine_code_are_methods_of_the_robots_own_class():
+    workspace, other = Robot(MODEL).bind(), Robot(MODEL).bind()
+    workspace.inverse_dynamics()
+    assert type(workspace.__class__.__dict__['inverse_dynamics']).__name__ == 'method_descriptor'
+    assert isinstance(workspace, Workspace)
+    assert 'inverse_dynamics' not in other.__class__.__dict__
+
+
+def test_a_workspace_goes_when_nobody_holds_it(robot):
+    workspace = bound(robot)
+    workspace.mass_matrix()
+    gone = weakref.ref(workspace)
+    del workspace
+    assert gone() is None
 
 
 def test_a_workspace_keeps_alive_what_it_needs():
