@@ -1,22 +1,23 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
-from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.build import ModelBuilder
 from kane_dynamics.constraint_file import load_constraints
 from kane_dynamics.contact import CollisionDetector, frame_wrench
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                   ModelError, ModelWarning, SweepError, UrdfError)
-from kane_dynamics.flexing import with_beam
+from kane_dynamics.flexible_link import FlexibleLink
+from kane_dynamics.flexing import stiffened, with_beam
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
                                             Speeds)
-from kane_dynamics.mode_shapes import Bending
+from kane_dynamics.mode_shapes import Bending, Torsion
 from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.observer import MomentumObserver
 from kane_dynamics.power import power_balance
+from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot
 from kane_dynamics.shapes import ball, box, disc, point_mass, rod
 from kane_dynamics.simulation import simulate
@@ -28,7 +29,8 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
            'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
            'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'Robot', 'Rolling', 'Speeds', 'SweepError', 'Terms',
-           'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity', 'box',
-           'disc', 'frame_wrench', 'knife_edge', 'load_constraints', 'load_urdf', 'momenta',
-           'natural_vibration', 'point_mass', 'power_balance', 'rod', 'simulate', 'with_beam']
+           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
+           'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
+           'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'knife_edge',
+           'load_constraints', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
+           'power_balance', 'rod', 'simulate', 'stiffened', 'with_beam']

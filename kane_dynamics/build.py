@@ -3,10 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.beam import AssumedModes, FlexibleLink
 from kane_dynamics.build_checks import (check_moments, check_properties, checked_turns, direction,
                                         further, pose)
 from kane_dynamics.errors import ModelError
+from kane_dynamics.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model import (Body, constant, Frame, GRAVITY, Inertial, Joint, Model,
                                  WORLD)
 from kane_dynamics.urdf.assembly import Place
@@ -128,7 +128,7 @@ class ModelBuilder:
         Add a body that bends, and the joint that carries it.
 
         Frame `name` is its root's; `name/tip` moves and turns with the other end, `section` adds
-        frames between. Modal coordinates are called `name/mode_1` and so on.
+        frames between. Modal coordinates are called `name/mode_1`, `name/twist_1` and so on.
 
         Parameters
         ----------
@@ -146,12 +146,12 @@ class ModelBuilder:
         matter = options.pop('matter', NOTHING)
         self.body(name, on, kind, matter=matter + shape.inertial, **options)
         first = len(self._coordinates)
-        self._coordinates += [f'{name}/mode_{k + 1}' for k in range(shape.count)]
-        self._shapes[name] = shape, tuple(range(first, len(self._coordinates)))
+        coordinates = tuple(range(first, first + shape.count))
+        self._coordinates += shape.names
+        self._shapes[name] = shape, coordinates
         if shape.count:
-            place = self._places[name]
-            self._bodies[place.body] = replace(self._bodies[place.body],
-                                               beam=shape.beam(self._shapes[name][1]))
+            body = self._places[name].body
+            self._bodies[body] = replace(self._bodies[body], beam=shape.beam(coordinates))
         self.section(f'{name}/tip', name, shape.length)
 
     def section(self, name: str, of: str, at: float) -> None:

@@ -11,9 +11,10 @@ from functools import cached_property
 import math
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.limiter import Command, Limiter, per_joint
+from kane_dynamics.limiter import Command, Limiter, measured, per_joint
 from kane_dynamics.model import Array, freeze
 from kane_dynamics.motion import Motion
+from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 import numpy as np
 from numpy.typing import ArrayLike
@@ -105,6 +106,8 @@ class Controller:
         N m or N; what the robot's own limits say is never exceeded. Default: only those.
     rate_limit : float or (n,) array_like
         N m/s or N/s; infinite for no limit.
+    bending : QuasiStatic, optional
+        The arm with the beams that `robot` takes for rigid: its torques are commanded then.
 
     Raises
     ------
@@ -115,9 +118,14 @@ class Controller:
 
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
                  compensate: Terms = Terms(), kp: ArrayLike = 100.0, kd: ArrayLike = 20.0,
-                 effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf) -> None:
-        self.robot = robot
+                 effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
+                 bending: QuasiStatic | None = None) -> None:
+        self.robot, self.bending = robot, bending
         self._names = tuple(robot.joint_names)
+        if bending is not None and bending.joint_names != self._names:
+            raise InputError(f'bending is of the joints {list(bending.joint_names)}; expected '
+                             f'{list(self._names)}')
+        self._source = bending or robot
         self._zero = np.zeros(len(self._names))
         self._zero.flags.writeable = False
         self._pose: Array | None = None  # held while there is no motion
@@ -173,7 +181,10 @@ class Controller:
 
     def compile(self) -> None:  # noqa: A003
         """Compile now what a command may need beyond the robot's own kernels."""
-        self._law  # noqa: B018
+        if self.bending is None:
+            self._law  # noqa: B018
+        else:
+            self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
 
     @property
     def effort_limit(self) -> Array:
@@ -222,9 +233,9 @@ class Controller:
         t = float(t)
         if not math.isfinite(t):
             raise InputError(f't is {t}; expected a finite time in s')
-        q = self._measured(q, 'position')
+        q = measured(q, 'position', self._names)
         if u is not None:
-            u = self._measured(u, 'speed')
+            u = measured(u, 'speed', self._names)
         elif self.mode is not Mode.GRAVITY_COMPENSATION:
             raise InputError(f'the state has no speeds, which {self.mode} needs')
         if motion is not None and motion is not self._motion:
@@ -232,7 +243,8 @@ class Controller:
                 raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
-        external = None if external is None else self._measured(external, 'external torque')
+        external = None if external is None else measured(
+            external, 'external torque', self._names)
         return self.command_checked(t, q, q if u is None else u, motion,
                                     t if motion_time is None else motion_time, external)
 
@@ -248,10 +260,10 @@ class Controller:
             tau = self._computed_torque(q, u, motion, moment)
         elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
             q_d, u_d, udot_d = motion.sample(moment)
-            tau = (self.robot.inverse_dynamics(q_d, u_d, udot_d) if self._all
-                   else self._forward @ self.robot.torque_terms(q_d, u_d, udot_d))
+            tau = (self._source.inverse_dynamics(q_d, u_d, udot_d) if self._all
+                   else self._forward @ self._source.torque_terms(q_d, u_d, udot_d))
         else:
-            tau = self.robot.gravity_force(q) if self.compensate.gravity else self._zero.copy()
+            tau = self._source.gravity_force(q) if self.compensate.gravity else self._zero.copy()
         if external is not None and self.mode is not Mode.GRAVITY_COMPENSATION:
             tau = tau - external
         return self._limiter.apply(t, tau)
@@ -264,7 +276,6 @@ class Controller:
     def _computed_torque(self, q: Array, u: Array, motion: Motion | None,
                          moment: float) -> Array:
         """Return the torque of the model at the measured state and the corrected acceleration."""
-        robot = self.robot
         if motion is None:
             if self._pose is None:
                 self._pose = q.copy()
@@ -272,28 +283,11 @@ class Controller:
         else:
             self._pose = None  # where it stood before says nothing about where it will end
             q_d, u_d, udot_d = motion.sample(moment)
-        if self._all:
+        if self._all and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
         with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
             correction = self.kd * (u_d - u) + self.kp * (q_d - q)
         udot = udot_d + correction if self.compensate.inertia else correction
-        tau: Array = self._back @ robot.torque_terms(q, u, udot)
-        return tau + robot.friction_force(u_d) if self.compensate.friction else tau
-
-    def _measured(self, values: ArrayLike, what: str) -> Array:
-        """Return (n,) finite numbers, or raise InputError that names the joint."""
-        try:
-            array = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError(f'the measured {what} is {values!r}; expected {len(self._names)} '
-                             f'numbers ({", ".join(self._names)})') from None
-        if array.shape != self._zero.shape:
-            raise InputError(f'the measured {what} has shape {array.shape}; expected '
-                             f'{self._zero.shape} ({", ".join(self._names)})')
-        if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
-            for name, value in zip(self._names, array.tolist(), strict=True):
-                if not math.isfinite(value):
-                    raise InputError(f"the measured {what} of joint '{name}' is {value}; "
-                                     'expected a finite number')
-        return array
+        tau: Array = self._back @ self._source.torque_terms(q, u, udot)
+        return tau + self.robot.friction_force(u_d) if self.compensate.friction else tau

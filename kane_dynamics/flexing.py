@@ -1,23 +1,25 @@
-"""A link of a loaded model made a beam."""
+"""Links of a loaded model made beams, and beams made rigid."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.beam import AssumedModes, FlexibleLink
 from kane_dynamics.errors import ModelError
-from kane_dynamics.model import Array, Body, Frame, Joint, Model
+from kane_dynamics.flexible_link import AssumedModes, FlexibleLink
+from kane_dynamics.model import Array, Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 
 ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it
 
 
-def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
+def with_beam(model: Model, link: str, beam: FlexibleLink,
+              riders: Collection[tuple[str, Inertial]] = ()) -> Model:
     """
     Return the model with one of its links bending.
 
-    The beam begins at the link's joint. Its matter takes the place of the link's own. Joints and
-    frames on the link move and turn with the beam's section beside which they are; what is behind
-    the joint stays with the root.
+    The beam begins at the link's joint. Its matter takes the place of all that the body has, but
+    for `riders`. Joints and frames on the link move and turn with the beam's section beside which
+    they are; what is behind the joint stays with the root.
 
     Parameters
     ----------
@@ -27,6 +29,10 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
         The name of a moving body; its axes are those of the beam's `direction` and `up`.
     beam : FlexibleLink
         What it becomes.
+    riders : collection of (str, Inertial)
+        What is welded to the link and stays: a frame on the link, and matter in its axes. It
+        rides with that frame; what is given in the link's own, with the section beside its mass
+        centre.
 
     Raises
     ------
@@ -49,7 +55,9 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
                 for i, body in enumerate(model.bodies) if body.parent == k}
     frames = {frame.name: sections.place(frame.translation, frame.rotation)
               for frame in model.frames if frame.body == k}
-    tip, _, _ = sections.place(shape.length * shape.axes[0], np.eye(3))
+    tip = sections.place(shape.length * shape.axes[0], np.eye(3))
+    for name, matter in riders:
+        own = sections.carrying(model.frame(name), matter, own)
     more = len(sections.bodies)
 
     def number(i: int) -> int:
@@ -63,11 +71,44 @@ def with_beam(model: Model, link: str, beam: FlexibleLink) -> Model:
         rest.append(replace(body, parent=parent, joint=joint))
     moved = [Frame(frame.name, *_turned(frames[frame.name])) if frame.name in frames else
              replace(frame, body=number(frame.body)) for frame in model.frames]
-    moved.append(Frame(f'{link}/tip', tip))
+    moved.append(Frame(f'{link}/tip', *_turned(tip)))
     return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
                    frames=tuple(moved), coordinate_names=(
-                       *model.coordinate_names,
-                       *(f'{link}/mode_{j + 1}' for j in range(shape.count))))
+                       *model.coordinate_names, *shape.names))
+
+
+def stiffened(model: Model) -> Model:
+    """Return the model with its beams straight and rigid: without modal coordinates."""
+    if not model.flexible:
+        return model
+    modal = model.modal_coordinates
+    numbers = {k: number for number, k in enumerate(
+        k for k in range(model.n) if k not in modal)}
+    bodies: list[Body] = []
+    places: list[tuple[int, Array, Array]] = []  # where each body of the model is, on which
+
+    def placed(on: int, R: Array, p: Array) -> tuple[int, Array, Array]:
+        if on == WORLD:
+            return on, R, p
+        body, R_on, p_on = places[on]
+        return body, R_on @ R, p_on + R_on @ p
+    for body in model.bodies:
+        on, R, p = placed(body.parent, body.joint.rotation, body.joint.translation)
+        if body.joint.deflection is None:
+            bodies.append(replace(body, parent=on, beam=None, joint=replace(
+                body.joint, rotation=R, translation=p,
+                coordinate=numbers[body.joint.coordinate])))
+            places.append((len(bodies) - 1, np.eye(3), np.zeros(3)))
+        else:  # a section
+            bodies[on] = replace(bodies[on],
+                                 inertial=bodies[on].inertial + body.inertial.moved(R, p))
+            places.append((on, R, p))
+    frames = []
+    for frame in model.frames:
+        on, R, p = placed(frame.body, frame.rotation, frame.translation)
+        frames.append(Frame(frame.name, on, R, p))
+    return replace(model, bodies=tuple(bodies), frames=tuple(frames), coordinate_names=tuple(
+        model.coordinate_names[k] for k in numbers))
 
 
 class _Sections:
@@ -77,6 +118,17 @@ class _Sections:
         self.bodies: list[Body] = []
         self._shape, self._body, self._coordinates = modes, body, coordinates
         self._ends: dict[float, int] = {}
+
+    def carrying(self, frame: Frame, matter: Inertial, own: Body) -> Body:
+        """Load matter, given in a frame's axes, on its section; return the beam's own body."""
+        at = frame.translation if frame.name != self._shape.name else matter.com
+        body, p, R = self.place(at, frame.rotation)
+        moved = matter.moved(R, p + frame.translation - at)
+        if body == self._body:
+            return replace(own, inertial=own.inertial + moved)
+        section = self.bodies[body - self._body - 1]
+        self.bodies[body - self._body - 1] = replace(section, inertial=section.inertial + moved)
+        return own
 
     def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
         """Return the body that a place of the straight beam rides on, and where it is on it."""

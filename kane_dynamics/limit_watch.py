@@ -113,6 +113,8 @@ class LimitWatch:
             There are more than a million crossings.
 
         """
+        if not self._bounds:
+            return
         rows = np.moveaxis(states, 2, 1)  # one for each entry of each state
         if extremes is None:
             rows = np.ascontiguousarray(rows)  # long rows go several times faster

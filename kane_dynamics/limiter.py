@@ -140,3 +140,21 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
                              f'{"finite " if finite else ""}number >= 0')
     array.flags.writeable = False
     return array
+
+
+def measured(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
+    """Return (n,) finite numbers that were measured; InputError names `what` and the joint."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'the measured {what} is {values!r}; expected {len(names)} '
+                         f'numbers ({", ".join(names)})') from None
+    if array.shape != (len(names),):
+        raise InputError(f'the measured {what} has shape {array.shape}; expected '
+                         f'{(len(names),)} ({", ".join(names)})')
+    if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
+        for name, value in zip(names, array.tolist(), strict=True):
+            if not math.isfinite(value):
+                raise InputError(f"the measured {what} of joint '{name}' is {value}; "
+                                 'expected a finite number')
+    return array

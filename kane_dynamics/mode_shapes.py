@@ -1,4 +1,4 @@
-"""Assumed shapes of a bending beam: those of uniform beams in closed form, or a user's own."""
+"""Assumed shapes of beams that bend or twist: in closed form, or a user's own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ import math
 from typing import Literal
 
 from kane_dynamics.errors import ModelError
-from kane_dynamics.inertial import Array
+from kane_dynamics.inertial import Array, constant
 import numpy as np
 
 Shapes = tuple[Array, Array, Array]  # phi, phi' and phi'', (k, len(x)) each
@@ -88,6 +88,61 @@ class Bending:
         if self.kind == 'clamped_free':
             return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
         return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+
+
+@dataclass(frozen=True)
+class Torsion:
+    """
+    A beam's twist: its stiffness, and its modes, those of a uniform clamped-free shaft.
+
+    Parameters
+    ----------
+    stiffness : float
+        GJ, N m^2.
+    inertia : float
+        rho I_p: moment of inertia about the beam per length, kg m.
+    modes : int
+        How many.
+    tip_inertia : float
+        What the shapes assume at the tip, kg m^2; the beam does not carry it for that.
+
+    """
+
+    stiffness: float
+    inertia: float
+    modes: int = 1
+    tip_inertia: float = 0.0
+
+    def checked(self, what: str) -> 'Torsion':
+        """Return it with numbers that are possible; ModelError says what of `what` is not."""
+        numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: {key}'))
+                   for key in ('stiffness', 'inertia', 'tip_inertia')}
+        count = self.modes
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+            raise ModelError(f'{what}: torsion: modes is {count!r}; expected how many, 0 or more')
+        for key, value in numbers.items():
+            if value < 0.0 or (value == 0.0 and count and key != 'tip_inertia'):
+                raise ModelError(f'{what}: torsion: {key} is {value:g}; it must '
+                                 f'{"not be negative" if key == "tip_inertia" else "be positive"}')
+        return Torsion(**numbers, modes=int(count))
+
+    def at(self, x: Array, length: float) -> Array:
+        """
+        Return psi and psi', (2, modes, len(x)), at places x of a beam of some length.
+
+        psi = sin(b x / L) where cot b = b J / (rho I_p L), J the inertia at the tip: these are
+        orthogonal with respect to the inertia of shaft and tip, and scaled to be orthonormal.
+        """
+        def free(b: float) -> float:
+            return math.cos(b) - self.tip_inertia / (self.inertia * length) * b * math.sin(b)
+        rows = []
+        for k in range(self.modes):
+            b = _root(free, k * math.pi, (k + 0.5) * math.pi)
+            mass = (0.5 * self.inertia * length * (1.0 - math.sin(2.0 * b) / (2.0 * b))
+                    + self.tip_inertia * math.sin(b) ** 2)
+            rows.append([np.sin(b * x / length) / math.sqrt(mass),
+                         b / length * np.cos(b * x / length) / math.sqrt(mass)])
+        return np.array(rows).reshape(self.modes, 2, len(x)).swapaxes(0, 1)
 
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:

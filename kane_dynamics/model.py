@@ -232,6 +232,11 @@ class Model:
                      for k, name in enumerate(self.coordinate_names))
 
     @property
+    def modal_coordinates(self) -> tuple[int, ...]:
+        """Places in q of the coordinates of beams' modes."""
+        return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
+
+    @property
     def sliding(self) -> frozenset[str]:
         """Names of the coordinates that are lengths, whose units are m and N."""
         return frozenset(name for name, joint in zip(

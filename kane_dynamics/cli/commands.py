@@ -17,6 +17,7 @@ from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
                                       read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.flexing import stiffened
 from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
@@ -196,6 +197,9 @@ def doctor(options: Namespace) -> int:
     """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
     caught: list[str] = []
     model, robot = load(options, caught)
+    if model.flexible:  # a mode has no limit, and no message tells of it
+        model = stiffened(model)
+        robot = Robot(model)
     found = examination.examine_model(model, robot, caught)
     if options.config or options.live:
         live = extra('kane_dynamics.ros.doctor', 'ros')

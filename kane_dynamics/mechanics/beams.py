@@ -9,6 +9,9 @@ split are its partial velocities and its acceleration,
 
 and sum over i + j <= 2 of v_i^r . a_j is what the kinetic energy to the second power gives. The
 part i = j = 0 is the straight beam's, a rigid body, and left out. World axes, any scalar.
+
+A section that twists is a round disc: its partial angular velocities are the beam's and psi e, and
+its -F_r* is w^r . (J alpha + w x J w), less that of the disc that turns with the straight beam.
 """
 
 from typing import Any
@@ -49,6 +52,45 @@ class Matter:
         return result
 
 
+class Twist:
+    """A beam's sections as discs that turn about it."""
+
+    def __init__(self, beam: Beam, here: Configuration, n: int) -> None:
+        """Take the body's configuration and the number of coordinates."""
+        self.e = here.R_wb @ beam.direction
+        self.carried = here.partial_angular_velocity
+        self.shapes = beam.twists @ np.eye(n)[list(beam.coordinates)]  # (g, n)
+        self.discs = [(spin, psi) for spin, psi in zip(beam.spins, self.shapes) if psi.any()]
+
+    def _moment(self, spin: float, w: Any) -> Any:
+        """Return J w of a disc."""
+        return 0.5 * spin * (w + (w @ self.e) * self.e)
+
+    def torques(self, motion: Motion, rates: tuple[Any, Any]) -> Any:
+        """Return what twist adds to -F_r*, (n,); `rates` are u and udot."""
+        result: Any = np.zeros(len(self.carried))
+        for spin, psi in self.discs:
+            turn, gain = (psi @ x for x in rates)
+            w = motion.omega + turn * self.e
+            alpha = motion.alpha + gain * self.e + cross(motion.omega, turn * self.e)
+            straight = self._moment(spin, motion.alpha) + cross(
+                motion.omega, self._moment(spin, motion.omega))
+            torque = self._moment(spin, alpha) + cross(w, self._moment(spin, w))
+            partials = self.carried + np.multiply.outer(psi, self.e)
+            result = result + partials @ torque - self.carried @ straight
+        return result
+
+    def inertia(self) -> Any:
+        """Return what twist adds to M, (n, n)."""
+        result: Any = np.zeros((len(self.carried), len(self.carried)))
+        for spin, psi in self.discs:
+            for partials, sign in ((self.carried + np.multiply.outer(psi, self.e), 1.0),
+                                   (self.carried, -1.0)):
+                turned = np.array([self._moment(sign * spin, w) for w in partials])
+                result = result + partials @ turned.T
+        return result
+
+
 def inertia_force(beam: Beam, here: Configuration, motion: Motion, q: Any, u: Any,
                   udot: Any) -> Any:
     """Return what bending adds to F_r*, (n,), N m or N."""
@@ -65,13 +107,15 @@ def inertia_force(beam: Beam, here: Configuration, motion: Motion, q: Any, u: An
             a[power] = a[power] + 2.0 * cross(omega, speed @ shapes) + gain @ shapes
         a[2] = a[2] - (speed @ beam.shortening[g] @ speed) * (here.R_wb @ beam.direction)
         return a
-    return -matter.total(accelerations)
+    return -matter.total(accelerations) - Twist(beam, here, len(q)).torques(
+        motion, (u, udot))
 
 
 def mass_matrix(beam: Beam, here: Configuration, q: Any) -> Any:
     """Return what bending adds to M, (n, n)."""
     matter = Matter(beam, here, q)
-    return matter.total(lambda g: [v.T for v in matter.partials[g]])
+    return (matter.total(lambda g: [v.T for v in matter.partials[g]])
+            + Twist(beam, here, len(q)).inertia())
 
 
 def weight(beam: Beam, here: Configuration, q: Any, gravity: Any) -> Any:

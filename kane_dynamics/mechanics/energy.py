@@ -104,6 +104,24 @@ def _bending(beam: Any, T: Any, T_rate: Any, q: Any, u: Any) -> Any:
         v_1 = T_rate[:3, :3] @ (eta @ phi) + T[:3, :3] @ (speed @ phi)
         v_2 = (T_rate[:3, :3] @ beam.direction) * shorter + (T[:3, :3] @ beam.direction) * rate
         total = total + dm * (2.0 * (v_0 @ (v_1 + v_2)) + v_1 @ v_1)
+    return total + _twisting(beam, T[:3, :3], T_rate[:3, :3], speed)
+
+
+def _twisting(beam: Any, R: Any, R_rate: Any, speed: Any) -> Any:
+    """
+    Return twice what twist adds to a beam's kinetic energy, J.
+
+    A round section's second moment S does not change as it turns by E(theta) about the beam, so
+    tr((R E)' S (R E)'^T) is that of R' + theta' R K, K = E'(0).
+    """
+    e = beam.direction
+    K = np.cross(np.eye(3), e)
+    total: Any = 0.0
+    for spin, psi in zip(beam.spins, beam.twists):
+        if psi.any():
+            S = 0.5 * spin * (np.eye(3) - np.outer(e, e))
+            turned = R_rate + (R @ K) * (psi @ speed)
+            total = total + np.sum((turned @ S) * turned) - np.sum((R_rate @ S) * R_rate)
     return total
 
 

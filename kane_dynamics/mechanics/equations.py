@@ -11,7 +11,7 @@ from typing import Any
 
 from kane_dynamics.beam import Beam
 from kane_dynamics.errors import ModelError
-from kane_dynamics.mechanics import frames, reactions, recursive, regressor
+from kane_dynamics.mechanics import composites, frames, reactions, recursive, regressor
 from kane_dynamics.mechanics.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.link import homogeneous, Link
@@ -107,7 +107,7 @@ class Equations:
 
     def mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return M with armature, (n, n)."""
-        M = recursive.mass_matrix(self.base_links(parameters), q)
+        M = composites.mass_matrix(self.base_links(parameters), q)
         return M + np.diag(self.armature(np.ones(self.n)))
 
     def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:

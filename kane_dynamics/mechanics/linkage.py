@@ -3,9 +3,10 @@ A tree of links with the least arithmetic in it, equivalent to a Model's tree of
 
 A link is a body as the recursions see it: in axes of its own, whose z is the joint's axis, with a
 constant placement in its parent and a pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: the moments
-of mass up to the second). Two further changes that no joint torque can notice make most of its
+of mass up to the second). Further changes that no joint torque can notice make most of its
 numbers 0 or 1, which tracing then folds away:
 
+* `merged`: a joint that turns about the same axis as the beam's section it is on takes both turns;
 * `denavit_hartenberg`: each revolute link's frame slid along its own axis to the common normal
   with its parent's, and turned about it so that the way to its (largest) child is an offset along
   its z, one along its x, and a turn about x, where that is less arithmetic;
@@ -22,6 +23,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from kane_dynamics.beam import Deflection
 from kane_dynamics.mechanics.link import homogeneous, inverse, Link
 from kane_dynamics.model import Array, Model, WORLD
 import numpy as np
@@ -60,6 +62,30 @@ def linkage(model: Model) -> tuple[Link, ...]:
     return tuple(links)
 
 
+def merged(links: Sequence[Link]) -> tuple[Link, ...]:
+    """
+    Return the links with joints that turn about the same axis as the section they are on.
+
+    Where a beam bends in the plane in which the joint at its end moves, one angle, the sum of
+    the section's and the joint's, serves both. The section stays, for what else is on it.
+    """
+    result = list(links)
+    for i, link in enumerate(links):
+        if link.parent == WORLD or (section := links[link.parent]).deflection is None:
+            continue
+        sense, bent = link.rotation[2, 2], section.deflection
+        if (link.deflection is not None or (link.kind, section.kind) != ('revolute', 'revolute')
+                or abs(sense) != 1.0 or link.translation[:2].any()):
+            continue
+        result[i] = replace(
+            link, parent=section.parent, pose=_clean(section.pose @ link.pose),
+            offset=sense * section.offset + link.offset,
+            deflection=Deflection((*bent.coordinates, link.coordinate),
+                                  np.append(sense * bent.slope, link.multiplier),
+                                  np.pad(sense * bent.curvature, (0, 1))))
+    return tuple(result)
+
+
 def carrying(links: Sequence[Link], body: int, pose: Array,
              pseudo_inertia: Any) -> tuple[Link, ...]:
     """Return the links with matter added that is given in a frame with this pose on a body."""
@@ -91,10 +117,11 @@ def _moved(link: Link, G: Array) -> Link:
 
 def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     """
-    Slide and turn revolute links' frames about their own z (see the module).
+    Slide and turn revolute links' frames about their own z, of `merged` links (see the module).
 
     Of both, either and neither, a link takes what leaves the fewest constants near it.
     """
+    links = merged(links)
     result = list(links)
     children = [[k for k, link in enumerate(links) if link.parent == i]
                 for i in range(len(links))]

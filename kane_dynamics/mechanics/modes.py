@@ -63,7 +63,8 @@ class Modes:
         m = len(eta)
         bend = [sum(self._bend[i, j] * eta[j] for j in range(m)) for i in range(m)]
         self._changes = [self._slope[i] + bend[i] for i in range(m)]  # dP/d eta_i
-        self.pseudo_inertia = sum((self._slope[i] + 0.5 * bend[i]) * eta[i] for i in range(m))
+        self.pseudo_inertia = (sum(self._slope[i] * eta[i] for i in range(m))
+                               + 0.5 * sum(bend[i] * eta[i] for i in range(m)))
         self.momentum = [change[:3, 3] for change in self._changes]
         self.spin = [spin[i] + sum(self._spin_slope[j, i] * eta[j] for j in range(m))
                      for i in range(m)]
@@ -82,9 +83,10 @@ class Modes:
         force = (2.0 * cross(omega, flow) + sum(self.momentum[i] * gain[i] for i in m) + curved)
         moment = (_spun(change, omega) + cross(omega, spin)
                   + sum(self.spin[i] * gain[i] + spin_rates[i] * speed[i] for i in m))
+        spun = 0.5 * ((omega @ omega) * np.eye(3) - np.multiply.outer(omega, omega))
         modal = [self.momentum[i] @ a + self.spin[i] @ alpha + self.mass[i] @ gain
                  + omega @ (spin_rates[i] - sum(self._spin_slope[i, j] * speed[j] for j in m))
-                 - 0.5 * (omega @ _spun(self._changes[i][:3, :3], omega)) for i in m]
+                 - np.sum(self._changes[i][:3, :3] * spun) for i in m]
         return force, moment, modal
 
     def twice_energy(self, omega: Any, v: Any, u: Any) -> Any:

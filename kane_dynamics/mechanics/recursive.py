@@ -10,14 +10,14 @@ Gravity enters as an acceleration of the base, -g. A joint that shares its coord
 (a mimic) adds its multiplier times its own axis to the coordinate's partial velocities.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import copy
 from typing import Any
 
 from kane_dynamics.mechanics.link import Link
 from kane_dynamics.mechanics.modes import bent, Modes
-from kane_dynamics.mechanics.vector import (cross, inertia_moment, is_zero, rate_tensor,
-                                            rotated_about_z, sin_cos, symmetric)
+from kane_dynamics.mechanics.vector import (cross, inertia_moment, rate_tensor, rotated_about_z,
+                                            sin_cos, symmetric)
 from kane_dynamics.model import WORLD
 import numpy as np
 
@@ -151,75 +151,6 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
             wrench[link.parent] = (above[0] + force,
                                    above[1] + (moment + cross(step.offset, force)))
     return np.array(tau)
-
-
-def mass_matrix(links: Sequence[Link], q: Any) -> Any:
-    """
-    Return M_rs = sum_k (m_k v_k^r . v_k^s + omega_k^r . I_k omega_k^s), (n, n), by composites.
-
-    Joint s accelerating alone moves all that it carries as one rigid body; the force and moment
-    for that, seen through the axes of s and of the joints below it, are column s.
-    """
-    links = bent(links, q)
-    steps = [Step(link, q) for link in links]
-    composite = [(link.mass, link.first_moment, link.second_moment) for link in links]
-    seen: list[dict[int, Any]] = [{} for _ in links]  # [i][k]: what joint k sees when i moves
-    M = [[0.0] * len(q) for _ in q]
-    for i in reversed(range(len(links))):
-        mass, h, S = composite[i]
-        if links[i].kind == 'revolute':
-            force = np.array([-h[1], h[0], 0.0])
-            moment = np.array([-S[0, 2], -S[1, 2], S[0, 0] + S[1, 1]])
-        else:
-            force, moment = mass * Z, np.array([h[1], -h[0], 0.0])
-        for k, along in _column(links, steps, i, force, moment):
-            seen[i][k] = seen[k][i] = along
-        if links[i].beam is not None:
-            _add_modes(links, steps, i, q, M)
-        if links[i].parent != WORLD:
-            p = steps[i].offset
-            h, S = steps[i].inward(h), steps[i].inward_tensor(S)
-            above = composite[links[i].parent]
-            hp = h + mass * p
-            shifted = S + np.outer(p, h) + np.outer(hp, p)
-            composite[links[i].parent] = (above[0] + mass, above[1] + hp,
-                                          above[2] + symmetric(shifted))
-    for i, step in enumerate(steps):  # from joints to the coordinates that move them
-        half = [0.0] * len(q)
-        for k, along in seen[i].items():
-            for s, weight in steps[k].partials:
-                half[s] = half[s] + weight * along
-        for r, weight in step.partials:
-            for s, entry in enumerate(half):
-                if s >= r and not is_zero(entry):
-                    M[r][s] = M[r][s] + weight * entry
-    return np.array([[M[min(r, s)][max(r, s)] for s in range(len(q))] for r in range(len(q))])
-
-
-def _column(links: Sequence[Link], steps: Sequence[Step], i: int, force: Any,
-            moment: Any) -> Iterator[tuple[int, Any]]:
-    """Yield what a wrench on link i is along its joint's axis and those of the joints below."""
-    k = i
-    while k != WORLD:
-        yield k, moment[2] if links[k].kind == 'revolute' else force[2]
-        force, moment = steps[k].inward(force), steps[k].inward(moment)
-        moment = moment + cross(steps[k].offset, force)
-        k = links[k].parent
-
-
-def _add_modes(links: Sequence[Link], steps: Sequence[Step], i: int, q: Any,
-               M: list[list[Any]]) -> None:
-    """Add to the upper half of M what the modes of link i, a beam, move of it."""
-    modes = Modes(links[i], q)
-    for r, force, moment in zip(modes.coordinates, modes.momentum, modes.spin):
-        for k, along in _column(links, steps, i, force, moment):
-            for s, weight in steps[k].partials:
-                low, high = min(r, s), max(r, s)
-                M[low][high] = M[low][high] + weight * along
-    for r, row in zip(modes.coordinates, modes.mass):
-        for s, value in zip(modes.coordinates, row):
-            if s >= r:
-                M[r][s] = M[r][s] + value
 
 
 def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics import kinematics, recursive
+from kane_dynamics.mechanics import composites, kinematics
 from kane_dynamics.mechanics.linkage import denavit_hartenberg, linkage, regrouped
 from kane_dynamics.model import Model
 import numpy as np
@@ -138,7 +138,7 @@ def momenta(model: Model) -> Speeds:
     rotors = np.zeros(model.n)
     for body in model.bodies:
         rotors[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.armature
-    return Speeds(lambda q, t: recursive.mass_matrix(links, q) + np.diag(rotors), None,
+    return Speeds(lambda q, t: composites.mass_matrix(links, q) + np.diag(rotors), None,
                   tuple(f'{name}/momentum' for name in model.coordinate_names), 'momenta',
                   definite=True)
 

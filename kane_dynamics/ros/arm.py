@@ -7,8 +7,10 @@ import time
 from typing import Any
 
 from kane_dynamics.control import Controller
-from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.errors import InputError
+from kane_dynamics.flexing import stiffened
 from kane_dynamics.model import Model
+from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load_choices
@@ -40,7 +42,8 @@ class Arm:
 
     Each thread that computes has a robot of its own: the torque path, the services, the
     simulations. What may change while they run goes to each as one record, which it puts into its
-    kernels between two pieces of work.
+    kernels between two pieces of work. Beams bend in the torques that are commanded, as
+    `QuasiStatic` has it; to all else they are rigid.
 
     Parameters
     ----------
@@ -65,11 +68,8 @@ class Arm:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
-        if model.flexible:
-            modes = ', '.join(model.coordinate_names[k] for body in model.bodies if body.beam
-                              for k in body.beam.coordinates)
-            raise ModelError('the node commands arms of rigid links, and no joint state tells of '
-                             f'{modes}: leave beams out of its supplement')
+        bending = QuasiStatic(Robot(model, **load_choices(values))) if model.flexible else None
+        model = stiffened(model)
         self.values, self._node, self._server, self._warn = values, node, server, warn
         self._statistics, self._clock = statistics, node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
@@ -86,8 +86,10 @@ class Arm:
             robot.compile(*loop_kernels(robot), 'external_force', 'body_torques')
         self._request_frames = WrenchFrames(self._for_requests)
         compile_simulation(self._for_simulations)
-        self.verified = self.robot.verify()
-        controller = Controller(self.robot, **controller_settings(values, self.robot.joint_names))
+        self.verified = max(robot.verify() for robot in (
+            self.robot, *([bending.robot] if bending else [])))
+        controller = Controller(self.robot, bending=bending,
+                                **controller_settings(values, self.robot.joint_names))
         if not self.robot.constraint_names:
             controller.compile()
         commands = node.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)

@@ -178,8 +178,13 @@ class DynamicsNode(LifecycleNode):
         gc.collect()
         gc.freeze()
         realtime.apply(self.values, log.warning)
-        log.info(f'{model.name}: {model.n} joints ({", ".join(model.joint_names)}), kernels ready '
-                 f'in {time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
+        joints = self.arm.robot.joint_names
+        if model.flexible:
+            modes = ', '.join(model.coordinate_names[k] for k in model.modal_coordinates)
+            log.info(f'{modes} follow the load at once in what is commanded; to all else that the '
+                     'node answers, the beams are rigid')
+        log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels ready in '
+                 f'{time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
         if unable := self._unable():
             log.info(f'it stays inactive: {unable}')
 

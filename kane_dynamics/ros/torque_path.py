@@ -162,6 +162,8 @@ class TorquePath:
         loads = self._loads
         if loads is not None:
             loads.apply(self.controller.robot)
+            if self.controller.bending is not None:
+                loads.apply(self.controller.bending.robot)
         self._loads_in_force = loads
         for watch in self._watches:
             watch.refresh()

@@ -12,8 +12,8 @@ from kane_dynamics.urdf.assembly import assemble
 from kane_dynamics.urdf.document import Element, parse, read_source, rebuilt
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
-from kane_dynamics.urdf.selection import select
-from kane_dynamics.urdf.supplement import check_joints, read_supplement
+from kane_dynamics.urdf.selection import select, Selection
+from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
 from kane_dynamics.urdf.tree import (build_tree, Link, Mimic, snapped, StatedLimits, UrdfJoint,
                                      UrdfTree)
 import numpy as np
@@ -88,9 +88,24 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])
     model = assemble(tree, selection, extra, gravity, notices, strict=strict)
     for link, beam in extra.beams.items():
-        model = with_beam(model, link, beam)
+        model = with_beam(model, link, beam, _riders(model, link, tree, selection, extra))
     notices.issue()
     return model
+
+
+def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
+            extra: Supplement) -> list[tuple[str, Inertial]]:
+    """Return what is welded to a link: others on joints that stand still, and the payload."""
+    body = next((k for k, body in enumerate(model.bodies) if body.name == link), None)
+    riders = []
+    for frame in model.frames:
+        if frame.body == body and frame.name in tree.links:
+            inertial = tree.links[frame.name].inertial
+            if frame.name not in (link, *selection.drop) and inertial is not None:
+                riders.append((frame.name, inertial))
+            if extra.payload is not None and extra.payload[0] == frame.name:
+                riders.append(extra.payload)
+    return riders
 
 
 def _tree(root: Element, notices: Notices) -> UrdfTree:

@@ -28,6 +28,11 @@ Schema, every key optional::
         up: [0, 1, 0]
         damping: 0.0            # material damping, s
         tip_mass: 0.0           # that the modes' shapes assume, kg
+        torsion:                # without it the link does not twist
+          stiffness: 50.0       # required: GJ, N m^2
+          inertia: 1e-3         # required: rho I_p, kg m: moment of inertia per length
+          modes: 1
+          tip_inertia: 0.0      # that the shapes assume, kg m^2
 
 What is said of a joint that is locked, or on a branch that was cut off, has no effect.
 """
@@ -42,9 +47,9 @@ from pathlib import Path
 from reprlib import Repr
 from typing import Any
 
-from kane_dynamics.beam import FlexibleLink
 from kane_dynamics.errors import KaneError, ModelError, UrdfError
-from kane_dynamics.mode_shapes import Bending
+from kane_dynamics.flexible_link import FlexibleLink
+from kane_dynamics.mode_shapes import Bending, Torsion
 from kane_dynamics.model import Inertial
 from kane_dynamics.urdf.tree import listing
 import numpy as np
@@ -53,7 +58,9 @@ import yaml
 JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
               'friction_offset')
 SIGNED_KEYS = ('rest', 'friction_offset')
-BEAM_KEYS = ('length', 'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass')
+BEAM_KEYS = ('length', 'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass',
+             'torsion')
+TORSION_KEYS = ('stiffness', 'inertia', 'modes', 'tip_inertia')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
 SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
 SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
@@ -126,6 +133,7 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
     Parameters
     ----------
     source : path
+        The file.
     what : str
         It is called in messages.
     error : type
@@ -187,7 +195,20 @@ def _beam(name: str, data: Any) -> FlexibleLink:
     entry['stiffness'] = ([_number(x, f'{what}: stiffness') for x in stiffness]
                           if isinstance(stiffness, list) else
                           _number(stiffness, f'{what}: stiffness'))
+    if 'torsion' in entry:
+        entry['torsion'] = _torsion(entry['torsion'], f'{what}: torsion')
     return FlexibleLink(**entry, bending=Bending.clamped_free(tip_mass))
+
+
+def _torsion(data: Any, what: str) -> Torsion:
+    """Return a beam's torsion."""
+    entry = dict(mapping(data, what, TORSION_KEYS))
+    for key in TORSION_KEYS[:2]:
+        if key not in entry:
+            raise UrdfError(f'{what}: {key} is missing')
+    modes = entry.pop('modes', 1)
+    numbers = {key: _number(value, f'{what}: {key}') for key, value in entry.items()}
+    return Torsion(**numbers, modes=modes)
 
 
 def _payload(data: Any) -> tuple[str, Inertial]:

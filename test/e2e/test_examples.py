@@ -89,6 +89,21 @@ def test_spin_up():
     assert numbers(astray)[0] > 5.0
 
 
+def test_flexible_four_bar():
+    torque, kept = printed('flexible_four_bar')
+    assert numbers(torque)[1] < 1e-9 * (1.0 + numbers(torque)[0])
+    assert numbers(kept)[-1] < 1e-9  # m
+
+
+def test_flexible_mast():
+    push, kept, swings = printed('flexible_mast')
+    assert numbers(push)[1] < 1e-9 * (1.0 + abs(numbers(push)[0]))
+    assert numbers(kept)[-1] < 1e-9  # J
+    mass = 0.3 + 0.236 * 0.5  # Rayleigh: a cantilever's share that swings with its tip
+    assert float(re.search(r', ([\d.]+),', swings)[1]) == pytest.approx(
+        np.sqrt((3 * 30.0 - 1.2 * 0.3 * g) / mass) / (2 * np.pi), rel=0.03)
+
+
 def test_payload_sweep():
     soft, stiff, known = (numbers(line) for line in printed('payload_sweep'))
     assert [soft[0], stiff[0], known[0]] == [100.0, 400.0, 100.0]

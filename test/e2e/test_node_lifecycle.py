@@ -83,14 +83,6 @@ def test_a_bad_urdf_leaves_the_node_unconfigured_and_says_why(client, start):
     assert client.state() == 'unconfigured'
 
 
-def test_a_beam_leaves_the_node_unconfigured_and_says_why(start, tmp_path):
-    supplement = tmp_path / 'soft.yaml'
-    supplement.write_text('beams: {link1: {length: 0.5, density: 1.0, stiffness: 50.0}}')
-    node = start(urdf=str(resource_path('urdf', 'two_link.urdf')), supplement=str(supplement))
-    node.wait_for('not configured: the node commands arms of rigid links')
-    assert 'link1/mode_1' in node.log
-
-
 @pytest.mark.parametrize(('words', 'parameters'), [
     ("parameter 'mode' is 'fly'; valid: one of inverse_dynamics", {'mode': 'fly'}),
     ("parameter 'state_timeout' is 0", {'state_timeout': 0.0}),

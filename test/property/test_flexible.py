@@ -2,26 +2,33 @@
 
 from functools import cache
 
-from kane_dynamics import (ball, Bending, Closure, FlexibleLink, knife_edge, load_urdf,
-                           ModelBuilder, ModelError, natural_vibration, point_mass, Robot, rod,
-                           simulate, UrdfError, with_beam)
+from examples.flexible_four_bar import flexible_four_bar
+from examples.flexible_mast import mast_on_a_sleigh
+from kane_dynamics import (ball, Bending, FlexibleLink, Inertial, load_urdf, ModelBuilder,
+                           ModelError, natural_vibration, point_mass, Robot, rod, simulate,
+                           Torsion, UrdfError, with_beam)
 from kane_dynamics.mechanics import energy, kane
 from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
+from kane_dynamics.mechanics.payload import with_payload
 from kane_dynamics.resources import resource_path
+from kane_dynamics.vibration import stiffness_matrix
 import numpy as np
 import pytest
 
 Y = (0, 1, 0)
 
 
-def arm(modes=(2, 1), **options):
+def arm(modes=(2, 1), twists=0, **options):
     """Return a spatial arm of two beams, with a load between and a hand."""
     b = ModelBuilder('flexible arm')
     b.body('base', 'world', matter=ball(1.0, 0.1))
     b.beam('upper', 'base', FlexibleLink(0.8, 1.5, (400.0, 600.0), modes, direction=(1, 0, 0.3),
-                                         damping=0.01, **options),
+                                         damping=0.01, torsion=Torsion(
+                                             200.0, 0.002, twists) if twists else None, **options),
            axis=Y, at=(0, 0, 0.2), rpy=(0.3, 0.2, 0.1), armature=0.01, damping=0.1)
-    b.beam('fore', 'upper/tip', FlexibleLink(0.6, 1.0, (200.0, 300.0), modes, **options),
+    b.beam('fore', 'upper/tip', FlexibleLink(
+        0.6, 1.0, (200.0, 300.0), modes, torsion=Torsion(
+            90.0, 0.003, 2 * twists, tip_inertia=0.004) if twists else None, **options),
            axis=(0, 1, 0.2), stiffness=2.0)
     b.load('fore/tip', point_mass(0.7, (0.02, 0.01, 0)))
     b.section('middle', 'fore', 0.25)
@@ -30,20 +37,20 @@ def arm(modes=(2, 1), **options):
 
 
 @cache
-def arm_robot():
-    return Robot(arm(), wrench_frames=('middle', 'hand'))
+def arm_robot(twists=0):
+    return Robot(arm(twists=twists), wrench_frames=('middle', 'hand'))
 
 
 def states(model, seed=0):
     """Return q, u, udot with deflections of a few centimetres."""
     rng = np.random.default_rng(seed)
-    modal = np.array([0.02 if 'mode' in name else 1.0 for name in model.coordinate_names])
+    modal = np.array([0.02 if '_' in name else 1.0 for name in model.coordinate_names])
     return rng.uniform(-1.0, 1.0, (3, model.n)) * modal
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_three_roads_give_one_torque(seed):
-    robot = arm_robot()
+@pytest.mark.parametrize('seed, twists', [(0, 0), (1, 0), (2, 0), (3, 1), (4, 1)])
+def test_three_roads_give_one_torque(seed, twists):
+    robot = arm_robot(twists)
     model = robot.model
     q, u, udot = states(model, seed)
     push = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, 6))
@@ -65,7 +72,7 @@ def test_three_roads_give_one_torque(seed):
 
 
 def test_frames_on_a_beam_move_as_finite_differences_of_their_poses():
-    robot, h = arm_robot(), 1e-6
+    robot, h = arm_robot(1), 1e-6
     q, u, udot = states(robot.model, 4)
     for frame in ('middle', 'fore/tip', 'hand'):
         after, before = (robot.frame_pose(frame, q + s * h * u) for s in (1.0, -1.0))
@@ -113,6 +120,26 @@ def test_no_modes_is_the_rigid_robot():
     state = np.random.default_rng(0).uniform(-1, 1, (3, 4))
     np.testing.assert_allclose(rigid.inverse_dynamics(*state), other.inverse_dynamics(*state),
                                rtol=1e-12)
+
+
+@pytest.mark.parametrize('sense', [1, -1])
+def test_a_joint_in_the_plane_of_bending_turns_with_the_section_it_is_on(sense):
+    b = ModelBuilder('in plane')
+    b.beam('upper', 'world', FlexibleLink(0.8, 1.5, 400.0, (1, 1)), axis=(0, -1, 0))
+    b.body('fore', 'upper/tip', axis=(0, sense, 0), at=(0, 0.1, 0), rpy=(0, 0.4, 0),
+           matter=rod(0.5, (0, 0, 0), (0.4, 0.05, 0.1)), armature=0.01, damping=0.1)
+    robot = Robot(b.model())
+    assert robot.verify(3) < 1e-12
+    assert robot.operation_count()['mass_matrix'].functions == 4  # of two turns
+
+
+def test_a_planar_arm_takes_no_more_arithmetic_than_it_did():
+    b = ModelBuilder('planar')
+    for name, on in (('upper', 'world'), ('fore', 'upper/tip')):
+        b.beam(name, on, FlexibleLink(1.0, 1.0, 400.0, (3, 0)), armature=0.05)
+    b.load('fore/tip', point_mass(0.5))
+    count = Robot(b.model()).operation_count()['forward_dynamics']
+    assert count.multiplications <= 580 and count.additions <= 456 and count.functions == 4
 
 
 def test_energy_split_is_the_volume_integral():
@@ -214,6 +241,72 @@ def rotating_by_ritz(speed, hub):
     return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real))
 
 
+def shaft(twists, tip=0.0, assumed=0.0, **options):
+    """Return a clamped shaft, GJ = 5, rho I_p = 0.2, L = 2, an inertia at its tip."""
+    b = ModelBuilder('shaft', gravity=(0, 0, 0))
+    b.beam('shaft', 'world', FlexibleLink(2.0, 0.5, 8.0, 0, torsion=Torsion(
+        5.0, 0.2, twists, assumed)), armature=1e9, **options)
+    if tip:
+        b.load('shaft/tip', Inertial(0.0, np.zeros(3), np.diag([tip, tip, tip])))
+    return Robot(b.model())
+
+
+def test_a_shaft_twists_at_its_natural_frequencies():
+    # Clamped-free: (2k - 1) / (4 L) sqrt(GJ / rho I_p) Hz; with an inertia at the tip: cot b =
+    # b J / (rho I_p L), omega = b / L sqrt(GJ / rho I_p).
+    robot = shaft(3)
+    assert robot.coordinate_names == ('shaft', 'shaft/twist_1', 'shaft/twist_2', 'shaft/twist_3')
+    hertz = natural_vibration(robot, np.zeros(4), ['shaft']).frequencies / (2.0 * np.pi)
+    np.testing.assert_allclose(hertz, [k / 8.0 * 5.0 for k in (1, 3, 5)], rtol=1e-9)
+    tip, speed = 0.3, 5.0
+    for assumed, near in ((tip, 2e-6), (0.29, 1e-3)):
+        found = natural_vibration(shaft(3, tip, assumed), np.zeros(4), ['shaft']).frequencies
+        b = found * 2.0 / speed
+        exact = [first_root(lambda b: np.cos(b) - b * tip / 0.4 * np.sin(b), k)
+                 for k in range(3)]
+        np.testing.assert_allclose(b, exact, rtol=near)
+    errors = [natural_vibration(shaft(k, tip), np.zeros(k + 1), ['shaft']).frequencies[0]
+              * 2.0 / speed / exact[0] - 1.0 for k in (2, 4, 8)]
+    assert errors[0] > errors[1] > errors[2] > 0.0
+
+
+def first_root(f, k):
+    """Return where f changes its sign in (k pi, (k + 1/2) pi)."""
+    x = np.linspace(k * np.pi, (k + 0.5) * np.pi, 2_000_001)
+    signs = np.sign(f(x))
+    return x[np.argmax(signs[1:] != signs[:-1])]
+
+
+def test_what_hangs_beside_a_shaft_twists_it_by_its_weight():
+    # theta = m g d / (GJ / L) as far as the first modes go; the load sinks by d theta.
+    m, d = 0.01, 0.1
+    b = ModelBuilder('crank')
+    b.beam('shaft', 'world', FlexibleLink(2.0, 0.5, 8.0, 0, torsion=Torsion(5.0, 0.2, 6, 1e3)),
+           axis=(0, 1, 0))
+    b.frame('hook', 'shaft/tip', at=(0, d, 0))
+    b.load('hook', point_mass(m))
+    robot = Robot(b.model())
+    q, K = np.zeros(7), stiffness_matrix(robot, np.zeros(7))[1:, 1:]
+    for _ in range(4):
+        q[1:] -= np.linalg.solve(K, robot.bias_force(q, np.zeros(7))[1:])
+    angle = m * 9.81 * d / (5.0 / 2.0)
+    assert robot.frame_pose('hook', q)[2, 3] == pytest.approx(-d * angle, rel=1e-4)
+
+
+def test_a_tube_is_a_beam_of_its_section():
+    given = FlexibleLink.tube(1.5, 0.05, 0.04, 70e9, 26e9, 2700.0, (2, 1), 1, damping=1e-3)
+    area, polar = np.pi * (0.05**2 - 0.04**2), 0.5 * np.pi * (0.05**4 - 0.04**4)
+    assert given.density == pytest.approx(2700.0 * area)
+    assert given.stiffness == pytest.approx(70e9 * polar / 2)
+    assert given.torsion.stiffness == pytest.approx(26e9 * polar)
+    inertial = given.checked('tube').inertial
+    assert inertial.inertia[0, 0] == pytest.approx(2700.0 * area * 1.5 * (0.05**2 + 0.04**2) / 2)
+    assert inertial.inertia[1, 1] == pytest.approx(2700.0 * area * 1.5 * (
+        (0.05**2 + 0.04**2) / 4 + 1.5**2 / 12))
+    with pytest.raises(ModelError, match=r'has a bore of 0\.06 m'):
+        FlexibleLink.tube(1.5, 0.05, 0.06, 70e9, 26e9, 2700.0)
+
+
 @pytest.mark.parametrize('hub', [0.0, 1.0, 3.0])
 def test_a_turning_beam_stiffens(hub):
     # In units of sqrt(EI / rho A L^4): flap as Ritz has it, lag^2 = flap^2 - speed^2.
@@ -260,31 +353,7 @@ def test_energy_of_a_falling_arm_is_kept_at_the_integrators_order():
     assert errors[1] / errors[2] > 12.0
 
 
-def flexible_four_bar():
-    """Return a four-bar whose coupler bends."""
-    b = ModelBuilder('flexible four-bar')
-    b.body('crank', 'world', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
-    b.beam('coupler', 'crank', FlexibleLink(0.9, 1.0, 60.0, (2, 0), up=(0, 0, 1), damping=1e-3),
-           axis=(0, -1, 0), at=(0.3, 0, 0))
-    b.body('rocker', 'coupler/tip', axis=(0, -1, 0), matter=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
-    b.frame('end', 'rocker', at=(0.7, 0, 0))
-    b.frame('ground', 'world', at=(1, 0, 0))
-    return Robot(b.model(), constraints=[Closure('end', 'ground', 'revolute', axis=Y)],
-                 independent=['crank', 'coupler/mode_1', 'coupler/mode_2'])
-
-
-def flexible_arm_on_a_blade():
-    """Return a sleigh on a knife edge that carries a bending mast."""
-    b = ModelBuilder('sleigh with a mast')
-    b.body('sleigh', 'world', 'planar', matter=ball(3.0, 0.4, at=(0.3, 0, 0)))
-    b.beam('mast', 'sleigh', FlexibleLink(1.0, 0.5, 30.0, (1, 1), direction=(0, 0, 1),
-                                          up=(1, 0, 0)), axis=(0, 1, 0), stiffness=50.0)
-    b.load('mast/tip', point_mass(0.3))
-    return Robot(b.model(), constraints=[knife_edge('sleigh', Y)],
-                 independent=['sleigh/x', 'sleigh/rz', 'mast', 'mast/mode_1', 'mast/mode_2'])
-
-
-@pytest.mark.parametrize('make', [flexible_four_bar, flexible_arm_on_a_blade])
+@pytest.mark.parametrize('make', [flexible_four_bar, mast_on_a_sleigh])
 def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
     robot = make()
     start = np.array([0.8, 0.0, 0.0, 0.0, -1.5]) if robot.n_q == 5 else np.zeros(robot.n_q)
@@ -309,6 +378,10 @@ def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
     ({'stiffness': -5.0}, "beam 'b': stiffness is -5.0; EI must be positive"),
     ({'damping': -0.1}, "beam 'b': damping is -0.1; it must not be negative"),
     ({'modes': 1.5}, "beam 'b': modes is 1.5; expected numbers of modes"),
+    ({'torsion': Torsion(-1.0, 0.1)}, "beam 'b': torsion: stiffness is -1; it must be positive"),
+    ({'torsion': Torsion(1.0, 0.0)}, "beam 'b': torsion: inertia is 0; it must be positive"),
+    ({'torsion': Torsion(1.0, 1.0, -1)}, "beam 'b': torsion: modes is -1; expected how many"),
+    ({'torsion': Torsion(1.0, 1.0, 1, -2.0)}, 'torsion: tip_inertia is -2; it must not be neg'),
     ({'up': (2, 0, 0)}, "beam 'b': direction .* and up .* must be two directions"),
     ({'bending': Bending.shapes(lambda x: (np.stack([x**2, 2 * x**2]), np.stack([2 * x, 4 * x]),
                                            np.full((2, len(x)), 2.0))), 'modes': (2, 0)},
@@ -342,12 +415,13 @@ def ur10e(**beams):
 
 
 def test_a_link_of_a_urdf_bends_by_its_supplement():
-    model = ur10e(upper_arm_link=UPPER_ARM)
+    model = ur10e(upper_arm_link={**UPPER_ARM, 'torsion': {'stiffness': 4e3, 'inertia': 0.05}})
     robot, rigid = Robot(model), Robot(ur10e())
-    assert robot.joint_names[6:] == tuple(f'upper_arm_link/mode_{k}' for k in (1, 2, 3))
+    assert robot.joint_names[6:] == tuple(
+        f'upper_arm_link/{name}' for name in ('mode_1', 'mode_2', 'mode_3', 'twist_1'))
     assert robot.verify(2) < 1e-9
     posture = np.array([0.3, -1.0, 1.0, 0.2, 0.1, 0.5])
-    q = np.append(posture, np.zeros(3))
+    q = np.append(posture, np.zeros(4))
     for frame in ('tool0', 'forearm_link'):
         np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, posture),
                                    atol=1e-12)
@@ -356,6 +430,23 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     assert moved.mass == pytest.approx(12.0 * 0.6127)
     found = natural_vibration(robot, q, held=robot.joint_names[:6]).frequencies / (2 * np.pi)
     assert 5.0 < found[0] < 15.0  # Hz, with some 20 kg at its end
+
+
+def test_what_is_welded_to_a_bending_link_goes_on_weighing():
+    source, com = resource_path('urdf', 'two_link.urdf'), [0.1, 0.05, 0.02]
+    beams = {'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 100.0, 'modes': [1, 1]}}
+    bare, *held = (load_urdf(source, supplement={'beams': beams, **payload}) for payload in (
+        {}, *({'payload': {'link': link, 'mass': 1.5, 'com': com}} for link in ('tip', 'link2'))))
+    q = states(bare, 1)[0]
+    expected = energy.conservative_force(with_payload(bare, 'tip', point_mass(1.5, com)), q)
+    np.testing.assert_allclose(energy.conservative_force(held[0], q), expected)
+    beside, = (body for body in held[1].bodies if body.inertial.mass == 1.5)
+    assert beside.name.startswith('link2/at_0.1/')  # the section beside its mass centre
+    locked = load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={
+        'beams': {'upper_arm_link': UPPER_ARM}}, joints=['shoulder_pan_joint',
+                                                         'shoulder_lift_joint'])
+    assert locked.bodies[-1].name.startswith('upper_arm_link/at_0.6127/')
+    assert locked.bodies[-1].inertial.mass == pytest.approx(3.989 + 2.1 + 1.98 + 0.615)
 
 
 def test_a_second_beam_hangs_on_the_first():
@@ -371,6 +462,8 @@ def test_a_second_beam_hangs_on_the_first():
     ({'upper_arm_link': {'length': 1.0}}, UrdfError,
      "supplement: beam 'upper_arm_link': density is missing"),
     ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length is -1; expected a fin'),
+    ({'upper_arm_link': {**UPPER_ARM, 'torsion': {'stiffness': 1}}}, UrdfError,
+     "beam 'upper_arm_link': torsion: inertia is missing"),
     ({'upper_arm_link': {**UPPER_ARM, 'width': 1}}, UrdfError, "unknown key 'width'")])
 def test_a_supplement_that_cannot_bend_a_link_says_so(beams, error, words):
     with pytest.raises(error, match=words):

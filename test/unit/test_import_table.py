@@ -17,7 +17,7 @@ TABLE = (
     'inertial progress resources',
     'mode_shapes',
     'beam',
-    'model shapes',
+    'flexible_link model shapes',
     'flexing spline',
     'limiter mechanics motion urdf',
     'build_checks constraint_file native',
@@ -28,9 +28,11 @@ TABLE = (
     'constrained dynamics frame_motion',
     'export',
     'robot',
+    'quasi_static',
     'contact control observer power stepping trajectory',
     'limit_watch torque_source',
-    'examination feasibility identification plot simulation sweep vibration view',
+    'examination feasibility identification simulation sweep vibration view',
+    'plot',
     'cli demo ros',
 )
 RANK = {unit: rank for rank, line in enumerate(TABLE) for unit in line.split()}

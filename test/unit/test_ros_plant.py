@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import load_urdf, Robot, simulate
+from kane_dynamics import load_urdf, QuasiStatic, Robot, simulate
 from kane_dynamics.errors import InputError
 from kane_dynamics.parameters import JointLimits
 from kane_dynamics.resources import resource_path
@@ -49,6 +49,11 @@ def plant(**changes):
     robot = Robot(MODEL, payload_frame=changes.get('payload__frame'),
                   wrench_frames=changes.get('wrench__frames', ()))
     return Plant(robot, values(**changes))
+
+
+@cache
+def flexible():
+    return load_urdf(URDF, supplement=resource_path('urdf', 'two_link.bending.yaml'))
 
 
 def run(which, ticks):
@@ -334,3 +339,33 @@ def test_overruns_are_counted_and_what_cannot_be_caught_up_on_is_skipped():
     assert pace.overruns == 2
     assert pace.skipped == pytest.approx(0.996)
     assert pace.due == 1_002_000_000
+
+
+def test_an_arm_that_bends_rests_where_its_weight_has_bent_it():
+    start = [0.4, -0.3]
+    bends = Plant(Robot(flexible()), values(initial__position=start, after_timeout='hold'))
+    assert bends.arm.joint_names == ('joint1', 'joint2')
+    hold = QuasiStatic(Robot(flexible())).gravity_force(start)
+    bends.command(hold)
+    last, = run(bends, 300)[-1]
+    assert [len(x) for x in last[1:]] == [2, 2, 2]
+    np.testing.assert_allclose(last.q, start, atol=1e-7)
+    np.testing.assert_allclose(last.effort, hold)
+    with pytest.raises(InputError, match=r'initial\.position'):
+        Plant.check(bends.robot, values(initial__position=[0.0] * 7))
+
+
+def test_an_arm_that_bends_moves_as_the_library_says_and_stops_take_its_joints_alone():
+    start, tau = np.array([0.2, 0.1]), np.array([9.0, 2.0])
+    bends = Plant(Robot(flexible()), values(initial__position=[0.2, 0.1], after_timeout='hold'))
+    modes = QuasiStatic(Robot(flexible())).modes(start, np.zeros(2), np.zeros(2))
+    bends.command(tau)
+    moved = [m for (m,) in run(bends, 101)]
+    whole = simulate(bends.robot, np.append(start, modes), np.zeros(7), 0.2, step=1e-3,
+                     torque=np.tile(np.append(tau, np.zeros(5)), (200, 1)))
+    np.testing.assert_allclose(moved[-1].q, whole.q[-1, :2], atol=1e-12)
+    np.testing.assert_allclose(moved[-1].u, whole.u[-1, :2], atol=1e-12)
+    bends.command(np.array([0.0, 20.0]))  # against the upper stop of joint2
+    run(bends, 1500)
+    assert bends.arm.blows > 0 and bends.arm.at_stops == ['joint2']
+    assert bends.arm.q[1] == bends.arm.upper[1]

@@ -59,7 +59,7 @@ class PlantNode(Node):
         robot = self._load()
         self.plant = Plant(robot, values)
         self.pace = Pace(self.plant.period / values['rate_factor'])
-        self._set_up_messages(robot)
+        self._set_up_messages()
         self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
         self._clock_out = self.create_publisher(Clock, '/clock', RELIABLE) if (
             values['publish_clock']) else None
@@ -74,8 +74,11 @@ class PlantNode(Node):
         self._steady = RosClock(clock_type=ClockType.STEADY_TIME)
         self._timer: Any = None
         self._start_reports()
-        log.info(f'{robot.model.name}: {robot.n} joints ({", ".join(robot.joint_names)}), '
-                 f'{values["rate"]:g} joint states a second' + ', paused' * self.paused)
+        joints = self.plant.arm.joint_names
+        modes = robot.joint_names[len(joints):]
+        log.info(f'{robot.model.name}: {len(joints)} joints ({", ".join(joints)}), '
+                 + f'beams bend in {", ".join(modes)}, ' * bool(modes)
+                 + f'{values["rate"]:g} joint states a second' + ', paused' * self.paused)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -92,10 +95,11 @@ class PlantNode(Node):
         return Robot(model, payload_frame=values['payload.frame'] or None,
                      wrench_frames=values['wrench.frames'])
 
-    def _set_up_messages(self, robot: Robot) -> None:
+    def _set_up_messages(self) -> None:
         """Lay out what is sent in every tick, so that only numbers remain to be written."""
-        n = robot.n
-        writer, offsets = write_joint_state(robot.joint_names, '', (n, n, n))
+        names = self.plant.arm.joint_names
+        n = len(names)
+        writer, offsets = write_joint_state(names, '', (n, n, n))
         self._message = Prepared(writer, offsets[0], n)
         self._columns = [self._message.doubles(offset, n) for offset in offsets]
 
@@ -137,7 +141,7 @@ class PlantNode(Node):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         try:
-            tau = vector(message.data, None, self.plant.robot.n, 'commands')
+            tau = vector(message.data, None, len(self.plant.arm.joint_names), 'commands')
         except InputError as error:
             self._reject('commands', error)
             return

@@ -9,7 +9,7 @@ from kane_dynamics.robot import Robot
 from kane_dynamics.ros.conversion import NANO
 from kane_dynamics.ros.loads import start_loads
 from kane_dynamics.ros.parameters import per_joint
-from kane_dynamics.ros.plant.arm import SimulatedArm
+from kane_dynamics.ros.plant.arm import joint_count, SimulatedArm
 from kane_dynamics.ros.plant.channel import Channel
 from kane_dynamics.ros.wrenches import check_frames
 import numpy as np
@@ -56,7 +56,6 @@ class Plant:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
-        n = robot.n
         self.check(robot, values)
         self.robot, self._values = robot, values
         self.period: float = NANO / values['rate']  # ns
@@ -64,7 +63,7 @@ class Plant:
         self.states: Channel[Measurement] = Channel()
         self.commands: Channel[Array] = Channel()
         self.timeouts = self.ticks = 0
-        self._zero = np.zeros(n)
+        self._zero = np.zeros(len(self.arm.joint_names))
         self._pushed_until: dict[str, int] = {}
         self.update(values)
         self.reset()
@@ -72,14 +71,16 @@ class Plant:
     @staticmethod
     def check(robot: Robot, values: Mapping[str, Any]) -> None:
         """Raise InputError if these parameters do not fit the robot or each other."""
-        names, limits = robot.joint_names, robot.limits
+        n, limits = joint_count(robot), robot.limits
+        names = robot.joint_names[:n]
         for name in ('noise.position', 'noise.velocity', 'noise.effort', 'limits.effort'):
             per_joint(values, name, names, 0.0)
         start_loads(robot.model, values)
         check_frames(robot.model, values['wrench.frames'])
         if values['initial.position'].shape != (0,):
             initial = per_joint(values, 'initial.position', names, 0.0)
-            for name, q, low, high in zip(names, initial, limits.lower, limits.upper, strict=True):
+            for name, q, low, high in zip(names, initial, limits.lower[:n], limits.upper[:n],
+                                          strict=True):
                 if not low <= q <= high:
                     raise InputError(f"parameter 'initial.position' of joint '{name}' is {q:g}; "
                                      f'valid: {low:g} to {high:g}')
@@ -90,11 +91,11 @@ class Plant:
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next tick on; the initial position from a reset on."""
         before, self._values = self._values, values
-        names = self.robot.joint_names
+        names = self.arm.joint_names
         self._noise = [per_joint(values, f'noise.{what}', names, 0.0)
                        for what in ('position', 'velocity', 'effort')]
         self._noisy = any(size.any() for size in self._noise)
-        self.arm.limit[:] = np.minimum(self.robot.limits.effort,
+        self.arm.limit[:] = np.minimum(self.robot.limits.effort[:len(names)],
                                        per_joint(values, 'limits.effort', names, np.inf))
         for what, channel in (('states', self.states), ('commands', self.commands)):
             channel.settle(values[f'delay.{what}'], values[f'dropout.{what}'])
@@ -106,9 +107,9 @@ class Plant:
 
     def reset(self) -> None:
         """Put the arm at rest at its initial position, as at the start; its time goes on."""
-        limits = self.robot.limits
-        initial = per_joint(self._values, 'initial.position', self.robot.joint_names, 0.0)
-        self.arm.put(np.clip(initial, limits.lower, limits.upper))
+        arm = self.arm
+        initial = per_joint(self._values, 'initial.position', arm.joint_names, 0.0)
+        arm.put(np.clip(initial, arm.lower, arm.upper))
         self._pushed_until.clear()
         self._torque = self._zero
         self._heard: int | None = None

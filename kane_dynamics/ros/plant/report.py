@@ -40,7 +40,7 @@ def report(node: Reporting, speed: float) -> DiagnosticStatus:
         level = max(level, DiagnosticStatus.WARN)
         message += f', up to {pace.worst * 1e-6:.1f} ms late'
     figures = {
-        'joints': ', '.join(plant.robot.joint_names), 'speed': f'{speed:.3f}',
+        'joints': ', '.join(plant.arm.joint_names), 'speed': f'{speed:.3f}',
         'joint states': str(plant.ticks), 'overruns': str(pace.overruns),
         'largest delay of a tick': f'{pace.worst * 1e-6:.3f} ms',
         'skipped to catch up': f'{pace.skipped:.3f} s', 'commands': str(node.received),

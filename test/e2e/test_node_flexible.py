@@ -1,0 +1,58 @@
+"""An arm whose links bend, simulated by the plant, led by the node that knows of its bending."""
+
+import time
+
+from graph import DEEP, Process, wait_until
+from kane_dynamics import Controller, load_urdf, Motion, QuasiStatic, Robot, simulate, stiffened
+from kane_dynamics.resources import resource_path
+import numpy as np
+from sensor_msgs.msg import JointState
+
+URDF = resource_path('urdf', 'two_link.urdf')
+JOINTS = ('joint1', 'joint2')
+POINTS = ((0.0, (0.4, 0.3)), (1.6, (0.6, 0.1)))
+REST = [(0.0, 0.0)] * 2
+BENDING = resource_path('urdf', 'two_link.bending.yaml')
+GAINS = {'kp': 100.0, 'kd': 20.0}
+
+
+def error_of_rigid_feedforward(motion):
+    """Return the mean error of the joints, rad, of the arm led as if its links were rigid."""
+    model = load_urdf(URDF, supplement=BENDING)
+    arm, controller = Robot(model), Controller(Robot(stiffened(model)), mode='computed_torque',
+                                               **GAINS)
+    q, rest = np.array(POINTS[0][1]), np.zeros(2)
+    run = simulate(arm, np.append(q, QuasiStatic(arm).modes(q, rest, rest)), np.zeros(7), 1.6,
+                   step=1e-3, sample=0.01, torque=lambda t, q, u: np.append(
+                       controller.command(t, q[:2], u[:2], motion).tau, np.zeros(5)))
+    return np.abs(run.q[:, :2] - [motion.sample(t)[0] for t in run.t]).mean()
+
+
+def test_the_node_leads_a_bending_arm_far_better_than_rigid_feedforward(client, start):
+    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', urdf=URDF,
+                    rate=200, substeps=5, supplement=BENDING, initial__position=list(POINTS[0][1]))
+    node = start(urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],
+                 gains__kd=GAINS['kd'])
+    states = []
+    listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(
+        (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, np.array(m.position))), DEEP)
+    motion = Motion.from_points(*zip(*POINTS), REST, joint_names=JOINTS)
+    try:
+        plant.wait_for('2 joints (joint1, joint2), beams bend in link1/mode_1, link1/mode_2, '
+                       'link2/mode_1, link2/mode_2, link2/twist_1, 200 joint states', 60.0)
+        node.wait_for('active, mode', 60.0)
+        assert wait_until(lambda: client.motions.get_subscription_count() > 0 and len(states) > 5)
+        assert len(states[0][1]) == 2  # modes are the plant's own business
+        began = time.time_ns() + 300_000_000
+        client.joints = JOINTS
+        client.follow(POINTS, start=began, velocities=REST)
+        rigid = error_of_rigid_feedforward(motion)
+        assert wait_until(lambda: states[-1][0] > began + 16 * 10**8)
+        assert plant.alive() and 'stands still' not in plant.log and 'rejected' not in node.log
+    finally:
+        client.destroy_subscription(listening)
+        plant.end()
+    errors = [np.abs(q - motion.sample((stamp - began) * 1e-9)[0]) for stamp, q in states
+              if 0 <= stamp - began <= 16 * 10**8]
+    assert len(errors) > 100
+    assert np.mean(errors) < 0.25 * rigid
