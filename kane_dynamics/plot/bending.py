@@ -102,7 +102,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
         raise InputError('nothing vibrates about this posture, or count is not positive')
     still = _lines(robot.model, rest)
     extent = float(np.ptp(np.concatenate([places for _, places in still]), axis=0).max())
-    swings = [_swing(robot.model, rest, found.shapes[:, k], SWING * extent) for k in shown]
+    swings = [_swing(still, robot.model, rest, found.shapes[:, k], SWING * extent) for k in shown]
     view = _View(plane, [still, *(lines for swing in swings for lines in swing)])
     columns = min(len(shown), 4)
     rows = -(-len(shown) // columns)
@@ -155,13 +155,15 @@ def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
     return lines
 
 
-def _swing(model: Model, rest: Array, shape: Array, size: float) -> list[Lines]:
-    """Return the lines at both ends of a swing, whose farthest point moves by about `size`."""
+def _swing(still: Lines, model: Model, rest: Array, shape: Array, size: float) -> list[Lines]:
+    """Return the lines at both ends of a small swing, so enlarged that it goes by `size`."""
     small = 1e-6 / np.abs(shape).max()
-    far = max(np.abs(moved - still).max() for (_, moved), (_, still) in zip(
-        _lines(model, rest + small * shape), _lines(model, rest)))
-    step = (small * size / far if far > 1e-9 * size else small) * shape  # mere twist moves none
-    return [_lines(model, rest + sign * step) for sign in (1.0, -1.0)]
+    moves = [moved - places for (_, moved), (_, places) in zip(
+        _lines(model, rest + small * shape), still)]
+    far = max(np.abs(move).max() for move in moves)
+    scale = size / far if far > 1e-9 * size else 0.0  # mere twist moves no line
+    return [[(beam, places + sign * scale * move) for (beam, places), move in zip(still, moves)]
+            for sign in (1.0, -1.0)]
 
 
 class _View:
@@ -194,7 +196,10 @@ class _View:
             getattr(axes, f'{which}axis').set_major_locator(MaxNLocator(ticks))
         axes.set_aspect('equal')
         if len(self.names) == 3:
-            axes.set_box_aspect(self._size.copy(), zoom=0.85)  # room for the labels
+            axes.set_box_aspect(self._size.copy(), zoom=0.7)  # room for the labels,
+            axes.patch.set_visible(False)  # which the next panel would cover
+            axes.tick_params(labelsize=7.0, pad=0.0)
+            axes.zaxis.labelpad = 4.0
         return axes
 
     def draw(self, axes: Any, lines: Lines, color: Any, label: str | None = None) -> None:
