@@ -22,6 +22,7 @@ BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
         (b'<\0', 'utf-16-le'), (b'\0<', 'utf-16-be'))
 ENCODING = re.compile(rb'\s*<\?xml[^>]{0,200}?encoding\s*=\s*["\']([\w.-]{1,40})["\']')
 ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d', re.I)
+LONG_PATH = 300  # characters; what is longer was rather meant for the text
 UNREAD = ('visual', 'collision', 'material')  # looks only; meshes and textures are not touched
 
 
@@ -58,8 +59,8 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
         if isinstance(error, UrdfError):
             raise
         reason = error.strerror if isinstance(error, OSError) else error
-        raise UrdfError(f'source is {_short(os.fspath(source))}: {reason}; valid: the path of a '
-                        'URDF file, or its XML as str or bytes') from None
+        raise UrdfError(f'source is {_short(os.fspath(source), LONG_PATH)}: {reason}; valid: '
+                        'the path of a URDF file, or its XML as str or bytes') from None
 
 
 def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> Element:
@@ -152,10 +153,10 @@ def _refuse_declarations(text: str) -> None:
         at = text.find('<!', at) if at >= 0 else -1
 
 
-def _short(text: object) -> str:
-    """Return a text quoted, and cut where long."""
+def _short(text: object, most: int = 80) -> str:
+    """Return a text quoted, and cut where it is longer than `most` characters."""
     text = str(text)
-    return repr(text if len(text) <= 80 else f'{text[:60]}...')
+    return repr(text if len(text) <= most else f'{text[:most - 20]}...')
 
 
 def _near(data: bytes, at: int) -> str:
