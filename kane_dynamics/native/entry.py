@@ -226,8 +226,6 @@ def method(cls: type[Tabled], name: str, doc: str, code: llvm.Code) -> tuple[Any
     return make(cls, ctypes.addressof(definition)), (definition, code)
 
 
-
-
 def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
             shape: Shape, place: int | None = None) -> str:
     """

@@ -227,7 +227,7 @@ def _payload(data: Any) -> tuple[str, Inertial]:
         raise UrdfError(f'{what}: com is {SHORT.repr(com)}; expected three numbers, m')
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
     for key, value in mapping(entry.get('inertia', {}), f'{what}: inertia',
-                               INERTIA_KEYS).items():
+                              INERTIA_KEYS).items():
         moments[key] = _number(value, f'{what}: inertia: {key}', signed=True)
     xx, xy, xz, yy, yz, zz = moments.values()
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -26,7 +26,7 @@ from kane_dynamics.ros.loads import Loads  # noqa: E402
 from kane_dynamics.ros.requests import Bounds, Served, Simulation  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.trajectories import read_trajectory  # noqa: E402
-from kane_dynamics.ros.wrenches import WrenchFrames, Wrenches  # noqa: E402
+from kane_dynamics.ros.wrenches import Wrenches, WrenchFrames  # noqa: E402
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics,  # noqa: E402
                                           GetDynamics, InverseDynamics, Simulate)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402

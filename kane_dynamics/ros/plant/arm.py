@@ -126,7 +126,7 @@ class SimulatedArm:
     def _external(self) -> Array:
         """Return what the wrenches do along each coordinate at the present position."""
         world = self.frames.in_world(self._q, ((self.frames.row(frame), wrench)
-                                              for frame, wrench in self.wrenches.items()))
+                                               for frame, wrench in self.wrenches.items()))
         return self.robot.external_force(self._q, wrench=world)
 
     def _stop(self) -> None:
