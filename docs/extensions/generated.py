@@ -16,7 +16,8 @@ import pkgutil
 import re
 
 import kane_dynamics
-from kane_dynamics.cli.parser import EXAMPLES, main
+from kane_dynamics.cli.examples import EXAMPLES
+from kane_dynamics.cli.parser import main
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,0 +1,130 @@
+"""What the help of each command ends with: examples, and what its files hold."""
+
+EXAMPLES = {
+    'torque': """
+examples:
+  kane-dynamics torque arm.urdf --q 0.1 -0.5 1.2 --u 0 0.3 0 --udot 1 0 0
+  kane-dynamics torque arm.urdf --trajectory motion.csv --out torques.csv
+  kane-dynamics torque arm.urdf --trajectory motion.csv --plot sources.png
+  xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
+
+A trajectory is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file
+like a trajectory_msgs/JointTrajectory. Speeds and accelerations that it lacks come from the
+smooth curve through its points.""",
+    'simulate': """
+examples:
+  kane-dynamics simulate arm.urdf --q0 0.5 0 0 --duration 5 --plot fall.png
+  kane-dynamics simulate arm.urdf --q0 0.5 0 0 --plot energy.png --plot-of energy
+  kane-dynamics simulate arm.urdf --duration 2 --torque 3.0 0 0 --out push.csv
+  kane-dynamics simulate arm.urdf --motion motion.yaml --kp 400 --kd 40 --out track.npz
+
+Without --motion and --torque no torque acts. A torque file is a CSV file with the columns
+tau.<joint>: with a column t each row is held until the next one's time, without it one step.""",
+    'sweep': """
+examples:
+  kane-dynamics sweep payloads.yaml --out payloads
+  kane-dynamics sweep payloads.yaml --out payloads --workers 4 --json
+  kane-dynamics sweep payloads.yaml --out payloads --dask tcp://127.0.0.1:8786
+
+payloads.yaml, for example:
+  urdf: arm.urdf
+  tip: tool0
+  samples: 10000
+  seed: 1
+  duration: 1.0
+  step: 0.001
+  q0: {shoulder: {uniform: [-1, 1]}, elbow: {normal: [0.5, 0.1]}}
+  payload: {frame: tool0, mass: {uniform: [0, 5]}, com: [0, 0, {uniform: [0, 0.1]}]}
+  friction: {uniform: [0.5, 2]}
+  controller: {kind: computed_torque, kp: {loguniform: [50, 500]}, kd: 20, known_payload: 0}
+  motion: motion.csv
+
+A value is a number or one of uniform, loguniform, normal: [mean, deviation], choice, grid; for all
+joints together, {each: value} for each its own, a list, or by name. The folder is one parquet
+table. Run the command again to carry on a sweep that was ended.""",
+    'inspect': """
+examples:
+  kane-dynamics inspect arm.urdf
+  kane-dynamics inspect arm.urdf --tip tool0 --json
+  kane-dynamics inspect arm.urdf --against pinocchio
+
+Exits with 1 if the numbers differ from the peer's.""",
+    'bench': """
+examples:
+  kane-dynamics bench arm.urdf
+  kane-dynamics bench arm.urdf --tip tool0 --json
+
+Where Pinocchio is installed (pip install pin), its calls take turns with ours.""",
+    'export': """
+examples:
+  kane-dynamics export arm.urdf -o arm.c
+  kane-dynamics export arm.urdf -o src/arm.c --kernel inverse_dynamics --payload-frame tool0
+
+Writes arm.c and arm.h: C99 that needs libm alone. arm_self_test() in it returns 0 if the compiled
+functions give the numbers of this library.""",
+    'equations': """
+examples:
+  kane-dynamics equations two_link.urdf
+  kane-dynamics equations arm.urdf --joints shoulder elbow --numbers
+  kane-dynamics equations two_link.urdf --latex -o two_link.tex
+
+Up to four coordinates. m1, r1, I1 are mass, place of the mass centre and moment of inertia of the
+first body, l1 the place of its joint; --markdown and --csv print the table of partial velocities.
+Operations are counted with common subexpressions shared, beside those of the compiled kernels.""",
+    'identify': """
+examples:
+  kane-dynamics identify arm.urdf recording.csv
+  kane-dynamics identify arm.urdf recording.npz --cutoff 8 --out identified.urdf
+  kane-dynamics identify arm.urdf recording.csv --friction-only --json
+  kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
+
+A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
+the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
+then should be filtered with --cutoff. The first half is fitted, the second half judges.
+--out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
+count as known, and --out takes the supplement with the payload in it.""",
+    'excite': """
+examples:
+  kane-dynamics excite arm.urdf --out motion.csv
+  kane-dynamics excite arm.urdf --out motion.csv --duration 20 --periods 2 --share 0.6 --floor 0.1
+
+Searches sums of sines that tell most about masses and friction within the limits of the URDF. Let
+the arm go to the start, run it, record q and tau, and give the recording to identify. The way is
+checked for the floor, not for collisions.""",
+    'replay': """
+examples:
+  kane-dynamics replay arm.urdf recording.csv --plot torques.png
+  kane-dynamics replay arm.urdf bag_folder --topic /joint_states --cutoff 10
+  kane-dynamics replay arm.urdf run.mcap --supplement identified.supplement.yaml --json
+
+A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
+hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
+with --cutoff.""",
+    'view': """
+examples:
+  kane-dynamics view arm.urdf
+  kane-dynamics view arm.urdf --trajectory fall.npz
+  kane-dynamics view arm.urdf --trajectory motion.csv --export motion.html
+
+Without a trajectory each joint has a slider, and the arrows hold the arm against gravity. A
+trajectory is what torque takes, or an .npz file of simulate. Meshes are looked for beside the
+URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported page needs no
+server.""",
+    'feasible': """
+examples:
+  kane-dynamics feasible arm.urdf --trajectory motion.csv
+  kane-dynamics feasible arm.urdf --trajectory motion.yaml --out as_fast_as_it_may.csv
+  kane-dynamics feasible arm.urdf --trajectory motion.csv --payload-frame tool0 --plot use.png
+
+Exits with 1 if the motion passes a limit of torque, speed, position or, with --power, of power.
+Says at which speed it would just fit, slower or faster, and how much it may carry.""",
+    'doctor': """
+examples:
+  kane-dynamics doctor arm.urdf
+  kane-dynamics doctor arm.urdf --config arm.yaml --live 3
+  kane-dynamics doctor arm.urdf --live 5 --namespace left --json
+
+Compares names, limits, the sign of gravity, publishers and subscribers, rates, stamps and QoS.
+--config and --live need ROS. Exits with 1 if there is a problem.""",
+    'demo': '',
+}
