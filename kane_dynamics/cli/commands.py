@@ -11,12 +11,12 @@ import warnings
 from kane_dynamics import examination
 from kane_dynamics.cli import (excitation, feasibility, identification, inspection, pictures,
                                replay as replaying, sweeping, viewing)
-from kane_dynamics.cli.shared import (as_json, extra, load, print_json, selection, source_of,
-                                      split)
+from kane_dynamics.cli.shared import as_json, load, print_json, selection, source_of, split
 from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
                                       read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.extras import extra
 from kane_dynamics.flexing import stiffened
 from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar

@@ -3,8 +3,8 @@
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from kane_dynamics.cli.shared import extra
 from kane_dynamics.errors import InputError
+from kane_dynamics.extras import extra
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory

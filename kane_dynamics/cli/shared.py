@@ -3,27 +3,17 @@
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 import json
 import math
 import sys
 from typing import Any
 import warnings
 
-from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.errors import ModelWarning
 from kane_dynamics.model import Model
 from kane_dynamics.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
-
-
-def extra(module: str, name: str) -> Any:
-    """Import a module that needs more than the library does; InputError says what is missing."""
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(f"this needs '{error.name}', which is not installed; pip install "
-                         f"'kane_dynamics[{name}]'") from None
 
 
 def source_of(options: Namespace) -> str | bytes:

@@ -3,9 +3,10 @@
 from argparse import Namespace
 import webbrowser
 
-from kane_dynamics.cli.shared import extra, load, print_json, source_of, told
+from kane_dynamics.cli.shared import load, print_json, source_of, told
 from kane_dynamics.cli.tables import read_trajectory
 from kane_dynamics.errors import InputError
+from kane_dynamics.extras import extra
 from kane_dynamics.urdf.visuals import load_visuals
 
 

@@ -9,13 +9,14 @@ lock of the process that writes it; readers skip both for their first letter.
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import fcntl
-from importlib import import_module
+from functools import partial
 import json
 import os
 from pathlib import Path
 from typing import Any
 
 from kane_dynamics.errors import InputError, SweepError
+from kane_dynamics.extras import extra
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Columns
 import numpy as np
@@ -23,15 +24,7 @@ import numpy as np
 DESCRIPTION, LOCK = '_sweep.json', '_lock'
 KEY = b'kane_dynamics.sweep'  # of a part's own description, in its metadata
 SHOWN = 12  # digits of a digest in names and messages
-
-
-def needed(module: str) -> Any:
-    """Return a module of the extra `sweep`; InputError names the extra if it is not installed."""
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(f"a sweep needs '{error.name}', which is not installed; pip install "
-                         "'kane_dynamics[sweep]'") from None
+needed = partial(extra, name='sweep', what='a sweep')
 
 
 class Table:

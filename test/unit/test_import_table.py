@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 # its own. A module that does not exist yet may be listed; one that exists must be.
 TABLE = (
     'errors',
-    'inertial progress resources',
+    'extras inertial progress resources',
     'mode_shapes',
     'beam',
     'flexible_link model shapes',

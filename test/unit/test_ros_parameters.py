@@ -12,6 +12,7 @@ from kane_dynamics.ros.plant import specs as plant_specs
 from kane_dynamics.ros.specs import BY_NAME, SPECS
 import numpy as np
 import pytest
+from ros_lines import flat
 import yaml
 
 FOLDER = Path(__file__).parents[2] / 'config'
@@ -21,14 +22,6 @@ TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
 OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
        'wrench.frames', 'compensate.gravity', 'limits.rate'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
-
-
-def flat(tree, prefix=''):
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{name}.')
-        else:
-            yield prefix + name, value
 
 
 def given(path):
