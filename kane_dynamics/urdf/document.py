@@ -22,7 +22,6 @@ BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
         (b'<\0', 'utf-16-le'), (b'\0<', 'utf-16-be'))
 ENCODING = re.compile(rb'\s*<\?xml[^>]{0,200}?encoding\s*=\s*["\']([\w.-]{1,40})["\']')
 ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d', re.I)
-LONG_PATH = 300  # characters; what is longer was rather meant for the text
 UNREAD = ('visual', 'collision', 'material')  # looks only; meshes and textures are not touched
 
 
@@ -59,7 +58,7 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
         if isinstance(error, UrdfError):
             raise
         reason = error.strerror if isinstance(error, OSError) else error
-        raise UrdfError(f'source is {_short(os.fspath(source), LONG_PATH)}: {reason}; valid: '
+        raise UrdfError(f'source is {_short_path(os.fspath(source))}: {reason}; valid: '
                         'the path of a URDF file, or its XML as str or bytes') from None
 
 
@@ -153,10 +152,15 @@ def _refuse_declarations(text: str) -> None:
         at = text.find('<!', at) if at >= 0 else -1
 
 
-def _short(text: object, most: int = 80) -> str:
-    """Return a text quoted, and cut where it is longer than `most` characters."""
+def _short(text: object) -> str:
+    """Return a text quoted, and cut where long."""
     text = str(text)
-    return repr(text if len(text) <= most else f'{text[:most - 20]}...')
+    return repr(text if len(text) <= 80 else f'{text[:60]}...')
+
+
+def _short_path(path: str) -> str:
+    """Return a path quoted; of a long one the end, where its name is."""
+    return repr(path if len(path) <= 120 else f'...{path[-100:]}')
 
 
 def _near(data: bytes, at: int) -> str:
