@@ -37,7 +37,7 @@ help:
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
 	@echo 'make picture      docs/view.png anew, by a headless Chromium'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
-	@echo 'make docs         the documentation site, in build/docs/index.html'
+	@echo 'make docs         the documentation site, in build/docs; what its pages show is tried'
 	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
 	@echo 'make clean        remove all of that'
 
@@ -83,7 +83,7 @@ REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
 
 test: install
 	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal $(REAL_TIME:%=--ignore=%) \
-	  $(PYTEST_ARGS)
+	  --ignore=test/docs $(PYTEST_ARGS)
 	$(ROS_ENV) $(BIN)/python -m pytest $(REAL_TIME) $(PYTEST_ARGS)
 
 test-slow soak: install
@@ -119,11 +119,13 @@ lint: install
 	$(BIN)/ament_flake8 $(LINTED)
 	$(BIN)/ament_pep257 $(LINTED)
 
-# Warnings are errors; nothing is fetched.
+# Warnings are errors; nothing is fetched. What the pages show is what comes out.
 docs: install
 	rm -rf build/docs
 	$(ROS_ENV) $(BIN)/python -m sphinx -b html -W -n --keep-going -q -j auto -d build/doctrees docs build/docs
 	$(BIN)/python docs/check_links.py build/docs
+	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal test/docs/test_pages.py
+	$(ROS_ENV) $(BIN)/python -m pytest test/docs/test_node_pages.py
 
 # ---------------------------------------------------------------------- colcon
 # An environment of its own: colcon wants an older setuptools, and both packages must come from its

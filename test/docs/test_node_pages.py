@@ -3,6 +3,8 @@
 from documents import named, PAGES, starts_nodes, work_through
 import pytest
 
+pytest.importorskip('rclpy')
+
 
 @pytest.mark.timeout(300)  # a page may start a dozen processes
 @pytest.mark.parametrize('page', [page for page in PAGES if starts_nodes(page)], ids=named)
