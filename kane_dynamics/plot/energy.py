@@ -25,7 +25,7 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds, and no constraints.
+        With joint rates for speeds; what constrains it does not depend on time.
     trajectory : Trajectory
         A single motion of this robot.
     path : str or Path, optional

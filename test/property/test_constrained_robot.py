@@ -3,8 +3,8 @@
 from functools import cache
 
 from kane_dynamics import (absolute_rates, Closure, ConstraintError, Coupling, InputError,
-                           knife_edge, ModelBuilder, momenta, PointVelocity, Prescribed, Robot,
-                           rod, simulate, Speeds, Trajectory)
+                           knife_edge, ModelBuilder, momenta, PointVelocity, power_balance,
+                           Prescribed, Robot, rod, simulate, Speeds, Trajectory)
 from kane_dynamics.mechanics import kinematics
 from mechanisms import random_model
 import numpy as np
@@ -191,6 +191,16 @@ def test_pins_of_a_loop_pass_on_the_force_of_its_closure():
     np.testing.assert_allclose(rocker[:3] - push,
                                mass * (acceleration - robot.model.gravity), atol=1e-3)
     assert np.abs(rocker[3:]).max() < 1e-9  # a pin without a motor turns freely
+
+
+def test_constraints_that_time_does_not_move_take_no_part_in_the_balance_of_power():
+    for kind in ('knife edge', 'coupling'):
+        robot = chain(kind)
+        balance = power_balance(robot, *state(robot))
+        assert abs(balance.joints) > 0.1
+        assert abs(balance.residual) < 1e-9 * (abs(balance.joints) + abs(balance.energy_rate))
+    with pytest.raises(InputError, match='needs joint rates'):
+        power_balance(chain('momenta'), *state(chain('momenta')))
 
 
 def test_actuators_share_a_load_with_the_least_sum_of_squares():
