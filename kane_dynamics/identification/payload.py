@@ -184,6 +184,10 @@ class PayloadEstimator:
             for name in ('friction', 'friction_speed'))
         # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
         self._belief = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples."""
         self._information = np.zeros((10, 10))
         self._weighted = np.zeros(10)
 

@@ -90,11 +90,13 @@ class Estimator:
         self._robot, self._server, self._publisher = robot, server, publisher
         self._reject = reject
         self._acting = Acting(robot, values, reject)
-        self._settings = estimator_settings(values, robot)
+        given = estimator_settings(values, robot)
+        self._frame = given['frame']
+        self._estimator = PayloadEstimator(robot.model, **given)
+        self._anew = False  # whether the other thread shall forget what it knows
         self._samples: deque[Sample] = deque(maxlen=MOST)
         self._recent: list[Sample] = []
         self._last = 0
-        self.start()
         zero = np.zeros(robot.n)
         self._estimator.update(zero, zero, zero, zero)  # its kernels compile now
         self.start()
@@ -103,7 +105,7 @@ class Estimator:
 
     def start(self) -> None:
         """Forget all."""
-        self._estimator = PayloadEstimator(self._robot.model, **self._settings)
+        self._anew = True
         self.refresh()
         self._samples.clear()
         self._last = 0
@@ -137,16 +139,23 @@ class Estimator:
 
     def _publish(self) -> None:
         """Work off the samples that wait, and tell what they say."""
-        taken, estimator, frame = 0, self._estimator, self._settings['frame']
-        while self._samples:
-            self._recent = [*self._recent[-2:], self._samples.popleft()]
+        taken, estimator = 0, self._estimator
+        if self._anew:
+            self._anew, self._recent = False, []
+            estimator.reset()
+        for _ in range(len(self._samples)):
+            try:
+                sample = self._samples.popleft()
+            except IndexError:  # the path has forgotten them meanwhile
+                break
+            self._recent = [*self._recent[-2:], sample]
             taken += self._learn(estimator)
         if not taken:
             return
         message = PayloadEstimate(mass=estimator.mass, mass_deviation=estimator.mass_deviation,
                                   com=_vector(estimator.com),
                                   com_deviation=_vector(estimator.com_deviation))
-        message.header.frame_id = frame
+        message.header.frame_id = self._frame
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._recent[-1].stamp,
                                                                         NANO)
         self._publisher.publish(message)

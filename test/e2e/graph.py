@@ -193,7 +193,9 @@ class Client(Node):
 
     def connect(self, timeout=60.0):
         """Wait until the node answers joint states."""
-        assert wait_until(lambda: self.rest() is not None, timeout), 'the node does not answer'
+        process = getattr(self, 'process', None)
+        assert wait_until(lambda: self.rest() is not None, timeout), (
+            f'the node does not answer; it said: {process and process.log}')
 
     def call(self, kind, name, timeout=20.0, **fields):
         """Call a service; return its response."""

@@ -32,7 +32,7 @@ def module_node():
                       estimator__enabled=True, estimator__rate=10.0,
                       estimator__memory=0.3)  # so that no test feels another's
     yield process
-    assert process.end()[0] == 0
+    assert process.end()[0] == 0, process.log
 
 
 class Ear:
