@@ -23,7 +23,6 @@ LONG = 16  # and from which on a product with it is none of the compiler's busin
 OUTLINED = 40  # and from which on derivatives would
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
-PLACES = {name: place for place, name in enumerate(ALL)}  # of a quantity's table in a workspace
 FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
 
 
@@ -55,7 +54,6 @@ class KernelSet:
         self._key = key
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
-        self.workspace_type: Any = None  # whose methods these kernels are
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,8 +69,7 @@ class KernelSet:
             if name not in self.names:
                 raise InputError(f"no kernel '{name}' of this robot; valid: "
                                  f'{", ".join(self.names)}')
-            return self._kernel(name, lambda: self.program(name), ALL[name],
-                                place=PLACES[name])
+            return self._kernel(name, lambda: self.program(name), ALL[name])
         return self._kept((name, ''), make)
 
     def in_use(self, name: str) -> bool:
@@ -195,12 +192,12 @@ class KernelSet:
         return self._made[key]
 
     def _kernel(self, name: str, program: Callable[[], Program], quantity: Quantity,
-                at: str = '', place: int | None = None) -> Kernel:
+                at: str = '') -> Kernel:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
         return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size), self._reason, place)
+                      self._parameters, quantity.shape(size), self._reason)
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations

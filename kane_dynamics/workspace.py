@@ -1,32 +1,34 @@
 """`Workspace`: a robot's quantities on memory of their own, for loops that must not allocate."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
-from weakref import WeakSet
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.kernel_set import ALL, KernelSet
 from kane_dynamics.model import Array
-from kane_dynamics.native.entry import Tabled
+from kane_dynamics.native import entry
 from kane_dynamics.native.kernels import Kernel
 from kane_dynamics.quantities import FRAME_QUANTITIES
 import numpy as np
 
 STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
+PLACES = {name: place for place, name in enumerate(ALL)}  # of tables
+DOCS = {name: f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
+        for name in ALL}
 
 
 class _Quantity:
-    """A quantity that, once used, gives way to its method, or to a function of the workspace."""
+    """A quantity as a function of the workspace, where interpreters allow no machine code."""
 
     def __init__(self, name: str) -> None:
-        self.name = name
-        self.__doc__ = f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
+        self.name, self.__doc__ = name, DOCS[name]
 
     def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
-        return self if workspace is None else workspace._first(self.name, self.__doc__ or '')
+        return self if workspace is None else workspace._function(self.name)
 
 
-class Workspace(Tabled):
+class Workspace(entry.Tabled):
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
 
@@ -50,8 +52,9 @@ class Workspace(Tabled):
 
     """
 
-    __slots__ = ('__weakref__', '_at', '_functions', '_kernels', '_owned', '_states', 'q', 't',
-                 'tau', 'u', 'udot', 'wrench')
+    __slots__ = ('__weakref__', '_at', '_kernels', '_owned', '_states', 'q', 't', 'tau', 'u',
+                 'udot', 'wrench')
+    _unmade: Array | None = None  # of the class: what tables are at first
     q: Array
     u: Array
     udot: Array
@@ -61,17 +64,11 @@ class Workspace(Tabled):
     _kernels: KernelSet
     _states: dict[str, Array]
     _at: dict[tuple[str, str], Callable[[], Any]]
-    _functions: dict[str, Callable[[], Any]]  # of quantities that cannot be methods
-    _owned: dict[str, Array]  # the tables of those that are
+    _owned: dict[str, entry.Table]  # tables in use
 
     def __new__(cls, kernels: KernelSet) -> 'Workspace':
-        """Return an object of a class of these kernels' own, which has them for methods."""
-        if kernels.workspace_type is None:
-            kernels.workspace_type = type(cls.__name__, (cls,), {
-                '__slots__': (), '__doc__': cls.__doc__, '__module__': cls.__module__,
-                '_living': WeakSet(), '_methods': {}})
-        workspace: Workspace = object.__new__(kernels.workspace_type)
-        return workspace
+        """Return an object whose quantities are methods of machine code, where there can be."""
+        return object.__new__(_of_machine_code() if entry.supported() else cls)
 
     def __init__(self, kernels: KernelSet) -> None:
         """Make the arrays; nothing is compiled yet."""
@@ -82,14 +79,10 @@ class Workspace(Tabled):
             states['wrench'] = _fixed(kernels.no_wrench.shape)
         if equations.timed:
             states['t'] = _fixed(())
+        tables = None if self._unmade is None else self._unmade.copy()
         for name, value in {**states, '_kernels': kernels, '_states': states, '_at': {},
-                            '_functions': {}, '_owned': {},
-                            '_tables': np.zeros(len(ALL), dtype=np.uint64)}.items():
+                            '_owned': {}, '_tables': tables}.items():
             object.__setattr__(self, name, value)
-        kind: Any = type(self)
-        kind._living.add(self)
-        for name in kind._methods:
-            self._tabulate(kernels.quantity(name))
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse: the compiled calls read the memory that is there."""
@@ -127,26 +120,18 @@ class Workspace(Tabled):
         """Return `Robot.joint_reaction` at a joint as a function without arguments."""
         return self._bound_at(self._kernels.reaction(joint), joint)
 
-    def _first(self, name: str, doc: str) -> Callable[[], Any]:
-        """Make a quantity a method of all workspaces of this robot; return this one's."""
-        if name in self._functions:
-            return self._functions[name]
-        kernel, kind = self._kernels.quantity(name), self._kernels.workspace_type
-        made = kernel.method(kind, doc)
-        if made is None:
-            self._functions[name] = self._bound(kernel, doc)
-            return self._functions[name]
-        for workspace in kind._living:
-            workspace._tabulate(kernel)
-        method, kind._methods[name] = made
-        setattr(kind, name, method)  # from now on it is found before the _Quantity
-        function: Callable[[], Any] = getattr(self, name)
-        return function
+    def _function(self, name: str) -> Callable[[], Any]:
+        """Return a quantity that is no method."""
+        if (name, '') not in self._at:
+            self._at[name, ''] = self._bound(self._kernels.quantity(name), DOCS[name])
+        return self._at[name, '']
 
-    def _tabulate(self, kernel: Kernel) -> None:
-        """Let the kernel's method find the memory of this workspace."""
-        table = self._owned[kernel.name] = kernel.table(*self._memory(kernel))
-        self._tables[kernel.place] = table.ctypes.data
+    def _table(self, name: str) -> entry.Table:
+        """Let a quantity's method find the memory of this workspace."""
+        kernel = self._kernels.quantity(name)
+        table: entry.Table = kernel.table(*self._memory(kernel))
+        self._owned[name], self._tables[PLACES[name]] = table, id(table)
+        return table
 
     def _memory(self, kernel: Kernel) -> tuple[list[Array], Array]:
         """Return the arrays that a kernel reads, and the one that it writes."""
@@ -165,6 +150,15 @@ class Workspace(Tabled):
 
 for _name in ALL:  # not by `__getattr__`, which makes every look-up of an attribute slower
     setattr(Workspace, _name, _Quantity(_name))
+
+
+@cache
+def _of_machine_code() -> type[Workspace]:
+    """Return the class of workspaces whose quantities are methods of machine code."""
+    kind: type[Workspace] = type(Workspace.__name__, (Workspace,), {
+        '__slots__': (), '__doc__': Workspace.__doc__, '__module__': Workspace.__module__})
+    kind._unmade = entry.methods(kind, DOCS, Workspace._table)
+    return kind
 
 
 def _fixed(shape: tuple[int, ...]) -> Array:

@@ -18,7 +18,8 @@ from typing import Any
 
 from kane_dynamics.native import cache as object_cache, llvm
 from kane_dynamics.native.entry_code import (ALL_FINITE, bound_code, DATA, DTYPE, entry_code,
-                                             FLAGS, FRESH, NDIM, SHAPE, TABLE, TYPE, WEAKREFS)
+                                             FLAGS, FRESH, method_code, NDIM, SHAPE,
+                                             stand_in_code, TABLE, TYPE, WEAKREFS)
 from kane_dynamics.native.program import Shape
 import numpy as np
 
@@ -28,12 +29,18 @@ class _MethodDef(ctypes.Structure):
                 ('ml_flags', ctypes.c_int), ('ml_doc', ctypes.c_char_p)]
 
 
-class _Table(np.ndarray):
-    """The words that a function reads; its attributes keep alive what they point to."""
+class Table(np.ndarray):
+    """
+    The words that a function reads; its attributes keep alive what they point to.
+
+    At its end is the definition of the function. A function looks there when it is freed, and the
+    garbage collector may have emptied its table before: words are freed with the table alone.
+    """
 
     owned: tuple[Any, ...]
 
 
+DEFINITION = ctypes.sizeof(_MethodDef) // 8  # words
 METH_FASTCALL, METH_KEYWORDS = 0x0080, 0x0002  # METH_NOARGS calls are not specialised: slower
 PY_ARRAY_NEW = 93  # slot of PyArray_New in numpy's C API table, fixed since numpy 1.0
 
@@ -56,24 +63,27 @@ def _symbol(name: str) -> int:
 
 
 def _table(words: Mapping[str, int], blocks: Sequence[np.ndarray],
-           owned: tuple[Any, ...]) -> _Table:
+           owned: tuple[Any, ...]) -> Table:
     """Return the table of these words and blocks."""
     words = {**_interpreter_words(), **words}
     table = np.array([*(words.get(word, 0) for word in TABLE),
-                      *(block.ctypes.data for block in blocks)], dtype=np.uint64).view(_Table)
+                      *(block.ctypes.data for block in blocks), *[0] * DEFINITION],
+                     dtype=np.uint64).view(Table)
     table.owned = (tuple(blocks), *owned)
     return table
 
 
 def _built_in(name: str, doc: str, address: llvm.Address, flags: int,
-              table: _Table) -> Callable[..., Any]:
+              table: Table) -> Callable[..., Any]:
     """Make a built-in function of machine code that reads a table."""
-    method = _MethodDef(name.encode(), address, flags, doc.encode())
-    table.owned = (method, *table.owned)
+    at = table.ctypes.data + 8 * (len(table) - DEFINITION)
+    definition = _MethodDef.from_address(at)
+    definition.__init__(name.encode(), address, flags, doc.encode())  # type: ignore[misc]
+    table.owned = (definition, *table.owned)  # which holds the texts
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype = ctypes.py_object
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
-    function: Callable[..., Any] = make(ctypes.addressof(method), table, None)
+    function: Callable[..., Any] = make(at, table, None)
     return function
 
 
@@ -95,9 +105,14 @@ def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
 
 
 def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
-                fallback: Callable[..., Any]) -> _Table:
+                fallback: Callable[..., Any]) -> Table:
     """Return what a method reads for one object, to stay alive; arguments as `bound` has them."""
-    return _table({'FALLBACK': id(fallback), 'RESULT': id(blocks[-1])}, blocks, (fallback, code))
+    if any(block.size == 0 for block in blocks):
+        code = _assembled('stand-ins', stand_in_code())
+        return _table({'CODE': code.address('refer'), 'FALLBACK': id(fallback)}, [],
+                      (fallback, code))
+    return _table({'CODE': code.address('bound'), 'FALLBACK': id(fallback),
+                   'RESULT': id(blocks[-1])}, blocks, (fallback, code))
 
 
 class Tabled:
@@ -126,6 +141,11 @@ def supported() -> bool:
     return readable and _self_test(another)
 
 
+@cache
+def _assembled(name: str, text: str) -> llvm.Code:
+    return llvm.Code(object_cache.fetch(object_cache.key(name, text), lambda: llvm.assemble(text)))
+
+
 def _self_test(probe: np.ndarray) -> bool:
     """Double an array through built-ins and see that bad calls reach the fallback."""
     text = '\n'.join(['define void @twice(ptr %args) {', '  %x = load ptr, ptr %args',
@@ -133,23 +153,26 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  %y = load ptr, ptr %slot', '  %a = load <3 x double>, ptr %x, align 8',
                       '  %b = fadd <3 x double> %a, %a',
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
-                      entry_code('twice', [3], 0, (3,)), bound_code('twice', [3], 0, (3,), 1)])
-    code = llvm.Code(object_cache.fetch(object_cache.key('self-test', text),
-                                        lambda: llvm.assemble(text)))
+                      entry_code('twice', [3], 0, (3,)), bound_code('twice', [3], 0, (3,))])
+    code = _assembled('self-test', text)
     twice = _entry('twice', '', code, [], (3,), lambda *args, **keywords: (args, keywords))
     bad = np.array([1.0, np.nan, 0.0])
     first, second, third = twice(probe), twice(probe), twice(probe)
     source, result = probe.copy(), np.empty(3)
     bound = _bound('twice', '', code, [source, result], lambda *args: args)
     kind: Any = type('Probe', (Tabled,), {'__slots__': ()})
-    kind.twice, kept = method(kind, 'twice', '', code)
-    table, owner = bound_table(code, [source, result], lambda *args: args), kind()
-    owner._tables = np.array([0, table.ctypes.data], dtype=np.uint64)
+    owner, table = kind(), bound_table(code, [source, result], lambda *args: args)
+
+    def make(owner: Any, name: str) -> Table:
+        owner._tables[1] = id(table)
+        return table
+    owner._tables = methods(kind, {'once': '', 'twice': ''}, make)
     counts = sys.getrefcount(first), sys.getrefcount(result)
     return (all(np.array_equal(x, 2.0 * probe) for x in (first, second, third, bound()))
             and len({x.ctypes.data for x in (first, second, third)}) == 3
-            and bound() is result and owner.twice() is result and owner.twice(1) == (1,)
-            and kept and (sys.getrefcount(first), sys.getrefcount(result)) == counts
+            and bound() is result and owner.twice() is result and owner.twice() is result
+            and owner.twice(1) == (1,)
+            and (sys.getrefcount(first), sys.getrefcount(result)) == counts
             and twice(bad)[0][0] is bad
             and twice() == ((), {}) and twice(probe, out=1)[1] == {'out': 1}
             and twice(probe[::2])[0][0].shape == (2,) and twice(1.0) == ((1.0,), {})
@@ -206,30 +229,48 @@ def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
     return _bound(name, doc, code, blocks, fallback)
 
 
-def method(cls: type[Tabled], name: str, doc: str, code: llvm.Code) -> tuple[Any, Any]:
+def methods(cls: type[Tabled], docs: Mapping[str, str],
+            make: Callable[[Any, str], Table]) -> np.ndarray:
     """
-    Return a method that calls a kernel on the memory of its object, and what it needs alive.
+    Give a class methods of machine code, and return what its objects begin with as tables.
 
     Parameters
     ----------
     cls : subclass of Tabled
-        Of the objects.
-    name, doc : str
-        What the method is called and says of itself.
-    code : Code
-        Holds what `ways_in` wrote for a place.
+        Not to be freed; each object has a copy of the result.
+    docs : mapping
+        What each method says of itself, by name.
+    make : callable
+        Returns the table of an object's method, `bound_table`, having put its `id` among the
+        object's tables, and keeps it: called with the object and the name at the first use.
 
     """
-    definition = _MethodDef(name.encode(), code.address('method'), METH_FASTCALL, doc.encode())
-    make = ctypes.pythonapi.PyDescr_NewMethod
-    make.restype, make.argtypes = ctypes.py_object, [ctypes.py_object, ctypes.c_void_p]
-    return make(cls, ctypes.addressof(definition)), (definition, code)
+    # Whoever holds a method of an object reads the definition, even after the class is gone.
+    definitions = (_MethodDef * len(docs))()
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
+    code = _assembled('methods', method_code(len(docs)))
+    stand_ins = _assembled('stand-ins', stand_in_code())
+    new = ctypes.pythonapi.PyDescr_NewMethod
+    new.restype, new.argtypes = ctypes.py_object, [ctypes.py_object, ctypes.c_void_p]
+    unmade = []
+    for place, (name, doc) in enumerate(docs.items()):
+        definitions[place] = _MethodDef(name.encode(), code.address(f'method{place}'),
+                                        METH_FASTCALL, doc.encode())
+        setattr(cls, name, new(cls, ctypes.addressof(definitions[place])))
+
+        def first(owner: Any, name: str = name) -> Table:
+            return make(owner, name)
+        unmade.append(_table({'CODE': stand_ins.address('unmade'), 'FALLBACK': id(first)}, [],
+                             (first,)))
+    tables = np.array([id(table) for table in unmade], dtype=np.uint64).view(Table)
+    tables.owned = (unmade, code, stand_ins)
+    return tables
 
 
 def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
-            shape: Shape, place: int | None = None) -> str:
+            shape: Shape) -> str:
     """
-    Return the assembly that goes into a kernel's module for `entry`, `bound` and `method`.
+    Return the assembly that goes into a kernel's module for `entry` and `bound`.
 
     Parameters
     ----------
@@ -240,11 +281,9 @@ def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
         parameters follows.
     shape : tuple of int
         Shape of the result.
-    place : int, optional
-        Where its objects have its table, if there is to be a method.
 
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
     return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, len(default_sizes) + 1, shape),
-                      bound_code(symbol, [*lengths, *default_sizes], 1, shape, place)])
+                      bound_code(symbol, [*lengths, *default_sizes], 1, shape)])

@@ -1,11 +1,12 @@
 """
 The machine code between Python and one kernel, written for that kernel's very signature.
 
-Two or three C functions go into the kernel's own module. `entry` takes arrays as positional
-arguments, checks them, finds memory for the result, and calls the kernel; `bound` takes no
-argument and calls the kernel on memory that was settled before; `method` does the same for an
-object, which the interpreter calls faster than a function that is an attribute. What they do not
-take goes to the Python fallback.
+Two C functions go into the kernel's own module. `entry` takes arrays as positional arguments,
+checks them, finds memory for the result, and calls the kernel; `bound` takes no argument and calls
+the kernel on memory that was settled before. What they do not take goes to the Python fallback.
+
+An object's method is called faster than a function that is its attribute. Methods of all kernels
+are one piece of code, which forwards a call to the `bound` of the object's own kernel.
 
 Memory for a result is kept from call to call: an entry owns its last two results, and one that
 nobody else refers to any more is given out again, as CPython's `zip` does with its tuples. Two,
@@ -19,9 +20,9 @@ from kane_dynamics.native.program import Shape
 
 # 64-bit words of the table that a function carries as its `self`, in order; pointers follow: for
 # an entry those of the kernel's arguments that no call passes, for a bound call those of all
-# arguments and of the result.
-TABLE = ('FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY', 'NEW_FLOAT', 'RELEASE',
-         'RESULT_SHAPE', 'RING', 'RESULT')
+# arguments and of the result. CODE is for methods: the function that a call is forwarded to.
+TABLE = ('CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY', 'NEW_FLOAT',
+         'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
 
 # Where CPython and numpy keep things: byte offsets in an object and in an ndarray.
 COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72
@@ -238,13 +239,9 @@ def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shap
     return '\n'.join(a.lines)
 
 
-def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shape,
-               place: int | None = None) -> str:
+def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shape) -> str:
     """
-    Return the assembly of `bound`, and of `method` where it has a place.
-
-    A method's `self` is an object that begins with a slot: in it an array of the addresses of
-    tables, of which it takes the one at its place.
+    Return the assembly of `bound`.
 
     Parameters
     ----------
@@ -256,24 +253,10 @@ def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shap
         Blocks that follow the arguments and are not checked.
     shape : tuple of int
         Of the result; () returns a float.
-    place : int, optional
-        Of the method's table among those of its object.
 
     """
     a = _Assembly()
     a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF)
-    _run_bound(a, symbol, sizes, n_parameters, shape)
-    if place is not None:
-        a.put('define ptr @method(ptr %self, ptr %args, i64 %nargs) {')
-        tables = a.load('ptr', a.load('ptr', '%self', SLOT), DATA)
-        a.put(f'  %table = getelementptr i8, ptr {a.load("ptr", tables, 8 * place)}, i64 0')
-        _run_bound(a, symbol, sizes, n_parameters, shape)
-    return '\n'.join(a.lines)
-
-
-def _run_bound(a: _Assembly, symbol: str, sizes: Sequence[int], n_parameters: int,
-               shape: Shape) -> None:
-    """Write the rest of a function that has found its table."""
     a.put(f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
     data = [a.load('ptr', '%pointers', 8 * k) for k in range(len(sizes))]
     a.branch([a.equal('i64', '%nargs', 0), *a.finite(list(zip(data, sizes)))], 'run', 'slow')
@@ -288,3 +271,47 @@ def _run_bound(a: _Assembly, symbol: str, sizes: Sequence[int], n_parameters: in
     else:
         _give_float(a, memory)
     a.slow('null')
+    return '\n'.join(a.lines)
+
+
+def method_code(count: int) -> str:
+    """
+    Return the assembly of `method0`, `method1`, ...
+
+    A method's `self` is an object that begins with a slot: in it an array of tables, of which the
+    method takes the one at its own place and goes on as that says, passing the object beside.
+    """
+    a = _Assembly()
+    for place in range(count):
+        a.put(f'define ptr @method{place}(ptr %self, ptr %args, i64 %nargs) {{')
+        tables = a.load('ptr', a.load('ptr', '%self', SLOT), DATA)
+        table = a.load('ptr', tables, 8 * place)
+        a.put('  ret ptr ' + a.new(f'tail call ptr {_code(a, table)}(ptr {table}, ptr %args, '
+                                   'i64 %nargs, ptr %self)'), '}')
+    return '\n'.join(a.lines)
+
+
+def stand_in_code() -> str:
+    """
+    Return the assembly of what stands in a table for `bound`: `refer` and `unmade`.
+
+    `refer` is for what has no machine code: it calls the fallback. `unmade` is for what nobody
+    has used yet: the fallback takes the object and returns its table to be.
+    """
+    a = _Assembly()
+    a.put('define ptr @refer(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF,
+          '  br label %slow')
+    a.slow('null')
+    a.put('define ptr @unmade(ptr %self, ptr %args, i64 %nargs, ptr %owner) {', *TABLE_OF_SELF,
+          '  %given = alloca ptr', '  store ptr %owner, ptr %given')
+    a.put(f'  %made = call ptr {a.word("VECTORCALL")}(ptr {a.word("FALLBACK")}, ptr %given, '
+          'i64 1, ptr null)', '  %failed = icmp eq ptr %made, null',
+          '  br i1 %failed, label %failure, label %go', 'failure:', '  ret ptr null', 'go:')
+    answer = a.new(f'call ptr {_code(a, "%made")}(ptr %made, ptr %args, i64 %nargs, ptr %owner)')
+    a.put(f'  call void {a.word("RELEASE")}(ptr %made)', f'  ret ptr {answer}', '}')
+    return '\n'.join(a.lines)
+
+
+def _code(a: _Assembly, table: str) -> str:
+    """Return the function that a table says."""
+    return a.load('ptr', a.load('ptr', table, DATA), 8 * TABLE.index('CODE'))

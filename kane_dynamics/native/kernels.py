@@ -11,7 +11,7 @@ from kane_dynamics.model import Array
 from kane_dynamics.native import cache, entry, llvm
 from kane_dynamics.native.collection import without_collection
 from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.entry import Tabled
+from kane_dynamics.native.entry import Table
 from kane_dynamics.native.lanes import lane_text, width
 from kane_dynamics.native.march import BAD_INPUT, BAD_RESULT, driver, march, Strided
 from kane_dynamics.native.program import Program, Shape, size_of
@@ -106,16 +106,14 @@ class Kernel:
     reason : callable, optional
         Given the arguments of a state whose result is not finite, raises an error that explains
         it, or returns.
-    place : int, optional
-        Among the tables of the objects that have it for a method.
 
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
-                 reason: Reason | None = None, place: int | None = None) -> None:
+                 reason: Reason | None = None) -> None:
         """Compile, or load from the cache."""
-        self._reason, self.place = reason, place
+        self._reason = reason
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
         self._defaults = [a.default for a in self.arguments if a.default is not None]
@@ -138,8 +136,7 @@ class Kernel:
                                          lambda: llvm.assemble(text())))
 
     def _ways_in(self) -> str:
-        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape,
-                             self.place)
+        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape)
 
     def compile_lanes(self) -> llvm.Address:
         """Compile what a batch needs now instead of at the first batch; return its address."""
@@ -169,15 +166,8 @@ class Kernel:
         return entry.bound(self.name, doc, self.code, [*arguments, self.parameters, result],
                            self._fallback(arguments, result))
 
-    def method(self, cls: type[Tabled], doc: str) -> tuple[Any, Any] | None:
-        """Return the kernel as a method, as `entry.method`; None where it cannot be one."""
-        blocks = [*self._given, *(d.size for d in self._defaults), self.parameters.size]
-        if self.place is None or 0 in (*blocks, *self.shape) or not entry.supported():
-            return None
-        return entry.method(cls, self.name, doc, self.code)
-
-    def table(self, arguments: Sequence[Array], result: Array) -> Array:
-        """Return what the method reads to call on memory which stays where it is."""
+    def table(self, arguments: Sequence[Array], result: Array) -> Table:
+        """Return what a method reads to call on memory which stays where it is."""
         return entry.bound_table(self.code, [*arguments, self.parameters, result],
                                  self._fallback(arguments, result))
 

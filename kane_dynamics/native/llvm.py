@@ -1,5 +1,6 @@
 """LLVM, through llvmlite: assembly in, machine code out. Nothing else imports llvmlite."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -122,3 +123,9 @@ class Code:
         if not address:
             raise CompileError(f"the object file holds no function '{name}'")
         return address
+
+    def function(self, name: str, prototype: Callable[[Address], Any]) -> Any:
+        """Return a function as ctypes calls it; it keeps this code alive."""
+        function = prototype(self.address(name))
+        function.code = self
+        return function

@@ -166,12 +166,12 @@ def driver(width: int) -> llvm.Code:
 
 
 @cache
-def _march(width: int) -> tuple[Callable[..., int], llvm.Code]:
-    """Return the driver as a function that releases the GIL, and what keeps it in memory."""
+def _march(width: int) -> Callable[..., int]:
+    """Return the driver as a function that releases the GIL."""
     arguments = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 2
-    prototype = ctypes.CFUNCTYPE(ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3)
-    code = driver(width)
-    return prototype(code.address('march')), code
+    function: Callable[..., int] = driver(width).function('march', ctypes.CFUNCTYPE(
+        ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3))
+    return function
 
 
 def march(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: int = 1,
@@ -203,7 +203,7 @@ def march(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: i
         raise CompileError(f'a kernel has {len(rows)} arguments; at most {POINTER_SLOTS - 1}')
     table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
     width = width or lanes.width()
-    function, address = _march(width)[0], table.ctypes.data
+    function, address = _march(width), table.ctypes.data
     low, high = (array.ctypes.data for array in extremes) if extremes else (None, None)
     size = extremes[0].shape[1] if extremes else 0
 

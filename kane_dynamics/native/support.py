@@ -61,8 +61,9 @@ def support() -> llvm.Code:
 @cache
 def _repeat(release_gil: bool) -> Callable[..., None]:
     prototype = ctypes.CFUNCTYPE if release_gil else ctypes.PYFUNCTYPE
-    return prototype(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64,
-                     ctypes.c_int64)(support().address('repeat'))
+    function: Callable[..., None] = support().function('repeat', prototype(
+        None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64))
+    return function
 
 
 def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int],

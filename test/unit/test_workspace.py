@@ -141,12 +141,19 @@ def test_a_quantity_serves_workspaces_that_were_there_before_its_first_use(robot
     assert len({id(w.gravity_force()) for w in (before, user, after)}) == 3
 
 
-def test_quantities_of_machine_code_are_methods_of_the_robots_own_class():
-    workspace, other = Robot(MODEL).bind(), Robot(MODEL).bind()
-    workspace.inverse_dynamics()
-    assert type(workspace.__class__.__dict__['inverse_dynamics']).__name__ == 'method_descriptor'
+def test_quantities_are_methods_of_machine_code_found_without_a_look_into_the_object():
+    workspace = Robot(MODEL).bind()
     assert isinstance(workspace, Workspace)
-    assert 'inverse_dynamics' not in other.__class__.__dict__
+    for name in QUANTITIES:
+        assert type(type(workspace).__dict__[name]).__name__ == 'method_descriptor'
+        assert name in getattr(workspace, name).__doc__
+
+
+def test_a_robot_of_no_joints_has_what_nobody_asks_of_others():
+    workspace = Robot(random_model(0, 0, passive=False)).bind()
+    assert workspace.inverse_dynamics().shape == (0,)
+    with pytest.raises(TypeError):
+        workspace.inverse_dynamics(1)
 
 
 def test_a_workspace_goes_when_nobody_holds_it(robot):
