@@ -76,6 +76,7 @@ examples:
   kane-dynamics identify arm.urdf recording.csv
   kane-dynamics identify arm.urdf recording.npz --cutoff 8 --out identified.urdf
   kane-dynamics identify arm.urdf recording.csv --friction-only --json
+  kane-dynamics identify arm.urdf recording.csv --friction-only --unbounded
   kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
 
 A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from

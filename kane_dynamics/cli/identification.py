@@ -10,7 +10,7 @@ from kane_dynamics.cli.replay import rms
 from kane_dynamics.cli.shared import as_json
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base import base_error, fit_base
-from kane_dynamics.identification.equations import FRICTION, friction_speeds, rows
+from kane_dynamics.identification.equations import FRICTION, friction_speeds, LOWEST, rows
 from kane_dynamics.identification.files import six, written, written_payload
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload import identify_payload
@@ -32,8 +32,8 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
     recording = recorded(options, model)
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
-                         weight=options.weight, standstill=options.standstill,
-                         progress=progress)
+                         bounded=not options.unbounded, weight=options.weight,
+                         standstill=options.standstill, progress=progress)
     files = write_files(source, found.model, options.out) if options.out else ()
     return {**as_data(found, recording), 'files': files}
 
@@ -71,6 +71,7 @@ def print_base(data: dict[str, Any]) -> None:
 def refuse(options: Namespace, because: str) -> None:
     """Raise InputError if an option is given that the chosen kind of fit does not use."""
     for given, name in ((options.friction_only, '--friction-only'),
+                        (options.unbounded, '--unbounded'),
                         (options.weight is not None, '--weight'),
                         (options.no_friction, '--no-friction')):
         if given:
@@ -125,20 +126,22 @@ def print_payload(data: dict[str, Any]) -> None:
 
 def as_data(found: Identification, recording: Recording) -> dict[str, Any]:
     """Return the result as plain data."""
-    joints = found.model.coordinate_joints
+    bodies = (found.given if found.friction_only else found.model).bodies
     return {
-        'joint_names': list(found.model.joint_names), 'rows': len(recording),
+        'joint_names': list(found.given.joint_names), 'rows': len(recording),
         'rms_before': found.before, 'rms_fitted': found.fitted, 'rms_held_out': found.held_out,
-        'friction': {name: [getattr(joint, name) for joint in joints]
-                     for name in (*FRICTION, 'friction_speed')},
+        'friction': {**dict(zip(FRICTION, found.losses.T.tolist(), strict=True)),
+                     'friction_speed': found.friction_speed.tolist()},
         'standard_deviations': dict(zip(FRICTION, found.deviations.T.tolist(), strict=True)),
         'inertials': _told(found),
-        'masses': {body.name: body.inertial.mass for body in found.model.bodies},
+        'masses': {body.name: body.inertial.mass for body in bodies},
         'condition': found.condition, 'prior_weight': found.weight}
 
 
 def _told(found: Identification) -> dict[str, dict[str, dict[str, float]]]:
     """Return value and deviation of the inertial parameters that torques tell one by one."""
+    if found.friction_only:
+        return {}
     values = inertial_parameters(found.model).reshape(-1, 10)
     return {body.name: {
         name: {'value': float(value), 'deviation': float(deviation)}
@@ -162,6 +165,12 @@ def print_data(data: dict[str, Any]) -> None:
                    for word in (data['friction'][name][k], f'{deviations[name][k]:.1g}')),
           data['friction']['friction_speed'][k]]
          for k, joint in enumerate(data['joint_names'])])
+    negative = [f'{joint} {name}' for name, lowest in zip(FRICTION, LOWEST, strict=True)
+                for joint, value in zip(data['joint_names'], data['friction'][name], strict=True)
+                if value < lowest]
+    if negative:
+        print(f'\nnegative, as no joint\'s is: {", ".join(negative)}\n'
+              'Inertials or torques are wrong there; no model can be made of this.')
     told = [(f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}')
             for body, row in data['inertials'].items() for name, pair in row.items()]
     if told:

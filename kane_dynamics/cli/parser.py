@@ -116,6 +116,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_recording(sub)
     sub.add_argument('--friction-only', action='store_true',
                      help='leave the inertials as they are')
+    sub.add_argument('--unbounded', action='store_true',
+                     help='with --friction-only: let friction come out negative, by plain least '
+                          'squares, where the rigid bodies leave something unexplained')
     sub.add_argument('--standstill', type=float, default=STANDSTILL, metavar='SPEED',
                      help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FRICTION = ('damping', 'friction', 'armature', 'friction_offset')
-LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])
+LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # of what dissipates
+UNBOUNDED = np.full(4, -np.inf)
 STANDSTILL = 0.02  # rad/s or m/s
 SPEEDS = np.geomspace(0.005, 0.5, 41)  # candidates, rad/s or m/s
 
@@ -88,9 +89,10 @@ def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
     return np.column_stack([u, np.tanh(u / speed), recording.udot[:, joint], np.ones(len(u))])
 
 
-def fit_friction(data: Rows, joint: int, speed: float) -> tuple[Array, float]:
+def fit_friction(data: Rows, joint: int, speed: float, lowest: Array = LOWEST
+                 ) -> tuple[Array, float]:
     """
-    Fit a joint's friction and armature beside the model's bodies.
+    Fit a joint's friction and armature, of which `lowest` are bounds, beside the model's bodies.
 
     Returns
     -------
@@ -108,14 +110,15 @@ def fit_friction(data: Rows, joint: int, speed: float) -> tuple[Array, float]:
     F = friction_columns(data.recording, joint, speed)
     R = triangle(np.column_stack([F, e])[moves])
     x = np.asarray(scientific('scipy.optimize').lsq_linear(
-        R[:, :-1], R[:, -1], bounds=(LOWEST, np.inf), method='bvls').x)
+        R[:, :-1], R[:, -1], bounds=(lowest, np.inf), method='bvls').x)
     missed = R[:, -1] - R[:, :-1] @ x
     return x, float(missed @ missed)
 
 
-def friction_speeds(data: Rows) -> Array:
+def friction_speeds(data: Rows, lowest: Array = LOWEST) -> Array:
     """Return the speed at which each joint's Coulomb friction fits best, (n,), of `SPEEDS`."""
-    return np.array([min(SPEEDS, key=lambda speed: fit_friction(data, joint, float(speed))[1])
+    return np.array([min(SPEEDS, key=lambda speed: fit_friction(data, joint, float(speed),
+                                                                lowest)[1])
                      for joint in range(data.rigid.shape[1])])
 
 

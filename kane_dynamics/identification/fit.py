@@ -2,13 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base import (base_deviations, base_parameters,
                                                true_unknowns)
 from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
-                                                    friction_speeds, full_regressor, Rows, rows,
-                                                    stacked, STANDSTILL, triangle, weights)
+                                                    friction_speeds, full_regressor, LOWEST,
+                                                    Rows, rows, stacked, STANDSTILL, triangle,
+                                                    UNBOUNDED, weights)
 from kane_dynamics.identification.physical import (physical, prior_metric,
                                                    pseudo_inertia_of)
 from kane_dynamics.identification.recording import Recording
@@ -28,8 +30,15 @@ class Identification:
 
     Attributes
     ----------
-    model : Model
-        With the identified friction, armature and, unless friction alone was asked for, inertials.
+    given : Model
+        The one that was begun with.
+    unknowns : (10 bodies + 4 n,) array
+        What was identified: inertial parameters, in the order of `mechanics.regressor.PARAMETERS`,
+        then damping, friction, armature and offset of each joint.
+    friction_speed : (n,) array
+        Speed at which each joint's Coulomb friction sets in, rad/s or m/s.
+    friction_only : bool
+        Whether the inertials are the given ones.
     before, fitted, held_out : (n,) arrays
         RMS of torque error, N m or N: of the given model on the second half, of the identified
         one on the first half, to which it was fitted, and on the second, which it has not seen.
@@ -48,7 +57,10 @@ class Identification:
 
     """
 
-    model: Model
+    given: Model
+    unknowns: Array
+    friction_speed: Array
+    friction_only: bool
     before: Array
     fitted: Array
     held_out: Array
@@ -57,9 +69,29 @@ class Identification:
     condition: float
     weight: float
 
+    @cached_property
+    def model(self) -> Model:
+        """
+        Return the model with all that was identified.
+
+        Raises
+        ------
+        ModelError
+            A joint's damping, friction or armature is negative, as it may be without bounds; says
+            which.
+
+        """
+        return identified(self.given, self.unknowns, self.friction_speed,
+                          inertials=not self.friction_only)
+
+    @property
+    def losses(self) -> Array:
+        """Return damping, friction, armature and offset of each joint, (n, 4)."""
+        return self.unknowns[-4 * self.given.n:].reshape(-1, 4)
+
 
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
-             weight: float | None = None, standstill: float = STANDSTILL,
+             bounded: bool = True, weight: float | None = None, standstill: float = STANDSTILL,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
     """
     Return the model that explains the first half of a recording, judged on the second half.
@@ -72,6 +104,10 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         Of the model's joints, in their order; filtered, if it needs that.
     friction_only : bool
         Leave the inertials as they are.
+    bounded : bool
+        Of friction alone: whether damping, friction and armature must not be negative, as in any
+        arm. Without bounds a negative one shows what the rigid bodies leave unexplained, and the
+        errors are those that plain least squares leave; there may be no model of that then.
     weight : float, optional
         Of the prior; chosen by leaving stretches of the first half out if not given.
     standstill : float
@@ -88,12 +124,15 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     """
     if weight is not None and not 0.0 < weight < np.inf:
         raise InputError(f'weight is {weight:g}; expected a positive, finite number')
+    if not (bounded or friction_only):
+        raise InputError('bounded is False; expected so with friction_only alone')
     if not standstill >= 0.0:
         raise InputError(f'standstill is {standstill:g}; expected a number not below 0')
     data = rows(model, recording, standstill)
     first, second = data.half(second=False), data.half(second=True)
-    speeds = friction_speeds(first)
-    x = _friction_alone(model, first, speeds)
+    lowest = LOWEST if bounded else UNBOUNDED
+    speeds = friction_speeds(first, lowest)
+    x = _friction_alone(model, first, speeds, lowest)
     A, _, sigma = _weighted(first, speeds, x)
     bodies = len(model.bodies)
     if friction_only:
@@ -119,9 +158,8 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         single[base.columns] = base_deviations(A[:, base.columns])
         single[~base.single] = np.nan
     return Identification(
-        identified(model, x, speeds, inertials=not friction_only),
-        _rms(recording_error(model, second.recording)), _rms(_error(first, speeds, x)),
-        _rms(_error(second, speeds, x)), deviations.reshape(-1, 4),
+        model, x, speeds, friction_only, _rms(recording_error(model, second.recording)),
+        _rms(_error(first, speeds, x)), _rms(_error(second, speeds, x)), deviations.reshape(-1, 4),
         single[:10 * bodies].reshape(bodies, 10),
         float(np.sqrt(np.linalg.cond(information / np.outer(scale, scale)))), float(weight))
 
@@ -146,12 +184,12 @@ def recording_error(model: Model, recording: Recording) -> Array:
                                                          recording.udot)
 
 
-def _friction_alone(model: Model, data: Rows, speeds: Array) -> Array:
+def _friction_alone(model: Model, data: Rows, speeds: Array, lowest: Array) -> Array:
     """Return the unknowns with the model's inertials and fitted friction."""
     x = true_unknowns(model)
     for j, speed in enumerate(speeds):
         start = 10 * len(model.bodies) + 4 * j
-        x[start:start + 4] = fit_friction(data, j, float(speed))[0]
+        x[start:start + 4] = fit_friction(data, j, float(speed), lowest)[0]
     return x
 
 

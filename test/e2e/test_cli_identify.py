@@ -44,6 +44,21 @@ def test_identify_finds_friction_and_writes_files_that_load(tmp_path):
     assert all(word in table.stdout for word in ('held out', '+-', 'condition number', names[1]))
 
 
+def test_negative_friction_is_told_and_written_nowhere(tmp_path, capsys):
+    model = load_urdf(URDF)
+    recording, path, out = simulated(model, 1, 0.01), tmp_path / 'run.npz', tmp_path / 'out.urdf'
+    tau = recording.tau - 0.5 * recording.u  # a motor that helps
+    np.savez(path, t=recording.t, q=recording.q, u=recording.u, tau=tau)
+    arguments = ['identify', str(URDF), str(path), '--friction-only', '--unbounded']
+    assert main(arguments) == 0
+    told = capsys.readouterr().out
+    assert "negative, as no joint's is:" in told
+    assert all(f'{name} damping' in told for name in model.joint_names)
+    assert main([*arguments, '--out', str(out)]) == 2
+    assert 'must not be negative' in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_identify_refuses_what_is_no_recording(tmp_path):
     done = process(str(URDF), str(tmp_path / 'none.csv'))
     assert done.returncode == 2
