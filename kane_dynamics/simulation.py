@@ -11,13 +11,15 @@ from dataclasses import replace
 import math
 import time
 from typing import Any
+import warnings
 
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.limit_watch import LimitEvents, LimitWatch
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Argument, checked
 from kane_dynamics.parameters import JointLimits
 from kane_dynamics.robot import Robot
+from kane_dynamics.stability import step_warning
 from kane_dynamics.stepping import state_names
 from kane_dynamics.torque_source import torque_source, TorqueSource
 from kane_dynamics.trajectory import Trajectory
@@ -82,12 +84,21 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Names the argument, the value and what is valid; also where the motion leaves the finite
         numbers, with the time and the joint.
 
+    Warns
+    -----
+    ModelWarning
+        The step is too long for friction, springs or beams at the (first) initial posture: the
+        motion near rest is not to be trusted (`stability.longest_step`).
+
     """
     starts = _starts(robot, q0, u0)
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
     step = _positive('step', step)
     count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
+    doubt = step_warning(robot, starts[0, :robot.n_q], step) if N else None
+    if doubt is not None:
+        warnings.warn(doubt, ModelWarning, stacklevel=2)
     every = _sampling(count, step, sample, N, single)
     if callable(torque):
         if not single:

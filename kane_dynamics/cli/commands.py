@@ -11,7 +11,7 @@ import warnings
 from kane_dynamics import examination
 from kane_dynamics.cli import (excitation, feasibility, identification, inspection, pictures,
                                replay as replaying, sweeping, viewing)
-from kane_dynamics.cli.shared import as_json, load, print_json, selection, source_of, split
+from kane_dynamics.cli.shared import as_json, load, print_json, selection, source_of, split, told
 from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
                                       read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
@@ -69,7 +69,7 @@ def simulation(options: Namespace) -> None:
     _, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
-    with progress_bar('simulating', duration) as progress:
+    with progress_bar('simulating', duration) as progress, told():
         result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
                           progress=progress)
     wall = time.perf_counter() - start

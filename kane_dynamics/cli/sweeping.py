@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from kane_dynamics.cli import inspection
-from kane_dynamics.cli.shared import load
+from kane_dynamics.cli.shared import load, told
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import GRAVITY
@@ -66,7 +66,8 @@ def run(options: Namespace) -> dict[str, Any]:
     """Run the sweep of a file, and return what came of it as plain data."""
     sweep = read_sweep(options.sweep)
     start = time.perf_counter()
-    done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)
+    with told():
+        done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)
     wall = time.perf_counter() - start
     rows = read_table(options.out).select(['ok', 'error', 'limit_events'])
     errors = [text for text in rows['error'].to_pylist() if text is not None]

@@ -15,6 +15,7 @@ from kane_dynamics.ros.loads import Loads
 from kane_dynamics.ros.parameters import per_joint
 from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.simulation import simulate
+from kane_dynamics.stability import step_warning
 import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
@@ -174,6 +175,7 @@ class Simulation:
         trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
                               torque=self.torque, sample=self.sample, progress=proceed)
         wall_time = time.perf_counter() - began
+        response.message = step_warning(self.robot, self.q0, self.step) or ''
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)

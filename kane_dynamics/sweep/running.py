@@ -3,8 +3,9 @@
 from contextlib import closing
 from dataclasses import dataclass
 import os
+import warnings
 
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.native.threads import MOST_THREADS, thread_count
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.sweep.description import Sweep
@@ -57,6 +58,11 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     SweepError
         Workers die, or another process is writing the folder.
 
+    Warns
+    -----
+    ModelWarning
+        The step is too long for the model, as in `simulate`.
+
     """
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool)
                                 or not 1 <= workers <= MOST_THREADS):
@@ -68,7 +74,11 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
         chunks = [chunk for chunk in range(sweep.chunks) if chunk not in finished]
         found = sum(len(sweep.rows(chunk)) for chunk in finished)
         if chunks:
-            Simulator(sweep).compile()  # tells what is wrong; workers find it in the cache
+            simulator = Simulator(sweep)
+            simulator.compile()  # tells what is wrong; workers find it in the cache
+            doubt = simulator.doubt()
+            if doubt is not None:
+                warnings.warn(doubt, ModelWarning, stacklevel=2)
         with progress_bar('simulating', sweep.samples) as progress, closing(
                 cluster(work, chunks, dask) if dask is not None else
                 here(work, chunks) if min(count, len(chunks)) < 2 else

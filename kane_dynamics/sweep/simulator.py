@@ -12,6 +12,8 @@ from typing import Any
 from kane_dynamics.errors import SweepError
 from kane_dynamics.model import Array
 from kane_dynamics.native.march import march, Strided
+from kane_dynamics.robot import Robot
+from kane_dynamics.stability import step_warning
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.sampling import controllers, drawn, of_joints, plant, Values
 from kane_dynamics.sweep.trial import CONTROLLERS, Trial
@@ -44,6 +46,12 @@ class Simulator:
         for place in set(choice.numbers):
             self.trial.step(CONTROLLERS[int(place)]).compile_lanes()
         self.trial.energy().compile_lanes()
+
+    def doubt(self) -> str | None:
+        """Return what to say of a step too long for the model where the first trial starts."""
+        start = self._start(drawn(self.sweep, range(1)))
+        return step_warning(Robot(self.sweep.model), start[0, self.trial.parts.q],
+                            self.sweep.step)
 
     def columns(self, chunk: int) -> Columns:
         """

@@ -189,7 +189,7 @@ def test_friction_that_would_drive_a_joint_is_told_but_makes_no_model():
     found = with_friction_alone('panda', False)
     assert found.losses[3, 0] < -5.0 * found.deviations[3, 0]
     with pytest.raises(ModelError, match=r"joint 'fer_joint\d': \w+ is -.*must not be negative"):
-        found.model
+        _ = found.model
     with pytest.raises(InputError, match='friction_only alone'):
         identify(found.given, noisy(), bounded=False)
 

@@ -29,7 +29,7 @@ TABLE = (
     'export',
     'robot',
     'quasi_static',
-    'contact control observer power stepping trajectory',
+    'contact control observer power stability stepping trajectory',
     'limit_watch torque_source',
     'examination feasibility identification simulation sweep vibration view',
     'plot',

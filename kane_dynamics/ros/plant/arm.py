@@ -5,6 +5,7 @@ from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.plant.stops import pushed_back
 from kane_dynamics.ros.wrenches import WrenchFrames
+from kane_dynamics.stability import step_warning
 from kane_dynamics.stepping import step_kernel
 import numpy as np
 
@@ -84,6 +85,11 @@ class SimulatedArm:
         """Names of the joints that stand at a stop."""
         there = (self.q <= self.lower) | (self.q >= self.upper)
         return [self.joint_names[k] for k in np.flatnonzero(there)]
+
+    @property
+    def doubt(self) -> str | None:
+        """What to say of a step that is too long for the arm where it is; else None."""
+        return step_warning(self.robot, self._q, float(self._constants[0]))
 
     def use_parameters(self) -> None:
         """Step from now on with gravity and payload as the robot's parameters are."""

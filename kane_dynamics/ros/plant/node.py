@@ -79,6 +79,8 @@ class PlantNode(Node):
         log.info(f'{robot.model.name}: {len(joints)} joints ({", ".join(joints)}), '
                  + f'beams bend in {", ".join(modes)}, ' * bool(modes)
                  + f'{values["rate"]:g} joint states a second' + ', paused' * self.paused)
+        if self.plant.arm.doubt is not None:
+            log.warning(f'rate and substeps: {self.plant.arm.doubt}')
 
     @property
     def values(self) -> dict[str, Any]:
