@@ -21,6 +21,7 @@ from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot
 from kane_dynamics.shapes import ball, box, disc, point_mass, rod
 from kane_dynamics.simulation import simulate
+from kane_dynamics.stability import longest_step
 from kane_dynamics.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.vibration import natural_vibration
@@ -32,5 +33,5 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
            'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
            'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'knife_edge',
-           'load_constraints', 'load_urdf', 'momenta', 'natural_vibration', 'point_mass',
-           'power_balance', 'rod', 'simulate', 'stiffened', 'with_beam']
+           'load_constraints', 'load_urdf', 'longest_step', 'momenta', 'natural_vibration',
+           'point_mass', 'power_balance', 'rod', 'simulate', 'stiffened', 'with_beam']

@@ -88,7 +88,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     -----
     ModelWarning
         The step is too long for friction, springs or beams at the (first) initial posture: the
-        motion near rest is not to be trusted (`stability.longest_step`).
+        motion near rest is not to be trusted (`longest_step`).
 
     """
     starts = _starts(robot, q0, u0)

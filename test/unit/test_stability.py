@@ -3,11 +3,11 @@
 import math
 import warnings
 
-from kane_dynamics import (Closure, FlexibleLink, load_urdf, ModelBuilder, ModelWarning,
-                           natural_vibration, point_mass, Robot, rod, simulate)
+from kane_dynamics import (Closure, FlexibleLink, load_urdf, longest_step, ModelBuilder,
+                           ModelWarning, natural_vibration, point_mass, Robot, rod, simulate)
 from kane_dynamics.cli import main
 from kane_dynamics.resources import resource_path
-from kane_dynamics.stability import longest_step, step_warning
+from kane_dynamics.stability import step_warning
 from kane_dynamics.sweep import run_sweep, Sweep
 import numpy as np
 import pytest
