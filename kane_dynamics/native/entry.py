@@ -17,9 +17,9 @@ import sysconfig
 from typing import Any
 
 from kane_dynamics.native import cache as object_cache, llvm
-from kane_dynamics.native.entry_code import (ALL_FINITE, bound_code, DATA, DTYPE, entry_code,
-                                             FLAGS, FRESH, method_code, NDIM, SHAPE,
-                                             stand_in_code, TABLE, TYPE, WEAKREFS)
+from kane_dynamics.native.assembly import (ALL_FINITE, DATA, DTYPE, FLAGS, FRESH, NDIM, SHAPE,
+                                           TABLE, TYPE, WEAKREFS)
+from kane_dynamics.native.entry_code import bound_code, entry_code, method_code, stand_in_code
 from kane_dynamics.native.program import Shape
 import numpy as np
 
