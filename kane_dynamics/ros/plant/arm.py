@@ -88,7 +88,7 @@ class SimulatedArm:
 
     @property
     def doubt(self) -> str | None:
-        """What to say of a step that is too long for the arm where it is; else None."""
+        """Return what to say of a step that is too long for the arm where it is, else None."""
         return step_warning(self.robot, self._q, float(self._constants[0]))
 
     def use_parameters(self) -> None:
