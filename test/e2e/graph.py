@@ -1,6 +1,7 @@
 """A dynamics node in its own process and a client of it, over real DDS."""
 
 from collections import OrderedDict
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import signal
@@ -124,7 +125,6 @@ class Client(Node):
         self.diagnostics = []
         self.states = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
-        self.description = self.create_publisher(String, 'robot_description', LATCHED)
         self._heard = []
         self.listen(True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP)
@@ -134,6 +134,15 @@ class Client(Node):
         self._service_clients = {}
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
+
+    @contextmanager
+    def describing(self):
+        """Give a publisher of the URDF; what it has latched ends with it."""
+        publisher = self.create_publisher(String, 'robot_description', LATCHED)
+        try:
+            yield publisher
+        finally:
+            self.destroy_publisher(publisher)
 
     def _spin(self):
         while not self._ended:

@@ -9,7 +9,7 @@ import os
 import signal
 import time
 
-from graph import BEST_EFFORT, JOINTS, LATCHED, model, NAME, URDF, wait_until
+from graph import BEST_EFFORT, JOINTS, model, NAME, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics_interfaces.srv import InverseDynamics, Simulate
 from lifecycle_msgs.msg import Transition
@@ -178,12 +178,11 @@ def test_bytes_that_are_no_message_bring_no_torque_and_are_counted(client, start
 def test_a_urdf_beyond_all_bounds_is_refused(client, start):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
-    publisher = client.create_publisher(String, 'robot_description', LATCHED)
-    publisher.publish(String(data='<robot name="x">' + ' ' * 10_000_000 + '</robot>'))
-    node.wait_for('not configured: the URDF has 10000024 bytes; valid: at most 10000000')
-    publisher.publish(String(data=URDF))
-    node.wait_for('active, mode')
-    client.destroy_publisher(publisher)  # what it has latched would reach the tests that follow
+    with client.describing() as publisher:
+        publisher.publish(String(data='<robot name="x">' + ' ' * 10_000_000 + '</robot>'))
+        node.wait_for('not configured: the URDF has 10000024 bytes; valid: at most 10000000')
+        publisher.publish(String(data=URDF))
+        node.wait_for('active, mode')
 
 
 def test_real_time_settings_are_made_or_their_refusal_is_told(client, start):

@@ -52,22 +52,29 @@ def test_without_autostart_every_transition_is_the_operators(client, start):
     assert client.state() == 'finalized'
 
 
-def test_the_urdf_comes_from_the_topic_and_a_change_while_active_is_refused(client, start):
+@pytest.fixture
+def description(client):
+    with client.describing() as publisher:
+        yield publisher
+
+
+def test_the_urdf_comes_from_the_topic_and_a_change_while_active_is_refused(client, start,
+                                                                            description):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
-    client.description.publish(String(data='<robot name="x"><link name="l"'))
+    description.publish(String(data='<robot name="x"><link name="l"'))
     node.wait_for('not configured: ')
     assert client.state() == 'unconfigured'
-    client.description.publish(String(data=URDF))
+    description.publish(String(data=URDF))
     node.wait_for('active, mode')
     client.connect()
     before = client.ask(POSE, np.zeros(3))
     heavier = URDF.replace('value="2.0"', 'value="4.0"')
-    client.description.publish(String(data=heavier))
+    description.publish(String(data=heavier))
     node.wait_for('a changed robot_description is refused while the node is active')
     assert (client.ask(POSE, np.zeros(3)) == before).all()
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
-    client.description.publish(String(data=heavier))
+    description.publish(String(data=heavier))
     node.wait_for('takes effect when the node is cleaned up')
     assert client.transition(Transition.TRANSITION_CLEANUP)
     assert client.transition(Transition.TRANSITION_CONFIGURE)
