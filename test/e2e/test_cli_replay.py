@@ -5,6 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from command import command
 from kane_dynamics import load_urdf, Robot
 import numpy as np
 import pytest
@@ -81,7 +82,7 @@ def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
             ([], 'joint states without effort'),
             (['--topic', '/joint_states'], "no topic '/joint_states' of sensor_msgs/msg/JointS"),
             (['--joints', 'nobody'], 'nobody')):
-        done = process(str(URDF), str(tmp_path / 'run'), *arguments)
+        done = command('replay', str(URDF), str(tmp_path / 'run'), *arguments)
         assert done.returncode == 2
         assert words in done.stderr
     done = process(str(URDF), str(tmp_path / 'alone.mcap'))
