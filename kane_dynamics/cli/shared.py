@@ -42,15 +42,17 @@ def load(options: Namespace, caught: list[str] | None = None, **choices: Any
 
 @contextmanager
 def told(caught: list[str] | None = None) -> Iterator[None]:
-    """Put warnings of models into words: to `caught`, or to stderr."""
+    """Put warnings of models into words, before an error too: to `caught`, or to stderr."""
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter('always', ModelWarning)
-        yield
-    for record in records:
-        if caught is None:
-            print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
-        else:
-            caught.append(str(record.message))
+        try:
+            yield
+        finally:
+            for record in records:
+                if caught is None:
+                    print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
+                else:
+                    caught.append(str(record.message))
 
 
 def split(tokens: Iterable[str]) -> list[str]:

@@ -171,11 +171,15 @@ class Simulation:
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; `proceed(t)` returning False ends it early."""
         self.loads.apply(self.robot)
+        doubt = step_warning(self.robot, self.q0, self.step)
         began = time.perf_counter()
-        trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
-                              torque=self.torque, sample=self.sample, progress=proceed)
+        try:
+            trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
+                                  torque=self.torque, sample=self.sample, progress=proceed)
+        except InputError as error:
+            raise error if doubt is None else InputError(f'{error}: {doubt}') from None
         wall_time = time.perf_counter() - began
-        response.message = step_warning(self.robot, self.q0, self.step) or ''
+        response.message = doubt or ''
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)

@@ -1,10 +1,12 @@
 """Promises of the longest step: within it a robot stands still, beyond it that is said."""
 
+from dataclasses import replace
 import math
 import warnings
 
-from kane_dynamics import (Closure, FlexibleLink, load_urdf, longest_step, ModelBuilder,
-                           ModelWarning, natural_vibration, point_mass, Robot, rod, simulate)
+from kane_dynamics import (Closure, FlexibleLink, InputError, load_urdf, longest_step,
+                           ModelBuilder, ModelWarning, natural_vibration, point_mass, Robot,
+                           rod, simulate)
 from kane_dynamics.cli import main
 from kane_dynamics.resources import resource_path
 from kane_dynamics.stability import step_warning
@@ -102,6 +104,11 @@ def test_commands_and_sweeps_say_it_too(tmp_path, capsys):
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
                  '--step', '0.0005']) == 0
     assert "warning: a step of 0.0005 s is too long for 'joint2'" in capsys.readouterr().err
+    supplement.write_text('joints: {joint2: {damping: 400.0}}')
+    assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '10',
+                 '--step', '0.01', '--u', '1', '1']) == 2
+    told = capsys.readouterr().err
+    assert told.index('0.01 s is too long for') < told.index('leaves the finite numbers')
     with pytest.warns(ModelWarning, match="0.0005 s is too long for 'joint2'"):
         run_sweep(Sweep(load_urdf(urdf, supplement=supplement), samples=2, duration=0.01,
                         step=0.0005), tmp_path / 'table', workers=1)
@@ -130,6 +137,12 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
         answers.append(answer.message)
     assert answers[0] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
+    stiff = wheel(stiffness=1e6)
+    served = replace(served, robot=stiff, simulated=stiff, bounds=Bounds(10.0, 200, 200, 20))
+    request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
+    with pytest.warns(ModelWarning), pytest.raises(
+            InputError, match=r'leaves the finite numbers.*: a step of 0.1 s is too long'):
+        Simulation.from_request(request, served).run(Simulate.Response(), lambda t: True)
 
 
 def test_no_warning_where_there_is_nothing_to_warn_of(arm):
