@@ -7,6 +7,7 @@ from kane_dynamics.mechanics.integration import runge_kutta_4
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
+from kane_dynamics.native.support import support
 from kane_dynamics.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot import Robot
 import numpy as np
@@ -22,6 +23,7 @@ def compile_simulation(robot: Robot) -> None:
 
     Those that step many simulations at once are not among them.
     """
+    support()  # the loop that steps
     robot.compile(*loop_kernels(robot))
     for feedback in (False, True)[:1 if robot.constraint_names else 2]:
         step_kernel(robot, feedback)
