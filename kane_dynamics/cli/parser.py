@@ -168,7 +168,8 @@ def _parser() -> argparse.ArgumentParser:
     sub = command('doctor', commands.doctor, 'What is wrong with a URDF, its node, its graph')
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
-    sub.add_argument('--live', type=float, metavar='S', help='listen to the graph for so long')
+    sub.add_argument('--live', type=float, metavar='S',
+                     help='listen to the graph for so long, once its nodes are found')
     sub.add_argument('--namespace', default='', help='of the arm in the graph')
     sub.add_argument('--prefix', default='', help="of the arm's joints in the graph")
     sub = command('view', commands.view, 'The robot, its motion and its loads in the browser')

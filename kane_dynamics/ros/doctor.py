@@ -17,6 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 import yaml
 
@@ -24,6 +25,10 @@ STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 AT_REST = 1e-2  # rad/s or m/s: slower joints stand
 SLOW = 50.0  # joint states a second: fewer are few for a torque loop
 STALE = 0.1  # s: an older state comes too late for a torque
+# A newcomer gets what it missed with the heartbeats of the others, every 3 s (Fast DDS): first
+# who publishes and listens, then, with the next, how these nodes are called.
+DISCOVERY = 7.0  # s
+NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 def examine_configuration(path: Path, robot: Robot) -> list[Finding]:
@@ -96,7 +101,7 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '') -> list[Fin
     robot : Robot
         That joint states and commands are for.
     seconds : float
-        How long to listen.
+        How long to listen, after the up to 7 s that finding the others' nodes takes.
     namespace : str
         Of the arm.
 
@@ -111,6 +116,9 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '') -> list[Fin
             lambda message: heard.append((node.get_clock().now().nanoseconds, message)), STATES)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
+        end = time.monotonic() + DISCOVERY
+        while time.monotonic() < end and not _discovered(node):
+            executor.spin_once(timeout_sec=0.05)
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             executor.spin_once(timeout_sec=0.05)
@@ -136,7 +144,7 @@ def _states(robot: Robot, heard: list[tuple[int, JointState]], seconds: float) -
         return [Finding('problem', f'no joint state names all joints: {listed(missing)} missing; '
                         f'they name {listed(seen)}')]
     came = np.array([at for at, _ in complete])
-    # Between the first and the last: finding each other took part of the time.
+    # Between the first and the last: they also came while the nodes were being found.
     rate = (len(came) - 1) * NANO / max(int(came[-1] - came[0]), 1)
     found.append(Finding('fine' if rate > SLOW else 'doubt',
                          f'{rate:.3g} joint states a second name all joints'))
@@ -165,37 +173,54 @@ def _states(robot: Robot, heard: list[tuple[int, JointState]], seconds: float) -
     return found
 
 
+def _publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    return node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+
+
+def _subscribers(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    return node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))
+
+
+def _names(ends: list[TopicEndpointInfo]) -> str:
+    """Return how the nodes of these publishers or subscribers are called, in words."""
+    return listed('a program without a node' if end.node_name == NAMELESS else end.node_name
+                  for end in ends)
+
+
+def _discovered(node: Node) -> bool:
+    """Return whether each line of the torque path has both ends, and each end a name."""
+    lines = (_publishers(node, 'joint_states'), _publishers(node, 'commands'),
+             _subscribers(node, 'commands'))
+    return all(lines) and all(end.node_name != NAMELESS for line in lines for end in line)
+
+
 def _lines(node: Node) -> list[Finding]:
     """Return who publishes and who listens on the topics of the torque path."""
     found = []
-    states = node.get_publishers_info_by_topic(node.resolve_topic_name('joint_states'))
+    states = _publishers(node, 'joint_states')
     if len(states) > 1:
         found.append(Finding('problem', f'{len(states)} publishers share joint_states: '
-                             f'{listed(info.node_name for info in states)}'))
-    commands = node.resolve_topic_name('commands')
-    given, taken = (info(commands) for info in (node.get_publishers_info_by_topic,
-                                                node.get_subscriptions_info_by_topic))
+                             f'{_names(states)}'))
+    given, taken = _publishers(node, 'commands'), _subscribers(node, 'commands')
     if len(given) > 1:
         found.append(Finding('problem', f'{len(given)} publishers share commands: '
-                             f'{listed(info.node_name for info in given)}'))
+                             f'{_names(given)}'))
     elif not given:
         found.append(Finding('doubt', 'nobody publishes commands: is the dynamics node running?'))
     if not taken:
         found.append(Finding('doubt', 'nobody listens to commands: is the effort controller '
                              'loaded, and the topic remapped to its own?'))
     if given and taken:
-        deaf = [info.node_name for info in taken
-                if info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                or (info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        deaf = [end for end in taken
+                if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                or (end.qos_profile.reliability == ReliabilityPolicy.RELIABLE
                     and given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE)]
-        found.append(Finding('problem', f'the QoS of commands keeps them from {listed(deaf)}')
+        found.append(Finding('problem', f'the QoS of commands keeps them from {_names(deaf)}')
                      if deaf else
-                     Finding('fine', f'{given[0].node_name} commands '
-                             f'{listed(info.node_name for info in taken)}'))
-    described = node.get_publishers_info_by_topic(node.resolve_topic_name('robot_description'))
-    volatile = [info.node_name for info in described
-                if info.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]
+                     Finding('fine', f'{_names(given)} commands {_names(taken)}'))
+    volatile = [end for end in _publishers(node, 'robot_description')
+                if end.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]
     if volatile:
-        found.append(Finding('problem', f'robot_description from {listed(volatile)} is not '
+        found.append(Finding('problem', f'robot_description from {_names(volatile)} is not '
                              'latched (transient local): a node that starts later never gets it'))
     return found

@@ -75,7 +75,8 @@ def test_a_sound_graph_is_found_sound(client, urdf):
     try:
         running[0].wait_for('active, mode')
         running[1].wait_for('joint states a second')
-        code, found = doctor(urdf, '--live', '3', '--namespace', 'ward')
+        # No time to hear: who is there and how they are called takes up to two heartbeats, 6 s.
+        code, found = doctor(urdf, '--live', '0.5', '--namespace', 'ward')
     finally:
         for process in running:
             process.end()
