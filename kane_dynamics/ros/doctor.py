@@ -174,11 +174,15 @@ def _states(robot: Robot, heard: list[tuple[int, JointState]], seconds: float) -
 
 
 def _publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    return node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    ends: list[TopicEndpointInfo] = node.get_publishers_info_by_topic(
+        node.resolve_topic_name(topic))
+    return ends
 
 
 def _subscribers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    return node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))
+    ends: list[TopicEndpointInfo] = node.get_subscriptions_info_by_topic(
+        node.resolve_topic_name(topic))
+    return ends
 
 
 def _names(ends: list[TopicEndpointInfo]) -> str:
