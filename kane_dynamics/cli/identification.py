@@ -29,6 +29,8 @@ def recorded(options: Namespace, model: Model) -> Recording:
 
 def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
     """Identify, write what --out asks for, and return the result as plain data."""
+    if options.unbounded and not options.friction_only:
+        raise InputError('--unbounded is for friction alone; give --friction-only with it')
     recording = recorded(options, model)
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
