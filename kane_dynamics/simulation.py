@@ -1,7 +1,7 @@
 """
 Forward simulation in native code.
 
-One Runge-Kutta step is traced with the robot's forward dynamics as a subroutine and compiled.
+One step of an integrator is traced with the robot's forward dynamics as a subroutine and compiled.
 Its result is the next step's argument, so that calling the kernel along a buffer of states is the
 loop over time, without the GIL. Many simulations go through it several at once.
 """
@@ -40,9 +40,9 @@ Progress = Callable[[float], bool | None]
 
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
-             progress: Progress | None = None) -> Trajectory:
+             progress: Progress | None = None, integrator: str = 'rk4') -> Trajectory:
     """
-    Integrate the equations of motion with the fourth-order Runge-Kutta method.
+    Integrate the equations of motion with steps of one length.
 
     Conditions on positions, such as closed loops, are held: what a step misses is taken back after
     it, and the result tells what remains.
@@ -71,6 +71,11 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Called with the simulated time now and then (native code never runs for more than about
         20 ms in between, or eight steps of all N states); returning False ends the simulation
         there.
+    integrator : {'rk4', 'implicit'}
+        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method to which
+        friction, springs and beams set no longest step, for robots without constraints whose
+        speeds are the joint rates (`mechanics.implicit`). Where the motion is smooth the first
+        is more accurate; where joints stick, the second is the faster by orders.
 
     Returns
     -------
@@ -87,8 +92,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     Warns
     -----
     ModelWarning
-        The step is too long for friction, springs or beams at the (first) initial posture: the
-        motion near rest is not to be trusted (`longest_step`).
+        The step is too long for the Runge-Kutta method with this friction, these springs or beams
+        at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
 
     """
     starts = _starts(robot, q0, u0)
@@ -96,7 +101,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = starts.reshape(N, starts.shape[-1])
     step = _positive('step', step)
     count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
-    doubt = step_warning(robot, starts[0, :robot.n_q], step) if N else None
+    doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator) if N else None
     if doubt is not None:
         warnings.warn(doubt, ModelWarning, stacklevel=2)
     every = _sampling(count, step, sample, N, single)
@@ -105,9 +110,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
             raise InputError('torque is a function, which is asked state by state; for '
                              f'{N} initial states give None, an array or a ComputedTorque')
         kept, states, tau, events = _run_callable(robot, starts[0], count, step, every, torque,
-                                                  progress)
+                                                  progress, integrator)
     else:
-        source = torque_source(robot, step, count, torque, None if single else N)
+        source = torque_source(robot, step, count, torque, None if single else N, integrator)
         kept, states, events = _run_native(source, starts, single, count, every, progress)
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
@@ -173,11 +178,11 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 
 def _run_callable(robot: Robot, state: Array, count: int, step: float, every: int,
-                  torque: Torque, progress: Progress | None
+                  torque: Torque, progress: Progress | None, integrator: str
                   ) -> tuple[Array, Array, Array, LimitEvents]:
     """Ask for the torque before every step; Python in the loop."""
     n_q, n = robot.n_q, robot.n
-    source = torque_source(robot, step, 1, None, None)
+    source = torque_source(robot, step, 1, None, None, integrator)
     kept, states, taus = [], [], []
     watch = LimitWatch(robot.joint_names, _watched(robot), state[None], single=True)
     buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))

@@ -4,6 +4,7 @@ from functools import cache
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.model import Array, Model
 from kane_dynamics.robot import Robot
 import numpy as np
@@ -73,15 +74,20 @@ def longest_step(robot: Robot, q: Any) -> LongestStep:
     return LongestStep(float(steps[worst]), robot.speed_names[place])
 
 
-def step_warning(robot: Robot, q: Any, step: float) -> str | None:
+def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4') -> str | None:
     """Return what to say of a step, s, that is too long for a robot at a posture, else None."""
+    if integrator != 'rk4':
+        return None
     longest, name = longest_step(robot, q)
     if step <= longest:
         return None
+    remedy = ("Take the integrator 'implicit', or shorten the step"
+              if isinstance(robot.equations, Equations) else
+              'Shorten the step, or give the joint the inertia of its rotor (armature) or a '
+              'higher friction_speed')
     return (f"a step of {step:g} s is too long for '{name}': near rest its friction, springs "
             f'or bending take one of at most {longest:.2g} s. With a longer one it trembles or '
-            'creeps where it should stand. Shorten the step, or give the joint the inertia of its '
-            'rotor (armature) or a higher friction_speed')
+            f'creeps where it should stand. {remedy}')
 
 
 def _pulled_back(model: Model, friction: bool) -> bool:

@@ -81,7 +81,7 @@ class TorqueSource:
 
 
 def torque_source(robot: Robot, step: float, count: int, torque: Any,
-                  states: int | None) -> TorqueSource:
+                  states: int | None, integrator: str) -> TorqueSource:
     """
     Compile the step for a torque source and lay out its inputs.
 
@@ -97,11 +97,13 @@ def torque_source(robot: Robot, step: float, count: int, torque: Any,
         As `simulate` takes it.
     states : int or None
         Number of simulations; None for a single one.
+    integrator : str
+        One of `stepping.INTEGRATORS`.
 
     Raises
     ------
     InputError
-        Names what is wrong with the torque.
+        Names what is wrong with the torque or the integrator.
 
     """
     block = robot.parameters.block
@@ -109,9 +111,9 @@ def torque_source(robot: Robot, step: float, count: int, torque: Any,
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
-        return TorqueSource(robot, step_kernel(robot, feedback=True), step,
+        return TorqueSource(robot, step_kernel(robot, True, integrator), step,
                             np.concatenate([torque.kp, torque.kd, [step], block]), torque)
-    return TorqueSource(robot, step_kernel(robot, feedback=False), step,
+    return TorqueSource(robot, step_kernel(robot, False, integrator), step,
                         np.concatenate([[step], block]), _table(robot, torque, count, states))
 
 

@@ -71,7 +71,7 @@ def simulation(options: Namespace) -> None:
     start = time.perf_counter()
     with progress_bar('simulating', duration) as progress, told():
         result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
-                          progress=progress)
+                          progress=progress, integrator=options.integrator)
     wall = time.perf_counter() - start
     if options.out:
         (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)

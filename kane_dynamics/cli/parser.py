@@ -14,6 +14,7 @@ from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.feasibility.demand import STEP
 from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
+from kane_dynamics.stepping import INTEGRATORS
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -71,6 +72,8 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--duration', type=float, metavar='S',
                      help="simulated seconds (default: the motion's, else 1)")
     sub.add_argument('--step', type=float, default=1e-3, metavar='S', help='default: 0.001')
+    sub.add_argument('--integrator', choices=INTEGRATORS, default='rk4',
+                     help='implicit: for friction, springs and beams that take a very short step')
     source = sub.add_mutually_exclusive_group()
     source.add_argument('--motion', metavar='FILE', help='follow it by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')

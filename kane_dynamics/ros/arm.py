@@ -85,7 +85,7 @@ class Arm:
         for robot in robots:  # the first compiles, the others find it in the cache
             robot.compile(*loop_kernels(robot), 'external_force', 'body_torques')
         self._request_frames = WrenchFrames(self._for_requests)
-        compile_simulation(self._for_simulations)
+        compile_simulation(self._for_simulations, values['simulation.integrator'])
         self.verified = max(robot.verify() for robot in (
             self.robot, *([bending.robot] if bending else [])))
         controller = Controller(self.robot, bending=bending,

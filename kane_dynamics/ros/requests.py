@@ -97,6 +97,8 @@ class Served:
     bounds : Bounds
     frames : WrenchFrames
         Those of `robot` at which a request may put wrenches.
+    integrator : str
+        Of simulations; the parameter simulation.integrator.
 
     """
 
@@ -107,6 +109,7 @@ class Served:
     kd: Array
     bounds: Bounds
     frames: WrenchFrames
+    integrator: str
 
     @classmethod
     def from_values(cls, robot: Robot, simulated: Robot, loads: Loads,
@@ -116,7 +119,8 @@ class Served:
                   for name in ('gains.kp', 'gains.kd'))
         return cls(robot, simulated, loads, kp, kd, Bounds(
             values['simulation.max_duration'], values['simulation.max_steps'],
-            values['simulation.max_points'], values['trajectory.max_points']), frames)
+            values['simulation.max_points'], values['trajectory.max_points']), frames,
+            values['simulation.integrator'])
 
 
 @dataclass(frozen=True)
@@ -132,6 +136,7 @@ class Simulation:
     step: float
     sample: float
     torque: Array | ComputedTorque | None
+    integrator: str
 
     @classmethod
     def from_request(cls, request: Any, served: Served) -> 'Simulation':
@@ -166,16 +171,17 @@ class Simulation:
         q0 = vector(request.position, names.joints, robot.n_q, 'position')
         return cls(served.simulated, served.loads, names, closed(robot, q0),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
-                   torque)
+                   torque, served.integrator)
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; `proceed(t)` returning False ends it early."""
         self.loads.apply(self.robot)
-        doubt = step_warning(self.robot, self.q0, self.step)
+        doubt = step_warning(self.robot, self.q0, self.step, self.integrator)
         began = time.perf_counter()
         try:
             trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
-                                  torque=self.torque, sample=self.sample, progress=proceed)
+                                  torque=self.torque, sample=self.sample, progress=proceed,
+                                  integrator=self.integrator)
         except InputError as error:
             raise error if doubt is None else InputError(f'{error}: {doubt}') from None
         wall_time = time.perf_counter() - began

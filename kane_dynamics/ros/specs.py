@@ -10,6 +10,7 @@ import math
 from typing import Any, Literal
 
 from kane_dynamics.control import Mode
+from kane_dynamics.stepping import INTEGRATORS
 
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
                'per_joint']
@@ -158,6 +159,8 @@ SPECS = (
          high=1e8),
     live('simulation.max_points', 'count', 2000, 'most points in one simulated trajectory; the '
          'torque path waits while thousands are converted', low=2.0, high=1e6),
+    Spec('simulation.integrator', 'text', 'rk4', 'rk4, or implicit: for friction, springs and '
+         'beams that would take very short steps', choices=INTEGRATORS),
     live('simulation.max_waiting', 'count', 8, 'simulations that may wait for their turn; '
          'further ones are told that the node is busy', low=1.0, high=1000.0),
     Spec('realtime.priority', 'count', 0, 'SCHED_FIFO priority of the torque path; 0: ordinary '

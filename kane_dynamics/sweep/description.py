@@ -13,6 +13,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array, freeze, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.resources import package_version
+from kane_dynamics.stepping import INTEGRATORS
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
 from kane_dynamics.sweep.variation import number_of, SHORT, Value, value_of, values_of
 import numpy as np
@@ -56,6 +57,8 @@ class Sweep:
         The desired motion. Default: to stay at q0.
     chunk : int
         Trials that are computed and written together; no number depends on it.
+    integrator : {'rk4', 'implicit'}
+        As in `simulate`.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class Sweep:
     controller: Any = NONE
     motion: Motion | None = None
     chunk: int = 1000
+    integrator: str = 'rk4'
     payload_frame: str | None = field(init=False, default=None)
     values: tuple[Value, ...] = field(init=False, default=())
 
@@ -92,6 +96,8 @@ class Sweep:
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
             raise InputError(f'duration is {self.duration} s, {count:.6g} steps of {self.step} s; '
                              f'expected a whole number of steps, at most {MOST_STEPS}')
+        if self.integrator not in INTEGRATORS:
+            raise InputError(f'integrator is {self.integrator!r}; valid: {", ".join(INTEGRATORS)}')
         if self.motion is not None and self.motion.joint_names != self.model.joint_names:
             raise InputError(f'the motion is of the joints {list(self.motion.joint_names)}; '
                              f'expected {list(self.model.joint_names)}')
@@ -130,6 +136,7 @@ class Sweep:
         return {
             'version': package_version(), 'model': self.model.digest(), 'samples': self.samples,
             'seed': self.seed, 'duration': self.duration, 'step': self.step,
+            'integrator': self.integrator,
             'payload_frame': self.payload_frame, 'chunk': self.chunk,
             'motion': None if desired is None else hashlib.sha256(desired.tobytes()).hexdigest(),
             'values': {value.name: [value.kind, *value.numbers] for value in self.values}}

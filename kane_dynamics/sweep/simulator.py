@@ -36,7 +36,7 @@ class Simulator:
     def __init__(self, sweep: Sweep) -> None:
         """Compile nothing yet."""
         self.sweep = sweep
-        self.trial = Trial(sweep.model, sweep.payload_frame)
+        self.trial = Trial(sweep.model, sweep.payload_frame, sweep.integrator)
         self.joints = sweep.model.joint_names
         self._shared = self.trial.shared(sweep.step)
 
@@ -51,7 +51,7 @@ class Simulator:
         """Return what to say of a step too long for the model where the first trial starts."""
         start = self._start(drawn(self.sweep, range(1)))
         return step_warning(Robot(self.sweep.model), start[0, self.trial.parts.q],
-                            self.sweep.step)
+                            self.sweep.step, self.sweep.integrator)
 
     def columns(self, chunk: int) -> Columns:
         """

@@ -3,7 +3,8 @@ One trial as native code: a plant, the controller that holds it, and what is mea
 
 A trial's state is (q, u, work, squared error, tau): n coordinates, n speeds, the integral of the
 power of torques and friction, the n integrals of the squared tracking error, and the n torques at
-the beginning of the last step. Everything but tau is integrated by the same Runge-Kutta step.
+the beginning of the last step. Everything but tau is integrated by the same Runge-Kutta step; by
+the implicit one q and u, and the integrals then by the trapezoidal rule.
 """
 
 from dataclasses import dataclass
@@ -13,12 +14,14 @@ from typing import Any, NamedTuple
 from kane_dynamics.control import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.implicit import ImplicitStep
 from kane_dynamics.mechanics.integration import runge_kutta_4
 from kane_dynamics.model import Array, Model
 from kane_dynamics.native.expression import call
 from kane_dynamics.native.kernels import Argument, Kernel
 from kane_dynamics.native.program import Program, Shape, trace_program
 from kane_dynamics.robot import Robot
+from kane_dynamics.stepping import implicit_rates
 import numpy as np
 
 NONE = 'none'
@@ -83,10 +86,13 @@ class Trial:
     model : Model
     payload_frame : str, optional
         Frame in which payloads are given; without it none is carried.
+    integrator : str
+        One of `stepping.INTEGRATORS`.
 
     """
 
-    def __init__(self, model: Model, payload_frame: str | None = None) -> None:
+    def __init__(self, model: Model, payload_frame: str | None = None,
+                 integrator: str = 'rk4') -> None:
         """Compile nothing yet."""
         self.robot = Robot(model, payload_frame=payload_frame)
         self._frictionless = Robot(model, payload_frame=payload_frame, friction=False)
@@ -95,6 +101,7 @@ class Trial:
         self.n = self.robot.n
         self.parts = parts(self.n)
         self._carries = payload_frame is not None
+        self._implicit = integrator == 'implicit'
 
     def step(self, controller: str) -> Kernel:
         """
@@ -105,7 +112,9 @@ class Trial:
         """
         if controller not in CONTROLLERS:
             raise InputError(f"no controller '{controller}'; valid: {', '.join(CONTROLLERS)}")
-        return self._kernel(f'trial_{controller}', partial(self._step, controller),
+        name, step = ((f'trial_{controller}_implicit', self._implicit_step) if self._implicit
+                      else (f'trial_{controller}', self._step))
+        return self._kernel(name, partial(step, controller),
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
@@ -143,6 +152,34 @@ class Trial:
                              *(error * error)])
         after = runge_kutta_4(rates, state[:at.tau.start], desired, shared[0])
         return [*after, *law(state[at.q], state[at.u], desired[0])]
+
+    def _implicit_step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any
+                       ) -> Any:
+        """Return the state one step later, friction, springs and bending taken implicitly."""
+        n, equations, at = self.n, self._equations, self.parts
+        _, _, factors, gains = np.split(plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + n])
+        carried, assumed = self._parameters(plant, shared)
+        method, h = ImplicitStep(equations), shared[0]
+        motion = implicit_rates(self.robot, method)
+        law = self._law(controller, gains, assumed)
+
+        def torque(q: Any, u: Any, moment: int) -> Any:  # with what the factors change of friction
+            return (law(q, u, desired[2 * moment])
+                    + (1.0 - factors) * equations.friction_force(u))
+
+        def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
+            return np.array(call(motion, q, u, tau, resistance, np.array(g), carried))
+
+        def running(q: Any, u: Any, wanted: Any) -> Any:
+            error = wanted[:n] - q
+            power = (law(q, u, wanted) - factors * equations.friction_force(u)) @ u
+            return np.array([power, *(error * error)])
+        q, u = state[at.q], state[at.u]
+        q_1, u_1 = method.step(rates, q, u, torque, h,
+                               lambda u: factors * method.resistance(u))
+        sums = state[at.work:at.tau.start] + (0.5 * h) * (
+            running(q, u, desired[0]) + running(q_1, u_1, desired[2]))
+        return [*q_1, *u_1, *sums, *law(q, u, desired[0])]
 
     def _law(self, controller: str, gains: Any, assumed: Any) -> Any:
         """Return the controller's torque as a function of q, u and the desired q, u, udot."""

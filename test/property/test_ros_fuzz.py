@@ -271,7 +271,7 @@ def requests(chance):
 def test_a_mutated_request_is_answered_or_refused_in_words():
     chance = random.Random(7)
     served = Served(ROBOT, ROBOT, Loads(ROBOT.model.gravity), np.ones(2), np.ones(2),
-                    Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT))
+                    Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
     seeds = requests(chance)
     outcomes = Counter()
     for _ in range(REQUESTS):

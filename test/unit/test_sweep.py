@@ -10,9 +10,11 @@ import sys
 from kane_dynamics import InputError, Motion, Robot
 from kane_dynamics.errors import SweepError
 from kane_dynamics.inertial import Inertial
+from kane_dynamics.mechanics.implicit import ImplicitStep
 from kane_dynamics.mechanics.integration import runge_kutta_4
 from kane_dynamics.mechanics.payload import with_payload
 from kane_dynamics.native import threads
+from kane_dynamics.stepping import INTEGRATORS
 from kane_dynamics.sweep import read_table, run_sweep, Sweep, workers
 from kane_dynamics.sweep.sampling import drawn, of_joints
 from kane_dynamics.sweep.simulator import Simulator
@@ -98,15 +100,34 @@ def reference(given, row):
                    for half in (0.0, 0.5, 1.0)]
         energies.append(plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
         peak = np.maximum(peak, np.abs(law(x[:n], x[n:2 * n], moments[0])))
-        x = runge_kutta_4(rates, x, moments, given.step)
+        x = (runge_kutta_4(rates, x, moments, given.step) if given.integrator == 'rk4'
+             else implicit(plant, law, x, moments, given.step))
     energies.append(plant.kinetic_energy(x[:n], x[n:2 * n]) + plant.potential_energy(x[:n]))
     return {'q': x[:n], 'u': x[n:2 * n], 'peak_torque': peak,
             'rms_error': np.sqrt(x[2 * n + 1:] / given.duration),
             'energy_drift': energies[-1] - energies[0] - x[2 * n]}, energies
 
 
-def test_a_row_is_the_simulation_of_its_own_payload_friction_start_and_controller():
-    given = sweep()
+def implicit(plant, law, x, moments, h):
+    """Return a trial's numbers one implicit step later."""
+    method, n, block = ImplicitStep(plant.equations), plant.n, plant.parameters.block
+    q, u, sums = np.split(x, [n, 2 * n])
+    ends = (moments[0], moments[2])
+
+    def rates(*arguments):
+        return method.rates(*arguments, None, block)
+
+    def running(q, u, wanted):
+        return np.array([(law(q, u, wanted) - plant.friction_force(u)) @ u,
+                         *(wanted[:n] - q)**2])
+    after = method.step(rates, q, u, lambda q, u, k: law(q, u, ends[k]), h)
+    both = running(q, u, ends[0]) + running(*after, ends[1])
+    return np.concatenate([*after, sums + 0.5 * h * both])
+
+
+@pytest.mark.parametrize('integrator', INTEGRATORS)
+def test_a_row_is_the_simulation_of_its_own_payload_friction_start_and_controller(integrator):
+    given = sweep(integrator=integrator)
     rows = columns(given)
     assert rows['ok'].all() and rows['index'].tolist() == list(range(30))
     pairs = list(zip(rows['controller'], rows['known_payload']))
@@ -211,7 +232,8 @@ def test_a_part_that_is_of_another_chunk_is_made_anew(tmp_path):
 
 
 @pytest.mark.parametrize('change, word', [
-    ({'seed': 8}, 'seed'), ({'step': 1e-3}, 'step'), ({'friction': 1.0}, 'friction'),
+    ({'seed': 8}, 'seed'), ({'step': 1e-3}, 'step'),
+    ({'integrator': 'implicit'}, 'integrator'), ({'friction': 1.0}, 'friction'),
     ({'chunk': 8}, 'chunk'), ({'payload': {**PAYLOAD, 'mass': 1.0}}, 'payload.mass')])
 def test_a_folder_of_another_sweep_is_refused_by_name(tmp_path, change, word):
     mine = sweep(samples=2, chunk=1)
@@ -264,6 +286,7 @@ def test_workers_that_die_and_finish_nothing_are_an_error(monkeypatch, tmp_path)
     ({'samples': 0}, 'samples is 0; expected a whole number from 1'),
     ({'seed': -1}, 'seed is -1'),
     ({'duration': 0.0011}, 'expected a whole number of steps'),
+    ({'integrator': 'euler'}, "integrator is 'euler'; valid: rk4, implicit"),
     ({'friction': {'uniform': [2, 1]}}, r'friction: uniform is \[2.0, 1.0\]; expected \[low, hi'),
     ({'friction': {'normal': [1, 1]}}, 'friction must not be negative, which a normal law'),
     ({'friction': -1.0}, 'friction is -1.0; expected a finite number >= 0'),

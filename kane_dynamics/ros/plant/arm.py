@@ -17,7 +17,7 @@ def joint_count(robot: Robot) -> int:
 
 class SimulatedArm:
     """
-    One arm that moves by compiled Runge-Kutta steps under torques held for each of them.
+    One arm that moves by compiled integration steps under torques held for each of them.
 
     Its motors, sensors and stops are those of the joints, which come first among the coordinates;
     beams' modes move with them, and nothing acts on them or tells of them.
@@ -31,6 +31,8 @@ class SimulatedArm:
         The arm's own: its parameters are used as `use_parameters` finds them.
     step : float
         s.
+    integrator : str
+        One of `stepping.INTEGRATORS`.
 
     Attributes
     ----------
@@ -54,8 +56,9 @@ class SimulatedArm:
 
     """
 
-    def __init__(self, robot: Robot, step: float) -> None:
+    def __init__(self, robot: Robot, step: float, integrator: str = 'rk4') -> None:
         """Compile everything that a step may need."""
+        self._integrator = integrator
         whole = robot.n
         n = joint_count(robot)
         self.robot, self.joint_names = robot, robot.joint_names[:n]
@@ -70,7 +73,7 @@ class SimulatedArm:
         self.blows = self.clamped = 0
         self.lower, self.upper = robot.limits.lower[:n], robot.limits.upper[:n]
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
-        kernel = step_kernel(robot, feedback=False)
+        kernel = step_kernel(robot, False, integrator)
         self._constants = kernel.parameters
         self._constants[0] = step
         self.use_parameters()
@@ -89,7 +92,8 @@ class SimulatedArm:
     @property
     def doubt(self) -> str | None:
         """Return what to say of a step that is too long for the arm where it is, else None."""
-        return step_warning(self.robot, self._q, float(self._constants[0]))
+        return step_warning(self.robot, self._q, float(self._constants[0]),
+                            self._integrator)
 
     def use_parameters(self) -> None:
         """Step from now on with gravity and payload as the robot's parameters are."""

@@ -59,7 +59,8 @@ class Plant:
         self.check(robot, values)
         self.robot, self._values = robot, values
         self.period: float = NANO / values['rate']  # ns
-        self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']))
+        self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
+                                values['integrator'])
         self.states: Channel[Measurement] = Channel()
         self.commands: Channel[Array] = Channel()
         self.timeouts = self.ticks = 0

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from kane_dynamics.ros.specs import BY_NAME, live, Spec
+from kane_dynamics.stepping import INTEGRATORS
 
 
 def _shared(*names: str) -> tuple[Spec, ...]:
@@ -18,8 +19,10 @@ SPECS = (
     *_shared('payload.com', 'payload.inertia', 'payload.max_mass', 'payload.max_distance'),
     Spec('rate', 'number', 500.0, "joint states for each second of the plant's time, 1/s",
          positive=True, low=0.0, high=10_000.0),
-    Spec('substeps', 'count', 2, 'Runge-Kutta steps from one joint state to the next', low=1.0,
+    Spec('substeps', 'count', 2, 'integration steps from one joint state to the next', low=1.0,
          high=1000.0),
+    Spec('integrator', 'text', 'rk4', 'rk4, or implicit: for friction, springs and beams that '
+         'would take very many substeps', choices=INTEGRATORS),
     Spec('publish_clock', 'flag', False, 'keep a time of its own, which starts at 1 s, and '
          'publish it on /clock, for nodes with use_sim_time; false: stamps are of the system'),
     live('rate_factor', 'number', 1.0, 'speed of that time: 2 is twice real time, 0.1 slow '

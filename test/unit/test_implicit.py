@@ -1,0 +1,170 @@
+"""Promises of the implicit integrator: right, of second order, and never too stiff."""
+
+import warnings
+
+from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink, InputError,
+                           load_urdf, longest_step, ModelBuilder, ModelWarning, Motion,
+                           point_mass, Robot, rod, simulate)
+from kane_dynamics.mechanics.implicit import ImplicitStep
+from kane_dynamics.resources import resource_path
+from mechanisms import random_model
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+UR10E = resource_path('urdf', 'ur10e.urdf')
+POSTURE = np.array([0.0, -1.0, 1.0, 0.0, 0.3, 0.0])
+# Friction as identified on a real arm, without rotors: no explicit step beyond 2 us is stable.
+COULOMB = np.array([20.0, 20.0, 15.0, 5.0, 4.0, 3.0])
+SETS_IN = np.array([0.14, 0.03, 0.09, 0.08, 0.035, 0.005])
+
+
+@pytest.fixture(scope='module')
+def arm():
+    """Return a UR10e whose friction is as stiff as identified friction is."""
+    joints = {name: {'friction': float(mu), 'friction_speed': float(speed), 'damping': 3.0}
+              for name, mu, speed in zip(load_urdf(UR10E).joint_names, COULOMB, SETS_IN)}
+    return Robot(load_urdf(UR10E, supplement={'joints': joints}))
+
+
+def wheel(**joint):
+    """Return a wheel of 1 kg m^2."""
+    b = ModelBuilder('wheel')
+    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
+    return Robot(b.model())
+
+
+def bending():
+    """Return a beam with a weight at its tip, on a joint with a spring and a damper."""
+    b = ModelBuilder('beam')
+    b.beam('arm', 'world', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(0, 2)),
+           axis=(0, -1, 0), stiffness=80.0, damping=2.0, friction=1.0, friction_speed=0.3)
+    b.load('arm/tip', point_mass(0.5))
+    return Robot(b.model())
+
+
+def exact(robot, q, u, tau, duration):
+    """Return q and u at the end, by an implicit method that is not ours."""
+    def rates(t, x):
+        return np.concatenate([x[robot.n:], robot.forward_dynamics(*np.split(x, 2), tau)])
+    found = solve_ivp(rates, (0.0, duration), np.concatenate([q, u]), 'BDF', rtol=1e-8,
+                      atol=1e-9)
+    return np.split(found.y[:, -1], 2)
+
+
+@pytest.mark.parametrize('make', [bending, lambda: Robot(random_model(11, 3, mimics=1))])
+def test_native_steps_are_the_readable_methods_steps(make):
+    robot, h = make(), 2e-3
+    method, n = ImplicitStep(robot.equations), robot.n
+    q, u, tau = np.array([0.3, 0.02, -0.01]), np.full(n, 0.1), np.full(n, 0.2)
+
+    def rates(*arguments):
+        return method.rates(*arguments, None, robot.parameters.block)
+    run = simulate(robot, q, u, 20 * h, step=h, torque=tau, integrator='implicit')
+    for _ in range(20):
+        q, u = method.step(rates, q, u, lambda q, u, moment: tau, h)
+    np.testing.assert_allclose(run.q[-1], q, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(run.u[-1], u, rtol=1e-11, atol=1e-12)
+
+
+def test_half_the_step_leaves_a_quarter_of_the_error():
+    robot = bending()
+    q, u, tau = np.array([0.4, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    want = np.concatenate(exact(robot, q, u, tau, 0.1))
+    errors = []
+    for step in (4e-4, 2e-4, 1e-4):
+        run = simulate(robot, q, u, 0.1, step=step, torque=tau, integrator='implicit')
+        errors.append(np.abs(np.concatenate([run.q[-1], run.u[-1]]) - want).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.15)
+
+
+@pytest.mark.parametrize('joint', [
+    {'damping': 1e6}, {'stiffness': 1e8}, {'stiffness': 1e8, 'damping': 1e2}, {'damping': 8.0}])
+def test_no_step_is_too_long_for_linear_friction_and_springs(joint):
+    run = simulate(wheel(**joint), [1e-3], [1.0], 100.0, step=1.0, integrator='implicit')
+    assert np.abs(run.u[-1]) < 1e-6
+    assert np.abs(run.u[1:]).max() < 3.0
+
+
+def test_a_sliding_wheel_stops_and_does_not_turn_back():
+    run = simulate(wheel(friction=5.0, friction_speed=1e-5), [0.0], [1.0], 0.5, step=1e-3,
+                   sample=1e-3, integrator='implicit')
+    assert (run.u > -5e-4).all()  # a tenth of what one step takes away
+    assert abs(run.u[-1, 0]) < 1e-9
+    assert run.q[-1, 0] == pytest.approx(0.1, rel=0.01)  # u^2 / (2 mu)
+
+
+def test_friction_over_speed_is_met_within_eight_percent():
+    speeds = np.geomspace(1e-4, 1e4, 400)
+    robot = wheel(friction=2.0, friction_speed=0.5, damping=0.1)
+    method = ImplicitStep(robot.equations)
+    for u in [*speeds, *-speeds]:
+        true = robot.friction_force([u])[0] / u
+        assert 0.92 * true < method.resistance(np.array([u]))[0] < 1.001 * true
+    assert method.resistance(np.zeros(1))[0] == pytest.approx(2.0 / 0.5 + 0.1)
+
+
+def test_an_arm_with_identified_friction_moves_rightly_at_a_millisecond(arm):
+    assert longest_step(arm, POSTURE).step < 2e-6
+    u = np.array([0.5, -0.4, 0.3, 1.0, -0.8, 1.5])
+    tau = arm.gravity_force(POSTURE) + np.array([30.0, -10.0, 12.0, 6.0, 2.0, 4.0])
+    q_end, u_end = exact(arm, POSTURE, u, tau, 0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')  # no step is too long
+        run = simulate(arm, POSTURE, u, 0.5, torque=tau, integrator='implicit')
+    assert np.abs(q_end - POSTURE).max() > 0.1
+    np.testing.assert_allclose(run.q[-1], q_end, atol=1e-3)
+    np.testing.assert_allclose(run.u[-1], u_end, atol=1e-3)
+
+
+def test_an_arm_whose_friction_holds_it_stands_as_long_as_one_likes(arm):
+    tau = arm.gravity_force(POSTURE) + 0.1 * COULOMB * [1, -1, 1, -1, 1, -1]
+    run = simulate(arm, POSTURE, np.full(6, 0.01), 1.0, step=2e-3, torque=tau,
+                   integrator='implicit')
+    balance = arm.friction_force(run.u[-1]) + arm.gravity_force(run.q[-1]) - tau
+    assert np.abs(balance).max() < 1e-3 * np.abs(tau).max()  # nothing accelerates
+    assert (np.abs(run.u[-1]) < 0.3 * SETS_IN).all()  # what smoothed friction has for standing
+    with pytest.warns(ModelWarning, match='too long'), pytest.raises(InputError):
+        simulate(arm, POSTURE, np.zeros(6), 1.0, step=2e-3, torque=tau)
+
+
+def test_computed_torque_moves_the_arm_in_spite_of_its_friction(arm):
+    motion = Motion.from_points([0.0, 1.0, 2.0], [POSTURE, POSTURE + 0.3, POSTURE],
+                                joint_names=arm.joint_names)
+    run = simulate(arm, POSTURE, np.zeros(6), 2.0, integrator='implicit',
+                   torque=ComputedTorque(motion, 400.0, 40.0))
+    assert np.abs(run.q - motion.sample(run.t)[0]).max() < 2e-2
+
+
+def test_simulations_among_many_are_those_alone(arm):
+    rng = np.random.default_rng(2)
+    q, u = POSTURE + 0.1 * rng.normal(size=(5, 6)), rng.normal(size=(5, 6))
+    many = simulate(arm, q, u, 0.05, integrator='implicit')
+    for k in range(5):
+        alone = simulate(arm, q[k], u[k], 0.05, integrator='implicit')
+        np.testing.assert_allclose(many.q[k], alone.q, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(many.u[k], alone.u, rtol=1e-9, atol=1e-9)
+    asked = simulate(arm, q[0], u[0], 0.05, integrator='implicit', torque=lambda *_: np.zeros(6))
+    np.testing.assert_array_equal(asked.q, simulate(arm, q[0], u[0], 0.05,
+                                                    integrator='implicit').q)
+
+
+def test_what_it_is_not_for_is_refused_by_name():
+    b = ModelBuilder('pair')
+    b.body('a', axis=(0, -1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    for name, on in (('b', 'a'), ('c', 'b')):
+        b.body(name, on, axis=(0, -1, 0), at=(1, 0, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.frame('end', 'c', at=(1, 0, 0))
+    b.frame('peg', 'world', at=(1, 0, 0))
+    model = b.model()
+    chosen = Robot(model, speeds=absolute_rates(model))
+    with pytest.raises(InputError, match=r"'implicit', which needs .* joint rates.*: 'rk4'"):
+        simulate(chosen, [0.1, 0.2, 0.3], np.zeros(3), 0.01, integrator='implicit')
+    closed = Robot(model, independent=['a'],
+                   constraints=[Closure('end', 'peg', 'revolute', axis=(0, 1, 0))])
+    with pytest.raises(InputError, match='without constraints'):
+        simulate(closed, closed.closed_posture((1.0, -1.0, -1.0)), [0.0], 0.01,
+                 integrator='implicit')
+    with pytest.raises(InputError, match="integrator is 'euler'; valid: rk4, implicit"):
+        simulate(Robot(model), np.zeros(3), np.zeros(3), 0.01, integrator='euler')
