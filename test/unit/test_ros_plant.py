@@ -369,3 +369,23 @@ def test_an_arm_that_bends_moves_as_the_library_says_and_stops_take_its_joints_a
     run(bends, 1500)
     assert bends.arm.blows > 0 and bends.arm.at_stops == ['joint2']
     assert bends.arm.q[1] == bends.arm.upper[1]
+
+
+def test_with_friction_as_stiff_as_identified_the_implicit_integrator_stops_the_arm_as_it_should():
+    joint = {'friction': 4.0, 'friction_speed': 1e-3}
+    model = load_urdf(URDF, supplement={'joints': dict.fromkeys(MODEL.joint_names, joint)})
+
+    def coasting(**changes):
+        which = Plant(Robot(model), values(hold_until_command=False, substeps=1, **changes))
+        which.arm.u[:] = 1.0, -1.0
+        for _ in range(200):
+            which.arm.step(which.robot.gravity_force(which.arm.q))
+        return which.arm
+    stiff = coasting(integrator='implicit')
+    assert stiff.doubt is None
+    assert np.abs(stiff.u).max() < 1e-6
+    alone = simulate(Robot(model), stiff.q, stiff.u, 0.1, step=1e-5,
+                     torque=Robot(model).gravity_force(stiff.q))
+    assert np.abs(alone.q - stiff.q).max() < 1e-6  # it stands by itself
+    trembling = coasting()
+    assert 'too long' in trembling.doubt and np.abs(trembling.u).max() > 1e-3

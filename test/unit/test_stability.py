@@ -119,28 +119,32 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     pytest.importorskip('rclpy')
     pytest.importorskip('kane_dynamics_interfaces')
     from kane_dynamics.ros.loads import Loads
+    from kane_dynamics.ros.parameters import read
     from kane_dynamics.ros.plant.arm import SimulatedArm
     from kane_dynamics.ros.requests import Bounds, Served, Simulation
+    from kane_dynamics.ros.specs import SPECS
     from kane_dynamics.ros.wrenches import WrenchFrames
     from kane_dynamics_interfaces.srv import Simulate
     robot = wheel(**RUB)
     assert SimulatedArm(robot, 0.05).doubt is None
     assert "'wheel'" in SimulatedArm(robot, 0.06).doubt
-    served = Served(robot, robot, Loads(robot.model.gravity), np.ones(1), np.ones(1),
-                    Bounds(1.0, 200, 50, 20), WrenchFrames(robot), 'rk4')
+    assert SimulatedArm(robot, 0.06, 'implicit').doubt is None
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
-    for step in (0.05, 0.06):
+    for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
+        served = Served.from_values(robot, robot, Loads(robot.model.gravity), values | {
+            'simulation.integrator': integrator}, WrenchFrames(robot))
         request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
             Simulate.Response())
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', ModelWarning)
             Simulation.from_request(request, served).run(answer, lambda t: True)
         answers.append(answer.message)
-    assert SimulatedArm(robot, 0.06, 'implicit').doubt is None
-    assert answers[0] == ''
+    assert answers[0] == answers[2] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
     stiff = wheel(stiffness=1e6)
-    served = replace(served, robot=stiff, simulated=stiff, bounds=Bounds(10.0, 200, 200, 20))
+    served = replace(served, robot=stiff, simulated=stiff, bounds=Bounds(10.0, 200, 200, 20),
+                     integrator='rk4')
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'leaves the finite numbers.*: a step of 0.1 s is too long'):
