@@ -187,6 +187,11 @@ class Controller:
             self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
 
     @property
+    def pose(self) -> Array | None:
+        """Return the positions, (n,) rad or m, that computed torque holds now; None if none."""
+        return self._pose
+
+    @property
     def effort_limit(self) -> Array:
         """Return the largest torques, (n,) N m or N: the tighter of robot's and given ones."""
         return self._limiter.effort

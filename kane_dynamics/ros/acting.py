@@ -25,7 +25,8 @@ class Acting:
     values : mapping
         The node's parameters.
     reject : callable
-        Takes the reason and the details of every state that lacks the effort asked for.
+        Takes the reason and the details of every state that lacks velocities, or the effort asked
+        for.
 
     Attributes
     ----------
@@ -52,6 +53,10 @@ class Acting:
     def torque(self, cycle: Cycle) -> Array | None:
         """Return what acts on the joints, (n,) N m or N; None where that is not known."""
         state = cycle.state
+        if not state.moving:
+            self._reject('no velocity', 'the joint states have no velocities, without which what '
+                         'the motion takes is not known')
+            return None
         self.measured = self._source != 'command' and state.measured
         if self._source == 'effort' and not self.measured:
             self._reject('no effort', 'the joint states lack a finite effort for each joint, '

@@ -1,6 +1,7 @@
 """What exists from configuring to cleaning up: the robots, the torque path and its topics."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 import threading
 import time
@@ -27,12 +28,11 @@ from kane_dynamics.stepping import compile_simulation, loop_kernels
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
-# What of the loads follows from which parameters, when these change.
-GIVEN = {'gravity': ('gravity',),
-         'payload': ('payload.mass', 'payload.com', 'payload.inertia')}
+PAYLOAD = ('payload.mass', 'payload.com', 'payload.inertia')
 ACKNOWLEDGE = 0.3  # s to wait for zeros to be acknowledged
 
 
@@ -75,6 +75,9 @@ class Arm:
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self._lock = threading.Lock()  # of the loads, which two threads change
         self.loads: Loads = start_loads(model, values)
+        self._by_service = False  # whether the payload is that of ~/set_payload
+        self.sources = 1  # publishers of joint states, but those of other joints
+        self._others: set[tuple[str, ...]] = set()
         self.gravity_source = GravityFromImu(
             model, values['imu.frame'], float((values['gravity'] ** 2).sum() ** 0.5),
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
@@ -92,57 +95,67 @@ class Arm:
                                 **controller_settings(values, self.robot.joint_names))
         if not self.robot.constraint_names:
             controller.compile()
-        commands = node.create_lifecycle_publisher(Float64MultiArray, 'commands', RELIABLE)
-        torques = node.create_lifecycle_publisher(JointState, '~/joint_torques', RELIABLE)
-        self._publishers = commands, torques
+        with ExitStack() as opened:
+            self._open(controller, opened)
+            self._opened = opened.pop_all()
+        server.spinner.wake()
+
+    def _open(self, controller: Controller, opened: ExitStack) -> None:
+        """Open the topics; `opened` closes them."""
+        node, server, values, warn = self._node, self._server, self.values, self._warn
+
+        def publisher(kind: Any, name: str, qos: QoSProfile) -> Any:
+            result = node.create_lifecycle_publisher(kind, name, qos)
+            opened.callback(node.destroy_lifecycle_publisher, result)
+            return result
+        self._commands = publisher(Float64MultiArray, 'commands', RELIABLE)
         self.path = TorquePath(
-            controller, commands, torques, self._now,
-            values['state_timeout'], statistics,
+            controller, self._commands, publisher(JointState, '~/joint_torques', RELIABLE),
+            self._now, values['state_timeout'], self._statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
         self.surroundings = Surroundings(node, server, self.path, values, self._now,
-                                         self._reject)
+                                         self._reject, publisher, opened)
         self._distribute()
         self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT, raw=True)
-        self._imu = server.create_subscription(
-            Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
-            BEST_EFFORT) if self.gravity_source is not None else None
-        server.spinner.wake()
+        opened.callback(node.destroy_subscription, self._states)
+        if self.gravity_source is not None:
+            imu = server.create_subscription(
+                Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu, BEST_EFFORT)
+            opened.callback(server.destroy_subscription, imu)
 
     def _now(self) -> int:
         """Return the node's clock, ns; the system's own is the same where none is simulated."""
         return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
 
-    def clock_jumped(self) -> None:
-        """Take notice that the node's clock was set back, or that it is another one now."""
+    def clock_jumped(self, *, exchanged: bool = False) -> None:
+        """Take notice that the node's clock was set back, or was exchanged for another."""
         self._simulated_time = bool(self._clock.ros_time_is_active)
         if self.path.running:
             self.path.clock_jumped()
+            if exchanged:  # states of the other clock's stamps may all be refused
+                self.path.lose('the clock is another one now')
 
-    @property
-    def sources(self) -> int:
-        """Return how many publish joint states: more than one is one too many."""
-        return int(self._states.get_publisher_count())
+    def count_sources(self) -> None:
+        """Count who publishes joint states of this arm: more than one is one too many."""
+        publishers = int(self._states.get_publisher_count())
+        before, self._others = self._others, self.path.take_others()  # some speak but seldom
+        self.sources = max(publishers - len(before | self._others), min(publishers, 1))
 
     def halt(self) -> bool:
         """Command zeros; return whether, within bounds, every subscriber has them."""
         if not self.path.running:
             return True
         self.path.stop()
-        return bool(self._publishers[0].wait_for_all_acked(Duration(seconds=ACKNOWLEDGE)))
+        return bool(self._commands.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE)))
 
     def close(self) -> None:
         """Close the topics and let the services answer that nothing is configured."""
         self._server.served = None
-        self._node.destroy_subscription(self._states)
-        self.surroundings.close()
-        if self._imu is not None:
-            self._server.destroy_subscription(self._imu)
-        for publisher in self._publishers:
-            self._node.destroy_lifecycle_publisher(publisher)
+        self._opened.close()
 
-    def check(self, values: Mapping[str, Any]) -> None:
-        """Raise InputError if these parameters do not fit this arm."""
+    def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
+        """Raise InputError if these parameters, of which some are given anew, do not fit."""
         controller_settings(values, self.robot.joint_names)
         start_loads(self.robot.model, values)
         check_surroundings(values, self.robot)
@@ -150,18 +163,28 @@ class Arm:
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity' is not used while imu.topic is set: its "
                              'direction comes from there')
+        if self._by_service and 'payload.mass' not in given and any(
+                name in given for name in PAYLOAD):
+            raise InputError('the payload is that of the last ~/set_payload, of which the '
+                             "parameters do not know; set 'payload.mass' with the others")
 
-    def update(self, values: Mapping[str, Any]) -> None:
-        """Use checked parameters from the next cycle and the next request on."""
+    def update(self, values: Mapping[str, Any], given: Collection[str]) -> None:
+        """Use checked parameters, some given anew, from the next cycle and request on."""
         before, self.values = self.values, values
+        if before['mode'] != values['mode'] and self.path.course.forget():
+            self._warn('mode', 'it has changed: the desired motion is forgotten')
         self.path.set_timeout(values['state_timeout'])
         self.path.controller.update(**controller_settings(values, self.robot.joint_names))
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']
         self.surroundings.update(values)
-        given = start_loads(self.robot.model, values)
-        self._change(**{name: getattr(given, name) for name, parameters in GIVEN.items() if any(
-            not np.array_equal(before[each], values[each]) for each in parameters)})
+        loads = start_loads(self.robot.model, values)
+        changes: dict[str, Any] = {}
+        if not np.array_equal(before['gravity'], values['gravity']):
+            changes['gravity'] = loads.gravity
+        if any(name in given for name in PAYLOAD):
+            changes['payload'], self._by_service = loads.payload, False
+        self._change(**changes)
 
     def set_payload(self, request: Any) -> None:
         """
@@ -180,12 +203,13 @@ class Arm:
             self.robot.model, PayloadBounds.from_values(self.values), request.frame, given.m,
             (given.com.x, given.com.y, given.com.z),
             (given.ixx, given.ixy, given.ixz, given.iyy, given.iyz, given.izz))
+        self._by_service = True
         self._change(payload=payload)
 
     def _on_imu(self, message: Imu) -> None:
         assert self.gravity_source is not None
         try:
-            self.gravity_source.take(message)
+            self.gravity_source.take(message, self._now())
         except InputError as error:
             self._reject('imu', str(error))
 

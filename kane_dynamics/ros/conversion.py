@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Vector3, Wrench
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion import Motion
+from kane_dynamics.motion import Motion, State
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 import numpy as np
@@ -107,10 +107,12 @@ def check_points(count: int, max_points: int) -> None:
                          '(parameter trajectory.max_points)')
 
 
-def motion_from_message(message: JointTrajectory, joints: Sequence[str],
-                        max_points: int) -> Motion:
+def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_points: int,
+                        start: State | None = None) -> Motion:
     """
     Return the desired motion that a JointTrajectory describes; joints beyond `joints` are ignored.
+
+    It sets out from `start`, where that is given, if its first point comes later.
 
     Raises
     ------
@@ -139,7 +141,8 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str],
     if positions is None:
         raise InputError('the trajectory has no positions')
     return Motion.from_points(times, positions, _column(message, 'velocities', index),
-                              _column(message, 'accelerations', index), joint_names=joints)
+                              _column(message, 'accelerations', index), joint_names=joints,
+                              start=start)
 
 
 def trajectory_message(trajectory: Trajectory, robot: Robot,

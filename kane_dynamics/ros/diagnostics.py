@@ -22,7 +22,7 @@ class Statistics:
         self.worst_age = 0.0
         self._latency = np.zeros(WINDOW)
         self._last_commands = 0
-        self._last_dropped = 0
+        self._last_dropped: Counter[str] = Counter()
 
     def command(self, latency: float, age: float, clamped: bool) -> None:
         """Count one command: seconds spent in the callback, age of its state in seconds."""
@@ -32,7 +32,7 @@ class Statistics:
         if age > self.worst_age:
             self.worst_age = age
 
-    def period(self, seconds: float) -> tuple[float, int, dict[str, str]]:
+    def period(self, seconds: float) -> tuple[float, Counter[str], dict[str, str]]:
         """
         Close a reporting period of `seconds`.
 
@@ -40,15 +40,17 @@ class Statistics:
         -------
         rate : float
             Commands per second.
-        dropped : int
-            Joint states dropped in this period.
+        dropped : Counter
+            Joint states dropped in this period, by reason.
         values : dict of str
             Printable figures: rate, latency percentiles, ages, counts.
 
         """
         new = self.commands - self._last_commands
-        dropped = self.dropped.total() - self._last_dropped
-        self._last_commands, self._last_dropped = self.commands, self.dropped.total()
+        # Copies: the thread of the torque path goes on counting.
+        all_dropped, rejected = Counter(dict(self.dropped)), dict(self.rejected)
+        dropped = all_dropped - self._last_dropped
+        self._last_commands, self._last_dropped = self.commands, all_dropped
         values = {'rate': f'{new / seconds:.1f} Hz', 'commands': str(self.commands)}
         if new:
             kept = self._latency[(self.commands - 1 - np.arange(min(new, WINDOW))) % WINDOW]
@@ -60,8 +62,8 @@ class Statistics:
         values['commands clamped'] = str(self.clamped)
         values['timeouts'] = str(self.timeouts)
         values['states of a new layout'] = str(self.normal_road)
-        values['states dropped'] = str(self.dropped.total())
-        for what, counts in (('states dropped', self.dropped), ('rejected', self.rejected)):
+        values['states dropped'] = str(all_dropped.total())
+        for what, counts in (('states dropped', all_dropped), ('rejected', rejected)):
             values.update({f'{what}: {reason}': str(count) for reason, count in counts.items()})
         return new / seconds, dropped, values
 

@@ -14,6 +14,7 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 
+LONGEST = 1e6  # s between two messages
 # Stamp, measured q and u, desired motion and time in it, wrenches.
 Moment = tuple[int, int, Array, Array, Motion | None, float, Array | None]
 
@@ -49,7 +50,7 @@ class Explainer:
         self._server, self._publisher, self._controller = server, publisher, controller
         self._wrenches, self._reject = wrenches, reject
         self._latest: Moment | None = None
-        self._timer = server.create_timer(1.0 / rate, self._publish,
+        self._timer = server.create_timer(min(1.0 / rate, LONGEST), self._publish,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def start(self) -> None:

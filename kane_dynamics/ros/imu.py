@@ -58,9 +58,9 @@ class GravityFromImu:
         self._used = np.zeros(3)
         self._first = self._last = 0
 
-    def take(self, message: Imu) -> None:
+    def take(self, message: Imu, now: int) -> None:
         """
-        Take one message.
+        Take one message; without a stamp it is of now, ns of the node's clock.
 
         Raises
         ------
@@ -70,14 +70,17 @@ class GravityFromImu:
         """
         f = self._force_at_rest(message)
         g = -self._magnitude / float(np.linalg.norm(f)) * f
-        stamp = nanoseconds(message.header.stamp)
-        elapsed = (stamp - self._last) / NANO
+        stamp = nanoseconds(message.header.stamp) or now
+        elapsed, follows = (stamp - self._last) / NANO, self._last > 0
         if self._filtered is None or not 0.0 <= elapsed <= GAP * self.time_constant:
             self._filtered, self._first = g, stamp
         else:
             self._filtered = self._filtered + -math.expm1(-elapsed / self.time_constant) * (
                 g - self._filtered)
         self._last = stamp
+        if follows and elapsed > GAP * self.time_constant:
+            raise InputError(f'the message before was {elapsed:.3g} s ago; valid: at most '
+                             f'{GAP:g} times imu.time_constant, {self.time_constant:g} s')
         if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
             found = self._magnitude / float(np.linalg.norm(self._filtered)) * self._filtered
             if np.abs(found - self._used).max() > STEP * self._magnitude:

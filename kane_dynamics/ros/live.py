@@ -1,6 +1,6 @@
 """Parameters that change while a node runs: as a whole set, or not at all and with the reason."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
@@ -26,9 +26,11 @@ class LiveParameters:
     frozen : callable
         Returns what to say of a change of a parameter that is not live; empty: it may change.
     check : callable
-        Takes all values as they would be; raises KaneError to refuse them.
+        Takes all values as they would be and the names of those that are given; raises KaneError
+        to refuse them.
     changed : callable
-        Takes the values as they were; `values` are the new ones.
+        Takes the values as they were and the names of those that were given; `values` are the
+        new ones.
 
     Attributes
     ----------
@@ -43,8 +45,8 @@ class LiveParameters:
     """
 
     def __init__(self, node: Node, specs: Sequence[Spec], frozen: Callable[[], str],
-                 check: Callable[[Mapping[str, Any]], None],
-                 changed: Callable[[Mapping[str, Any]], None]) -> None:
+                 check: Callable[[Mapping[str, Any], Collection[str]], None],
+                 changed: Callable[[Mapping[str, Any], Collection[str]], None]) -> None:
         self._specs = {spec.name: spec for spec in specs}
         self._frozen, self._check, self._changed = frozen, check, changed
         self._given = self._staged = declare(node, specs)
@@ -69,7 +71,7 @@ class LiveParameters:
                     raise InputError(f"parameter '{spec.name}' cannot become {change.value!r} "
                                      f'now: {reason}')
                 staged[spec.name] = value
-            self._check(in_messages(staged))
+            self._check(in_messages(staged), _names(changes))
         except KaneError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._staged = staged
@@ -78,4 +80,8 @@ class LiveParameters:
     def _after_set(self, changes: list[Parameter]) -> None:
         self._given = self._staged
         before, self.values = self.values, in_messages(self._given)
-        self._changed(before)
+        self._changed(before, _names(changes))
+
+
+def _names(changes: list[Parameter]) -> set[str]:
+    return {change.name for change in changes}

@@ -1,6 +1,6 @@
 """The lifecycle node: it finds the URDF, compiles the robot, and wires the torque path."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 import gc
 from pathlib import Path
 import time
@@ -10,25 +10,27 @@ from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros import realtime
 from kane_dynamics.ros.arm import ACKNOWLEDGE, Arm
-from kane_dynamics.ros.conversion import motion_from_message, NANO, nanoseconds
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load, located
+from kane_dynamics.ros.guard import guard_services
 from kane_dynamics.ros.live import LiveParameters
 from kane_dynamics.ros.report import report
 from kane_dynamics.ros.services import Services
 from kane_dynamics.ros.specs import SPECS
 from kane_dynamics.ros.throttle import ThrottledWarning
-from kane_dynamics.ros.trajectories import read_trajectory
+from kane_dynamics.ros.trajectories import take_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+CLOCK_LOST = 1.0  # s that simulated time may stand when nobody publishes it
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -45,11 +47,13 @@ class DynamicsNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('kane_dynamics')
+        guard_services(self)
         self._live = LiveParameters(self, SPECS, self._frozen, self._check_parameters,
                                     self._apply_parameters)
         self.statistics = Statistics()
         self.arm: Arm | None = None
         self._description = ''  # of the topic
+        self._configured = False  # ever: what comes later is the operator's business
         self._warn = ThrottledWarning(self.get_logger())
         self._reported = time.monotonic()
         self._sources = 1  # publishers of joint states at the last report
@@ -59,6 +63,7 @@ class DynamicsNode(LifecycleNode):
             BACK, post_callback=self._on_jump)  # lasts as long as it is kept
         self.clock_remark = ''
         self._reported_time = 0  # on the node's clock, ns, at the last report
+        self._moved = 0, 0.0  # the node's clock, ns, and the steady time, s, when it went on
         self._timers_of_rate: list[Any] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   QoSProfile(depth=1))
@@ -77,8 +82,8 @@ class DynamicsNode(LifecycleNode):
         return str(self._state_machine.current_state[1])
 
     def autostart(self) -> None:
-        """Configure and activate, if that is wanted and the URDF is known."""
-        if not self.values['autostart'] or self.state != 'unconfigured':
+        """Configure and activate, if that is wanted, was never done, and the URDF is known."""
+        if not self.values['autostart'] or self._configured or self.state != 'unconfigured':
             return
         if not (self.values['robot_description'] or self.values['urdf'] or self._description):
             self.get_logger().info('waiting for a URDF on topic robot_description')
@@ -96,16 +101,16 @@ class DynamicsNode(LifecycleNode):
         if self.values['robot_description'] or self.values['urdf'] or (
                 message.data == self._description):
             return
+        self._description = message.data
         if self.state == 'active':
             self.statistics.rejected['robot_description'] += 1
             self.get_logger().error('a changed robot_description is refused while the node is '
                                     'active; deactivate it, clean up, and configure anew')
-            return
-        self._description = message.data
-        self.autostart()
-        if self.state == 'inactive':
+        elif self.state == 'inactive':
             self.get_logger().warning('the changed robot_description takes effect when the node '
                                       'is cleaned up and configured anew')
+        else:
+            self.autostart()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the URDF, compile and verify the kernels, and open the topics."""
@@ -116,6 +121,7 @@ class DynamicsNode(LifecycleNode):
             self.get_logger().error(f'not configured: {kind}{error}')
             self._release()
             return FAILURE
+        self._configured = True
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -196,22 +202,14 @@ class DynamicsNode(LifecycleNode):
         if arm is not None:
             arm.close()
 
-    def _on_trajectory(self, data: bytes) -> None:
+    def _on_trajectory(self, data: bytes, received: int) -> None:
         """Take a new desired motion; runs in the services' thread."""
-        arm = self.arm
         try:
-            if arm is None or not arm.path.running:
+            if self.arm is None or not self.arm.path.running:
                 raise InputError(f'the node is {self.state}')
-            limit = self.values['trajectory.max_points']
-            message = read_trajectory(data, limit)
-            motion = motion_from_message(message, arm.robot.joint_names, limit)
-            now = self.get_clock().now().nanoseconds
-            if now == 0:
-                raise InputError('use_sim_time is set, and nothing has come on /clock')
-            start = nanoseconds(message.header.stamp) or now
-            if start + motion.duration * NANO < now and start != now:
-                raise InputError(f'it ended {(now - start) / NANO - motion.duration:.3f} s ago')
-            arm.path.set_motion(motion, start)
+            if take_trajectory(self.arm.path, data, received, self.values):
+                self.get_logger().info('joint_trajectory without points: no motion is followed '
+                                       'any more')
         except KaneError as error:
             self.statistics.rejected['joint_trajectory'] += 1
             self.get_logger().error(f'joint_trajectory rejected: {error}')
@@ -229,11 +227,11 @@ class DynamicsNode(LifecycleNode):
             f'it is used when the node configures, and that is {self.state}; deactivate it and '
             'clean up first')
 
-    def _check_parameters(self, values: Mapping[str, Any]) -> None:
+    def _check_parameters(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         if self.arm is not None:
-            self.arm.check(values)
+            self.arm.check(values, given)
 
-    def _apply_parameters(self, before: Mapping[str, Any]) -> None:
+    def _apply_parameters(self, before: Mapping[str, Any], given: Collection[str]) -> None:
         """Apply what was checked; between two cycles, since both run in the main thread."""
         simulated = bool(self.get_clock().ros_time_is_active)
         exchanged, self._simulated_time = simulated != self._simulated_time, simulated
@@ -241,9 +239,9 @@ class DynamicsNode(LifecycleNode):
                             for name in ('diagnostics_rate', 'state_timeout')):
             self._set_timers()
         if self.arm is not None:
-            self.arm.update(self.values)
+            self.arm.update(self.values, given)
             if exchanged:
-                self.arm.clock_jumped()
+                self.arm.clock_jumped(exchanged=True)
 
     def _on_jump(self, jump: TimeJump) -> None:
         """Take notice of a clock that was set back as soon as that is known."""
@@ -255,23 +253,38 @@ class DynamicsNode(LifecycleNode):
         Start watchdog and diagnostics.
 
         The watchdog looks at simulated time where that is used, however fast it goes: while it
-        stands, nothing grows older. Else it runs on steady time, which no one sets. So do the
-        diagnostics always, in the services' thread: a report takes longer than a cycle may wait.
+        stands, nothing grows older; but somebody must be there to let it go on. Else it runs on
+        steady time, which no one sets. So do the diagnostics always, in the services' thread: a
+        report takes longer than a cycle may wait.
         """
         watched = self.get_clock() if self._simulated_time else self._steady
         for node, timer in self._timers_of_rate:
             node.destroy_timer(timer)
         watch = max(0.2 * self.values['state_timeout'], 1e-3)
-        self._timers_of_rate = [
-            (node, node.create_timer(period, callback, clock=clock))
-            for node, period, callback, clock in (
-                (self, watch, self._watch, watched),
-                (self.server, 1.0 / self.values['diagnostics_rate'], self._report, self._steady))]
+        timers: list[tuple[Node, float, Callable[[], None], Clock]] = [
+            (self, watch, self._watch, watched),
+            (self.server, 1.0 / self.values['diagnostics_rate'], self._report, self._steady)]
+        if self._simulated_time:
+            timers.append((self, CLOCK_LOST / 4.0, self._watch_clock, self._steady))
+        self._timers_of_rate = [(node, node.create_timer(period, callback, clock=clock))
+                                for node, period, callback, clock in timers]
         self.server.spinner.wake()
 
     def _watch(self) -> None:
         if self.arm is not None:
             self.arm.path.watch()
+
+    def _watch_clock(self) -> None:
+        """Command zeros if the clock stands, nobody publishes it, and no states come."""
+        now, steady = self.get_clock().now().nanoseconds, time.perf_counter()
+        if now != self._moved[0]:
+            self._moved = now, steady
+            return
+        path = None if self.arm is None else self.arm.path
+        if path is not None and path.commanding and (
+                steady - max(self._moved[1], path.answered) > CLOCK_LOST) and (
+                self.count_publishers('/clock') == 0):
+            path.lose('nobody publishes /clock any more')
 
     def _report(self) -> None:
         now = time.monotonic()
@@ -279,6 +292,8 @@ class DynamicsNode(LifecycleNode):
         before, self._reported_time = self._reported_time, self.get_clock().now().nanoseconds
         self.clock_remark = '' if before != self._reported_time else (
             'the clock stands' if before else 'nothing has come on /clock')
+        if self.arm is not None:
+            self.arm.count_sources()
         message = DiagnosticArray(status=[report(self, period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

@@ -75,6 +75,8 @@ def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
     """Return one number, shape (), or one per joint, shape (n,); shape (0,) says nothing."""
     if isinstance(value, (int, float)):
         return np.array(_number(spec, value))
+    if not len(value) and np.size(spec.default):
+        raise ValueError
     return np.array([_number(spec, item) for item in value])
 
 

@@ -128,7 +128,7 @@ def apply(values: Mapping[str, Any], warn: Callable[[str], object]) -> None:
             continue
         try:
             setting()
-        except OSError as error:
-            warn(f'{what} is refused ({error.strerror or error}), the node goes on without it: '
-                 f'{remedy}')
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            warn(f'{what} is refused ({reason}), the node goes on without it: {remedy}')
     collect_when_asked(values['realtime.collect_rarely'])

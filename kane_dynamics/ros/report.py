@@ -29,12 +29,14 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
         level, message = DiagnosticStatus.OK, f'active, {rate:.0f} commands a second'
         if arm.path.timed_out:
             level = DiagnosticStatus.ERROR
-            message = (f'no joint state for {arm.path.silence:.2f} s: '
-                       + ('zeros are commanded' if node.statistics.commands else
+            message = (f'no good joint state for {arm.path.silence:.2f} s: '
+                       + ('zeros are commanded' if arm.path.answered else
                           'nothing is commanded yet'))
-        elif dropped:
-            level = DiagnosticStatus.WARN
-            message += f', {dropped} joint states dropped'
+        if dropped:
+            level = max(level, DiagnosticStatus.WARN)
+            message += f', {dropped.total()} dropped: ' + ', '.join(dropped)
+        if node.clock_remark:
+            level = max(level, DiagnosticStatus.WARN)
         if arm.surroundings.collision is not None:
             level = max(level, DiagnosticStatus.WARN)
             message += f"; collision at joint '{arm.surroundings.collision}'"

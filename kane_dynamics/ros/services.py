@@ -42,14 +42,15 @@ class Services(Node):
     front : rclpy.node.Node
         The node under whose name the services appear.
     on_trajectory : callable
-        Takes each serialised JointTrajectory; called in the services' thread, so that neither
-        reading nor fitting a long one stalls the torque path.
+        Takes each serialised JointTrajectory, and when it was received, ns of the system's time;
+        called in the services' thread, so that neither reading nor fitting a long one stalls the
+        torque path.
     on_payload : callable
         Takes each SetPayload request; raises KaneError to refuse it.
 
     """
 
-    def __init__(self, front: Node, on_trajectory: Callable[[bytes], None],
+    def __init__(self, front: Node, on_trajectory: Callable[[bytes, int], None],
                  on_payload: Callable[[Any], None]) -> None:
         super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
                          use_global_arguments=False, start_parameter_services=False,
@@ -73,8 +74,10 @@ class Services(Node):
                                 self._answering(call), qos_profile=services)
         self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate,
                             qos_profile=services, callback_group=waiting)
-        self.create_subscription(JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
-                                 on_trajectory, QoSProfile(depth=1), raw=True)
+        self.create_subscription(
+            JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
+            lambda data, info: on_trajectory(data, info['received_timestamp']),
+            QoSProfile(depth=1), raw=True)
         self.action = ActionServer(
             self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
             self._simulate_motion, result_timeout=RESULT_TIMEOUT, callback_group=waiting,

@@ -96,7 +96,8 @@ SPECS = (
     live('imu.time_constant', 'number', 1.0, 'low-pass of the direction, s; it is used after as '
          'long at rest', positive=True, low=0.0, high=3600.0),
     Spec('wrench.frames', 'names', [], 'frames at which ~/wrench may tell what the environment '
-         'exerts on the robot; the torques make up for it; empty: none'),
+         'exerts on the robot; the torques make up for it, but in gravity_compensation; empty: '
+         'none'),
     live('wrench.timeout', 'number', 0.1, 'age of a wrench, in s, from which on its frame counts '
          'as unloaded', positive=True, low=0.0, high=3600.0),
     live('wrench.max_force', 'number', 1000.0, 'largest component of a force accepted, N',
@@ -135,11 +136,10 @@ SPECS = (
     Spec('observer.frame', 'text', '', 'frame of ~/external_wrench; empty: `tip`, or the last '
          'link'),
     live('observer.rate', 'number', 100.0, 'external torques and wrenches published, at most, '
-         '1/s', positive=True, low=0.0, high=1e4),
+         '1/s', low=1e-3, high=1e4),
     Spec('estimator.enabled', 'flag', False, 'estimate what the arm carries, by recursive least '
          'squares, and publish it; the torques do not follow it'),
-    Spec('estimator.rate', 'number', 2.0, 'estimates published, 1/s', positive=True, low=0.0,
-         high=100.0),
+    Spec('estimator.rate', 'number', 2.0, 'estimates published, 1/s', low=1e-3, high=100.0),
     Spec('estimator.memory', 'number', 20.0, 'time constant of forgetting, s', positive=True,
          low=0.0, high=1e5),
     Spec('estimator.torque_deviation', 'per_joint', [], 'standard deviation of what the model '
@@ -148,9 +148,8 @@ SPECS = (
     Spec('explanation.rate', 'number', 0.0, 'messages on ~/torque_by_source, 1/s; 0: none',
          low=0.0, high=100.0),
     live('state_timeout', 'number', 0.1, 'age of the joint states, in s, from which on zeros '
-         'are commanded', positive=True, low=0.0, high=3600.0),
-    live('diagnostics_rate', 'number', 1.0, 'reports on /diagnostics, 1/s', positive=True,
-         low=0.0, high=100.0),
+         'are commanded and the desired motion is forgotten', low=1e-3, high=3600.0),
+    live('diagnostics_rate', 'number', 1.0, 'reports on /diagnostics, 1/s', low=1e-3, high=100.0),
     live('trajectory.max_points', 'count', 10_000, 'longest desired motion accepted, points',
          low=1.0, high=1e6),
     live('simulation.max_duration', 'number', 3600.0, 'longest simulation accepted, s',

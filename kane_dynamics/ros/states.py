@@ -14,8 +14,10 @@ from sensor_msgs.msg import JointState
 MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, GARBLED = (
     'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite',
     'not a joint state')
-OLD, FUTURE, DISORDER = (
-    'older than state_timeout', 'stamp from the future', 'stamp before the last one')
+OLD, FUTURE, DISORDER, NO_CLOCK = (
+    'older than state_timeout', 'stamp from the future', 'stamp before the last one',
+    'nothing on /clock')
+OTHERS = 'of other joints'  # such as a gripper's own: no fault, and not counted
 MOST_LAYOUTS = 8  # kept at a time: that many publishers may differ
 
 
@@ -112,8 +114,12 @@ class StateReader:
         The efforts of the last state, N m or N, if `measured`.
     measured : bool
         Whether that state had a finite effort for each joint.
+    moving : bool
+        Whether that state had velocities; else `u` is zero.
     need_effort : bool
         Whether efforts are read at all; False at first.
+    others : set
+        Names of the messages read that hold none of `joints`; whoever looks may empty it.
     detail : str
         What exactly was wrong with the last message that was not good.
     normal : int
@@ -123,7 +129,8 @@ class StateReader:
 
     def __init__(self, joints: Sequence[str]) -> None:
         self.joints = tuple(joints)
-        self.need_effort = False
+        self.need_effort, self.moving = False, False
+        self.others: set[tuple[str, ...]] = set()
         self._state = np.zeros(2 * len(self.joints))
         self.q, self.u = np.split(self._state, 2)
         self.effort, self.measured = np.zeros(len(self.joints)), False
@@ -145,6 +152,7 @@ class StateReader:
             return self._read_normally(data, need_velocity)
         self.sec, self.nanosec = STAMP.unpack_from(data, STAMP_AT)
         layout.landing[:] = data
+        self.moving = layout.moving
         if layout.moving:
             layout.numbers.take(layout.index, out=self._state, mode='clip')
         else:
@@ -188,7 +196,8 @@ class StateReader:
             return SHORT
         np.frombuffer(message.position).take(index, out=self.q, mode='clip')
         speeds = len(message.velocity)
-        if speeds == count:
+        self.moving = speeds == count
+        if self.moving:
             np.frombuffer(message.velocity).take(index, out=self.u, mode='clip')
         elif need_velocity:
             self.detail = f'{speeds} velocities for {count} names'
@@ -211,6 +220,10 @@ class StateReader:
         """Return the entry of each joint, or why there is not one of each."""
         entry = {name: i for i, name in enumerate(names)}
         missing = [joint for joint in self.joints if joint not in entry]
+        if len(missing) == len(self.joints):
+            if len(self.others) < MOST_LAYOUTS:
+                self.others.add(tuple(names))
+            return OTHERS
         twice = [joint for joint in self.joints if names.count(joint) > 1]
         if missing or twice:
             self.detail = ', '.join(missing or twice)

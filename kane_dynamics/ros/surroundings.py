@@ -1,6 +1,7 @@
 """Beside the torque path: wrenches that come in, contact that is found, torque explained."""
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -26,8 +27,10 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def check_surroundings(values: Mapping[str, Any], robot: Robot) -> None:
-    """Raise InputError unless the parameters wrench.* and observer.* fit a robot."""
+    """Raise InputError unless the parameters of wrenches, payload and observer fit a robot."""
     check_frames(robot.model, values['wrench.frames'])
+    if values['payload.frame']:
+        check_frames(robot.model, [values['payload.frame']], 'payload.frame')
     if robot.constraint_names:
         for name in ('observer.enabled', 'estimator.enabled', 'explanation.rate'):
             if values[name]:
@@ -35,7 +38,7 @@ def check_surroundings(values: Mapping[str, Any], robot: Robot) -> None:
                                  'constraints is not commanded; leave it at its default')
     if values['observer.enabled']:
         settings(values, robot)
-        robot.model.frame(observed_frame(values, robot.model))
+        check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)
 
@@ -57,58 +60,47 @@ class Surroundings:
         Returns the node's clock, ns.
     reject : callable
         Takes the reason and the details of every message that was not used.
+    publisher : callable
+        Opens one, of a type, a name and a QoS.
+    opened : ExitStack
+        Closes what is opened here.
 
     """
 
     def __init__(self, node: LifecycleNode, server: Services, path: TorquePath,
                  values: Mapping[str, Any], now: Callable[[], int],
-                 reject: Callable[[str, str], None]) -> None:
-        self._node, self._path = node, path
-        self._publishers: list[Any] = []
+                 reject: Callable[[str, str], None],
+                 publisher: Callable[[Any, str, QoSProfile], Any], opened: ExitStack) -> None:
+        self._path = path
         robot = path.controller.robot
         self.contact: Contact | None = None
         self._estimator: Estimator | None = None
-        self._explainer: Explainer | None = None
-        self._subscription: Any = None
         if values['observer.enabled']:
             self.contact = Contact(robot, values, Outputs(
-                self._open(JointState, '~/external_torques', RELIABLE),
-                self._open(WrenchStamped, '~/external_wrench', RELIABLE),
-                self._open(Bool, '~/collision', LATCHED)), node.get_logger(),
+                publisher(JointState, '~/external_torques', RELIABLE),
+                publisher(WrenchStamped, '~/external_wrench', RELIABLE),
+                publisher(Bool, '~/collision', LATCHED)), node.get_logger(),
                 lambda reason, detail: reject(f'observer: {reason}', detail))
             path.add_watch(self.contact, need_effort=True)
         if values['wrench.frames']:
             path.wrenches = Wrenches(robot, now, values,
                                      lambda reason, detail: reject(f'wrench: {reason}', detail))
-            self._subscription = node.create_subscription(
-                WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True)
+            opened.callback(node.destroy_subscription, node.create_subscription(
+                WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True))
         if values['estimator.enabled']:
             self._estimator = Estimator(
                 robot, values, server,
-                self._open(PayloadEstimate, '~/payload_estimate', RELIABLE),
+                publisher(PayloadEstimate, '~/payload_estimate', RELIABLE),
                 lambda reason, detail: reject(f'estimator: {reason}', detail))
+            opened.callback(self._estimator.close)
             path.add_watch(self._estimator, need_effort=True)
         if values['explanation.rate']:
-            self._explainer = Explainer(
-                server, self._open(TorqueExplanation, '~/torque_by_source', RELIABLE),
+            explainer = Explainer(
+                server, publisher(TorqueExplanation, '~/torque_by_source', RELIABLE),
                 values['explanation.rate'], path.controller, path.wrenches,
                 lambda reason, detail: reject(f'explanation: {reason}', detail))
-            path.add_watch(self._explainer, need_effort=False)
-
-    def _open(self, kind: Any, name: str, qos: QoSProfile) -> Any:
-        publisher = self._node.create_lifecycle_publisher(kind, name, qos)
-        self._publishers.append(publisher)
-        return publisher
-
-    def close(self) -> None:
-        """Close the topics."""
-        for watch in (self._estimator, self._explainer):
-            if watch is not None:
-                watch.close()
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-        for publisher in self._publishers:
-            self._node.destroy_lifecycle_publisher(publisher)
+            opened.callback(explainer.close)
+            path.add_watch(explainer, need_effort=False)
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""

@@ -10,12 +10,13 @@ import time
 
 from kane_dynamics.control import Controller, Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion import Motion
+from kane_dynamics.motion import State
 from kane_dynamics.ros.cdr import joint_efforts, numbers
 from kane_dynamics.ros.conversion import Array, NANO
+from kane_dynamics.ros.course import Course
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.loads import Loads
-from kane_dynamics.ros.states import StateReader, time_fault
+from kane_dynamics.ros.states import NO_CLOCK, OTHERS, StateReader, time_fault
 from kane_dynamics.ros.watch import Cycle, Watch
 from kane_dynamics.ros.wrenches import Wrenches
 from rclpy.publisher import Publisher
@@ -50,6 +51,8 @@ class TorquePath:
         self.running = False
         self.commanding = False  # whether torques other than our own zeros may be acting
         self.timed_out = False
+        self.answered = 0.0  # when the last state was, s of `time.perf_counter`; 0: none yet
+        self.course = Course()
         self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
         self._reader = StateReader(joints)
         self._command_message, self._torque_message = numbers(len(joints)), joint_efforts(joints)
@@ -57,7 +60,6 @@ class TorquePath:
         self._watches: list[Watch] = []
         self._loads: Loads | None = None
         self._loads_in_force: Loads | None = None
-        self._motion: tuple[Motion, int] | None = None
         self._heard = self._last_now = self._last_stamp = 0
         self.set_timeout(timeout)
 
@@ -70,9 +72,19 @@ class TorquePath:
         self._watches.append(watch)
         self._reader.need_effort |= need_effort
 
-    def set_motion(self, motion: Motion, start: int) -> None:
-        """Follow `motion` from `start` on, ns of the node's clock; safe from any thread."""
-        self._motion = (motion, start)  # one assignment: a cycle sees the old or the new pair
+    def desired(self, stamp: int) -> State | None:
+        """Return q, u and udot from which a new motion may set out; None before any state."""
+        state = self.course.desired(stamp)
+        if state is None and self.answered:
+            pose = self.controller.pose
+            q = (self._reader.q if pose is None else pose).copy()
+            state = q, 0.0 * q, 0.0 * q
+        return state
+
+    def take_others(self) -> set[tuple[str, ...]]:
+        """Return the names of states of other joints alone that came since this was asked."""
+        others, self._reader.others = self._reader.others, set()
+        return others
 
     def set_loads(self, loads: Loads) -> None:
         """Compute with `loads` from the next state on; safe from any thread."""
@@ -80,11 +92,13 @@ class TorquePath:
 
     def start(self) -> None:
         """Answer states from now on; nothing is commanded before the first."""
-        self._motion = None
-        self.timed_out = False
+        self.course.forget()
+        self.timed_out, self.answered = False, 0.0
         self._last_now = self._heard = self._now()
         self._last_stamp = 0
         self.controller.stop()
+        if self.wrenches is not None:
+            self.wrenches.forget()
         for watch in self._watches:
             watch.start()
         self.running = True
@@ -92,7 +106,7 @@ class TorquePath:
     def stop(self) -> None:
         """Command zeros and answer no more states."""
         self.running = False
-        self._motion = None
+        self.course.forget()
         self.zero()
         for watch in self._watches:
             watch.stop()
@@ -107,12 +121,22 @@ class TorquePath:
         """Command zeros, once, if no good state has come for too long."""
         now = self._clock()
         if self.running and now - self._heard > self._timeout and not self.timed_out:
-            self.timed_out = True
-            if self.commanding:
-                self.zero()
-                self.statistics.timeouts += 1
-                self._warn('no joint state', f'none for {(now - self._heard) / NANO:.3f} s: '
-                           'zeros are commanded until one comes')
+            self.lose(f'none for {(now - self._heard) / NANO:.3f} s')
+
+    def lose(self, why: str) -> None:
+        """Command zeros until a good state comes, and follow no motion that is on its way."""
+        self.timed_out = True
+        forgotten = self.course.forget()
+        if self.commanding:
+            self.zero()
+            self.statistics.timeouts += 1
+            self._warn('no joint state', f'{why}: zeros are commanded until one comes'
+                       + ', and the desired motion is forgotten' * forgotten)
+
+    @property
+    def now(self) -> int:
+        """Return the node's clock, ns."""
+        return self._now()
 
     @property
     def silence(self) -> float:
@@ -129,7 +153,11 @@ class TorquePath:
         fault = reader.read(data, controller.mode is not Mode.GRAVITY_COMPENSATION)
         stamp = reader.stamp or now
         if fault is not None:
-            self._drop(fault, reader.detail)
+            if fault is not OTHERS:
+                self._drop(fault, reader.detail)
+            return
+        if not now:  # nothing would ever grow old
+            self._drop(NO_CLOCK, 'use_sim_time is set, and no time has come yet')
             return
         late = time_fault(stamp, now, self._last_stamp, self._timeout)
         if late is not None:
@@ -138,8 +166,7 @@ class TorquePath:
         # Between two cycles, so that all of one command is computed with the same loads.
         if self._loads is not self._loads_in_force:
             self._take_loads()
-        motion, start = self._motion or (None, 0)
-        moment = (stamp - start) / NANO
+        motion, moment = self.course.at(stamp)
         try:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
             command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion, moment,
@@ -147,8 +174,8 @@ class TorquePath:
         except InputError as error:  # the state is finite, but its torques are not
             self._drop(BEYOND, str(error))
             return
-        self._heard, self._last_stamp = now, stamp
-        self.timed_out, self.commanding = False, True
+        self._heard, self._last_stamp = min(now, stamp), stamp
+        self.timed_out, self.commanding, self.answered = False, True, began
         self._torque_message.stamp(reader.sec, reader.nanosec)
         self._publish(command.tau)
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
@@ -184,8 +211,8 @@ class TorquePath:
         return now
 
     def clock_jumped(self) -> None:
-        """Forget motion, wrenches and all stamps: they are of a time that is no more."""
-        self._motion = None
+        """Forget motions, wrenches and all stamps: they are of a time that is no more."""
+        self.course.forget()
         self._heard = self._last_now = self._now()
         self._last_stamp = 0
         self.controller.stop()

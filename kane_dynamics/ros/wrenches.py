@@ -24,13 +24,13 @@ OLD, FRAME, SILENT, LARGE = (
     'silent for longer than wrench.timeout', 'beyond wrench.max_force or wrench.max_moment')
 
 
-def check_frames(model: Model, frames: Sequence[str]) -> None:
+def check_frames(model: Model, frames: Sequence[str], parameter: str = 'wrench.frames') -> None:
     """Raise InputError unless each of `frames` exists and moves."""
     for name in frames:
         if model.frame(name).body == WORLD:
             valid = ', '.join(sorted(f.name for f in model.frames if f.body != WORLD))
-            raise InputError(f"parameter 'wrench.frames' holds '{name}', which does not move: a "
-                             f'wrench there loads no joint; valid: {valid}')
+            raise InputError(f"parameter '{parameter}' holds '{name}', which does not move: what "
+                             f'is there loads no joint; valid: {valid}')
 
 
 class WrenchFrames:

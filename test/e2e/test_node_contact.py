@@ -119,6 +119,18 @@ def test_a_wrench_changes_the_next_torques_until_it_falls_silent(node, robot):
     node.destroy_publisher(publisher)
 
 
+def test_without_velocities_nothing_is_taken_for_a_push(node, robot):
+    assert node.adjust(mode='gravity_compensation').successful
+    before = len(node.ear.flags)
+    for k in range(100):
+        node.send(Q + 0.3 * np.sin(0.3 * k))
+        time.sleep(0.002)
+    word = 'rejected: observer: no velocity'
+    assert wait_until(lambda: node.diagnostics and word in node.diagnostics[-1][2])
+    assert not any(flag.data for flag in node.ear.flags[before:])
+    assert node.adjust(mode='inverse_dynamics').successful
+
+
 def test_a_push_that_efforts_betray_is_published_and_its_joint_named(node, robot):
     ear, gravity = node.ear, robot.gravity_force(Q)
     push = np.array([0.5, 5.0, -1.0])

@@ -76,7 +76,27 @@ def test_a_simulated_clock_may_pause_jump_ahead_and_jump_back(client, start, hol
     node.wait_for('it jumped backwards')
     assert client.ask(Q, np.zeros(3), stamp=at(5000.0)) is not None
     assert client.ask(Q, np.zeros(3), stamp=round(60.0 * SECOND), timeout=0.2) is None
-    client.destroy_publisher(publisher)
+    assert wait_until(lambda: any(client.commands[-1]))
+    client.destroy_publisher(publisher)  # a pause ends some time, this does not
+    assert wait_until(lambda: not any(client.commands[-1]), 5.0)
+    node.wait_for('nobody publishes /clock any more: zeros are commanded')
+
+
+def test_zeros_come_when_the_clock_is_exchanged_and_while_a_simulated_one_has_no_time(
+        client, start, holding):
+    node = start(state_timeout=5.0)
+    client.connect()
+    assert close(client.ask(Q, np.zeros(3)), holding)
+    assert wait_until(lambda: any(client.commands[-1]))
+    assert client.adjust(use_sim_time=True).successful
+    assert wait_until(lambda: not any(client.commands[-1]), 1.0)
+    count = len(client.commands)
+    client.torques.clear()
+    assert client.ask(Q, np.zeros(3), stamp=0, timeout=0.3) is None
+    assert len(client.commands) == count
+    node.wait_for('nothing on /clock')
+    assert client.adjust(use_sim_time=False).successful
+    assert wait_until(lambda: client.ask(Q, np.zeros(3), timeout=0.3) is not None)
 
 
 def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
@@ -91,6 +111,18 @@ def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
     client.diagnostics.clear()
     assert wait_until(lambda: any(values.get('publishers of joint states') == '1'
                                   for _, _, values in client.diagnostics), 5.0)
+    # A gripper that tells of its own joints is none of them.
+    gripper = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
+    client.diagnostics.clear()
+
+    def three_reports():
+        gripper.publish(JointState(name=['finger'], position=[0.0], velocity=[0.0]))
+        time.sleep(0.1)
+        return len(client.diagnostics) >= 4 and client.rest() is not None
+    assert wait_until(three_reports)
+    assert client.diagnostics[-1][2]['publishers of joint states'] == '1'
+    assert client.diagnostics[-1][2]['states dropped'] == '0'
+    client.destroy_publisher(gripper)
 
 
 def test_1e308_brings_no_torque_and_the_next_state_does(client, start, holding):

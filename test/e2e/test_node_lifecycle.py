@@ -58,8 +58,8 @@ def description(client):
         yield publisher
 
 
-def test_the_urdf_comes_from_the_topic_and_a_change_while_active_is_refused(client, start,
-                                                                            description):
+def test_the_urdf_comes_from_the_topic_and_a_change_waits_for_the_next_configuration(
+        client, start, description):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
     description.publish(String(data='<robot name="x"><link name="l"'))
@@ -74,13 +74,20 @@ def test_the_urdf_comes_from_the_topic_and_a_change_while_active_is_refused(clie
     node.wait_for('a changed robot_description is refused while the node is active')
     assert (client.ask(POSE, np.zeros(3)) == before).all()
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
-    description.publish(String(data=heavier))
+    description.publish(String(data=URDF))
     node.wait_for('takes effect when the node is cleaned up')
+    description.publish(String(data=heavier))
+    assert wait_until(lambda: node.log.count('takes effect when') == 2)
     assert client.transition(Transition.TRANSITION_CLEANUP)
-    assert client.transition(Transition.TRANSITION_CONFIGURE)
-    assert client.transition(Transition.TRANSITION_ACTIVATE)
+    assert client.adjust(imu__topic='no topic!').successful
+    assert not client.transition(Transition.TRANSITION_CONFIGURE)
+    assert client.adjust(imu__topic='').successful
+    for step in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        assert client.transition(step)
     client.connect()
     assert np.abs(client.ask(POSE, np.zeros(3))).max() > 1.2 * np.abs(before).max()
+    # What failed to open has left nothing behind.
+    assert wait_until(lambda: client.count_publishers('commands') == 1)
 
 
 def test_a_bad_urdf_leaves_the_node_unconfigured_and_says_why(client, start):

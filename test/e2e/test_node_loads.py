@@ -100,6 +100,8 @@ def test_parameters_change_the_payload_too_all_of_them_or_none(node):
     assert node.adjust(gains__kp=90.0).successful
     assert close(node.ask(Q, np.zeros(3)), loaded(2.5).gravity_force(np.array(Q))), (
         'another parameter must not bring the old payload back')
+    refused = node.adjust(payload__com=[0.0, 0.0, 0.1])  # of which mass?
+    assert 'the last ~/set_payload, of which the parameters do not know' in refused.reason
     refused = node.adjust(payload__mass=0.5, payload__inertia=[1.0, 0.0, 0.0, 0.1, 0.0, 0.1])
     assert not refused.successful
     assert "parameters 'payload.*': the inertia has the principal moments" in refused.reason
@@ -110,6 +112,9 @@ def test_parameters_change_the_payload_too_all_of_them_or_none(node):
     assert close(node.ask(Q, np.zeros(3)), loaded(1.5).gravity_force(np.array(Q)))
     answer = node.call(GetDynamics, 'get_dynamics', position=Q)
     assert close(answer.gravity_force, loaded(1.5).gravity_force(np.array(Q)))
+    assert node.call(SetPayload, 'set_payload', payload=payload(2.5)).success
+    assert node.adjust(payload__mass=1.5).successful  # as the parameter is, not as the arm
+    assert close(node.ask(Q, np.zeros(3)), loaded(1.5).gravity_force(np.array(Q)))
     assert node.adjust(payload__mass=1.0, gains__kp=100.0).successful
 
 

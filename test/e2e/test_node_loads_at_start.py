@@ -56,6 +56,7 @@ def test_an_imu_on_the_base_turns_gravity(client, start):
 
 @pytest.mark.parametrize(('words', 'parameters'), [
     ("no frame 'claw'", {'payload__frame': 'claw'}),
+    ("'payload.frame' holds 'base', which does not move", {'payload__frame': 'base'}),
     ('mass is 60 kg', {'payload__frame': 'c', 'payload__mass': 60.0}),
     ('set parameter payload.frame', {'payload__mass': 1.0}),
     ("the IMU's frame 'b' moves", {'imu__topic': 'imu', 'imu__frame': 'b'}),

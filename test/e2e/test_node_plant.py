@@ -167,6 +167,10 @@ def test_time_goes_at_the_speed_that_is_asked_for_and_starts_anew(plant):
     assert plant.adjust(reset_clock=True, rate_factor=1.0).successful
     assert plant.service('reset').success
     assert wait_until(lambda: plant.clock[-1] < 2 * NANO)
+    plant.client.diagnostics.clear()
+    assert wait_until(lambda: any('times real time' in message
+                                  for _, message, _ in plant.client.diagnostics))
+    assert not any('at -' in message for _, message, _ in plant.client.diagnostics)
 
 
 def test_states_are_lost_and_delayed_on_request_and_bad_requests_change_nothing(plant):

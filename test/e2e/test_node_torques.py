@@ -9,7 +9,9 @@ from kane_dynamics.ros.specs import SPECS
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
-from rcl_interfaces.srv import DescribeParameters, GetParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.parameter import Parameter
 
 GENERATOR = np.random.default_rng(7)
 
@@ -157,7 +159,7 @@ def test_silence_brings_zeros_once_and_shows_in_diagnostics(node):
     assert wait_until(lambda: len(node.commands) > before, 0.5)
     assert node.commands[-1] == [0.0, 0.0, 0.0]
     count = len(node.commands)
-    assert wait_until(lambda: any('no joint state' in message and level == b'\x02'
+    assert wait_until(lambda: any('no good joint state' in message and level == b'\x02'
                                   for level, message, _ in node.diagnostics), 3.0)
     assert len(node.commands) == count, 'zeros must come once'
     assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any(), 'it must go on with the next state'
@@ -177,7 +179,6 @@ def test_deactivation_commands_zeros_and_ends_the_answers(node):
     ('point 1 is at 1 s, not after point 0', {'points': [(1.0, [0] * 3), (1.0, [1] * 3)]}),
     ('point 0 has positions', {'points': [(1.0, [0, math.nan, 0])]}),
     ('point 1 has 2 positions', {'points': [(1.0, [0] * 3), (2.0, [0] * 2)]}),
-    ('has 0 points', {'points': []}),
     ('no positions', {'points': [(1.0, [])]}),
     ('it ended', {'points': [(1.0, [0] * 3)], 'start': 10**9}),
 ])
@@ -195,6 +196,8 @@ def test_a_bad_trajectory_is_rejected_with_the_reason(node, robot, words, argume
     ("'state_timeout' is nan", {'state_timeout': math.nan}),
     ('has 2 entries for 3 joints', {'gains__kp': [1.0, 2.0]}),
     ("'gains.kd' is", {'gains__kd': [1.0, -2.0, 3.0]}),
+    ("'gains.kp' is []", {'gains__kp': []}),
+    ("'diagnostics_rate' is 1e-12", {'diagnostics_rate': 1e-12}),
     ('clean up first', {'urdf': '/some/other.urdf'}),
     ('clean up first', {'joints': ['lift']}),
     ("'gravity' is", {'gravity': [0.0, 1.0]}),
@@ -234,3 +237,40 @@ def test_a_second_client_sees_every_parameter_described(node):
     answer = node.call(DescribeParameters, 'describe_parameters',
                        names=[spec.name for spec in SPECS])
     assert all(each.description and each.additional_constraints for each in answer.descriptors)
+
+
+def test_a_request_that_cannot_be_met_is_answered_and_stops_no_torque(node):
+    q = [0.3, -0.4, 0.2]
+    for number in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CONFIGURE, 99):
+        assert not node.transition(number)
+    good = Parameter('state_timeout', value=0.9).to_parameter_msg()
+    garbled = ParameterMessage(name='state_timeout', value=ParameterValue(type=77))
+    results = node.call(SetParameters, 'set_parameters', parameters=[good, garbled]).results
+    assert [each.successful for each in results] == [True, False]
+    assert results[1].reason
+    assert node.state() == 'active'
+    assert node.ask(q, np.zeros(3)).any()
+
+
+def test_a_motion_ends_with_the_mode_and_without_points(node, robot):
+    q = np.array([0.3, -0.4, 0.2])
+    assert node.adjust(mode='computed_torque').successful
+
+    def followed():
+        return wait_until(lambda: np.abs(node.ask(q, np.zeros(3)) - robot.gravity_force(q)).max()
+                          > 1.0)
+
+    def held():
+        return wait_until(lambda: close(node.ask(q, np.zeros(3)), robot.gravity_force(q)))
+    node.follow([(0.0, q), (0.1, q + 0.5)])
+    assert followed()
+    node.follow([])
+    assert held()
+    node.follow([(0.0, q), (0.1, q + 0.5)])
+    assert followed()
+    assert node.adjust(mode='gravity_compensation').successful
+    before = node.process.log.count('which follows no motion')
+    node.follow([(0.0, q), (0.1, q + 0.5)])
+    assert wait_until(lambda: node.process.log.count('which follows no motion') > before)
+    assert node.adjust(mode='computed_torque').successful
+    assert held()

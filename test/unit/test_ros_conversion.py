@@ -49,8 +49,8 @@ def test_a_report_counts_its_own_period():
         statistics.command(1e-6 * (k + 1), 1e-3, k % 2 == 0)
     statistics.dropped['not finite'] += 3
     rate, dropped, values = statistics.period(2.0)
-    assert (rate, dropped) == (100.0, 3)
+    assert (rate, dropped) == (100.0, {'not finite': 3})
     assert values['callback latency max'] == '200 us'
     assert values['commands clamped'] == '100'
     assert values['states dropped: not finite'] == '3'
-    assert statistics.period(1.0)[:2] == (0.0, 0)
+    assert statistics.period(1.0)[:2] == (0.0, {})

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import Imu
 
+NOW = 7 * 10**9  # ns, when a message without a stamp comes
 MODEL = load_urdf(resource_path('urdf', 'ur10e.urdf'))
 BOUNDS = PayloadBounds('wrist_3_link', 10.0, 0.5)
 COM, INERTIA = (0.01, -0.02, 0.05), (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
@@ -83,7 +84,7 @@ def test_an_imu_at_rest_gives_gravity_in_world_axes_after_a_time_constant():
     used = []
     gravity = source(used)
     for k in range(21):
-        gravity.take(imu(100.0 + 0.05 * k, (0.0, 9.7, 0.0)))
+        gravity.take(imu(100.0 + 0.05 * k, (0.0, 9.7, 0.0)), NOW)
         assert bool(used) == (k == 20)
     rotation = MODEL.frame('base_link').rotation
     np.testing.assert_allclose(used, [rotation @ [0.0, -9.81, 0.0]], atol=1e-12)
@@ -96,7 +97,7 @@ def test_noise_is_filtered_and_a_slow_turn_followed():
     for k in range(4000):
         angle = min(0.5, max(0.0, 0.1 * (0.01 * k - 10.0)))
         force = 9.81 * np.array([math.sin(angle), 0.0, math.cos(angle)])
-        gravity.take(imu(0.01 * k + 1.0, force + generator.normal(size=3) * 0.05))
+        gravity.take(imu(0.01 * k + 1.0, force + generator.normal(size=3) * 0.05), NOW)
     rotation = MODEL.frame('base_link').rotation
     np.testing.assert_allclose(rotation.T @ used[-1],
                                [-9.81 * math.sin(0.5), 0.0, -9.81 * math.cos(0.5)], atol=0.05)
@@ -116,9 +117,9 @@ def test_an_implausible_imu_message_is_left_out_with_the_reason(words, message):
     used = []
     gravity = source(used)
     with pytest.raises(InputError, match=words):
-        gravity.take(message)
+        gravity.take(message, NOW)
     for k in range(30):
-        gravity.take(imu(2.0 + 0.05 * k, (0.0, 0.0, 9.81)))
+        gravity.take(imu(2.0 + 0.05 * k, (0.0, 0.0, 9.81)), NOW)
     assert used
 
 
@@ -126,16 +127,31 @@ def test_an_imu_without_accelerometer_is_told_so():
     message = imu(1.0, (0.0, 0.0, 9.81))
     message.linear_acceleration_covariance[0] = -1.0
     with pytest.raises(InputError, match='measures no acceleration'):
-        source([]).take(message)
+        source([]).take(message, NOW)
 
 
 def test_a_gap_or_a_jump_back_starts_the_filter_anew():
     used = []
     gravity = source(used)
-    for start in (0.0, 50.0, 20.0):
-        for k in range(20):  # 0.95 s: never settled
-            gravity.take(imu(start + 0.05 * k, (0.0, 0.0, 9.81)))
+
+    def never_settled(start):
+        for k in range(20):  # 0.95 s
+            gravity.take(imu(start + 0.05 * k, (0.0, 0.0, 9.81)), NOW)
+    never_settled(1.0)
+    # Said, lest an IMU that speaks but seldom be ignored for ever in silence.
+    with pytest.raises(InputError, match=r'at most 3 times imu\.time_constant, 1 s'):
+        gravity.take(imu(50.0, (0.0, 0.0, 9.81)), NOW)
+    never_settled(50.01)
+    never_settled(20.0)
     assert not used
+
+
+def test_an_imu_without_stamps_is_of_when_it_comes():
+    used = []
+    gravity = source(used)
+    for k in range(40):
+        gravity.take(imu(0.0, (0.0, 9.7, 0.0)), NOW + 50_000_000 * k)
+    assert len(used) == 1
 
 
 @pytest.mark.parametrize('frame', ['tool0', 'claw'])

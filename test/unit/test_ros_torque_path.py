@@ -7,17 +7,25 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
+from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.resources import resource_path  # noqa: E402
+from kane_dynamics.ros import trajectories  # noqa: E402
+from kane_dynamics.ros.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.states import DISORDER, FUTURE, OLD  # noqa: E402
+from kane_dynamics.ros.states import DISORDER, FUTURE, NO_CLOCK, OLD  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.trajectories import take_trajectory  # noqa: E402
+from kane_dynamics.ros.wrenches import Wrenches  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
-ROBOT = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+URDF = resource_path('urdf', 'two_link.urdf')
+ROBOT = Robot(load_urdf(URDF))
 MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
 NANO = 10**9
 
@@ -55,6 +63,11 @@ class Rig:
         self.path.on_state(serialize_message(message))
         return self.commands.sent[-1] if len(self.commands.sent) > before else None
 
+    def follow(self, start, motion=MOTION):
+        """Let the path follow a motion from a time on, ns."""
+        course = self.path.course
+        assert course.follow(motion, start, self.time, course.generation)
+
 
 def gravity(q=(0.3, -0.2)):
     return ROBOT.gravity_force(np.array(q))
@@ -68,14 +81,14 @@ def test_without_a_motion_gravity_is_held():
 
 def test_the_motion_is_sampled_at_the_stamp_of_the_state():
     rig = Rig()
-    rig.path.set_motion(MOTION, rig.time)
+    rig.follow(rig.time)
     expected = ROBOT.inverse_dynamics(*MOTION.sample(0.73))
     np.testing.assert_allclose(rig.state(after=0.75, age=0.02), expected, rtol=1e-12)
 
 
 def test_a_clock_that_jumps_back_forgets_the_motion_and_goes_on():
     rig = Rig()
-    rig.path.set_motion(MOTION, rig.time)
+    rig.follow(rig.time)
     rig.state(after=0.5)
     np.testing.assert_array_equal(rig.state(after=-50.0), gravity())
     assert 'clock' in rig.warnings
@@ -86,7 +99,7 @@ def test_a_clock_set_back_a_little_between_two_looks_at_it_forgets_the_motion_to
     rig = Rig()
     rig.state()
     rig.time += 2 * NANO
-    rig.path.set_motion(MOTION, rig.time - NANO)
+    rig.follow(rig.time - NANO)
     rig.time -= NANO  # still ahead of the last look
     rig.path.clock_jumped()
     np.testing.assert_array_equal(rig.state(), gravity())
@@ -169,3 +182,132 @@ def test_no_torque_comes_from_numbers_that_are_none(bad):
     rig = Rig(mode='computed_torque')
     assert rig.state(u=(bad, 0.0)) is None
     assert rig.statistics.dropped.total() == 1
+
+
+def trajectory(*points, stamp=0, names=ROBOT.joint_names):
+    """Return a serialised JointTrajectory of (time, positions)."""
+    message = JointTrajectory(joint_names=list(names))
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANO)
+    for t, q in points:
+        point = JointTrajectoryPoint(positions=list(q))
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * NANO), NANO)
+        message.points.append(point)
+    return serialize_message(message)
+
+
+VALUES = {'trajectory.max_points': 100}
+POINTS = (0.0, (0.3, -0.2)), (2.0, (1.0, -1.0))
+
+
+def test_a_motion_is_forgotten_with_its_states_and_none_is_taken_until_they_come_again():
+    rig = Rig(mode='computed_torque')
+    rig.state()
+    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    rig.state(after=0.05)
+    rig.time += NANO
+    rig.path.watch()
+    assert (rig.commands.sent[-1] == 0.0).all()
+    with pytest.raises(InputError, match=r'no joint state has come for 1\.0'):
+        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)  # held where it is
+    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
+
+
+def test_a_motion_received_or_begun_to_be_read_before_all_was_forgotten_is_not_followed(
+        monkeypatch):
+    rig = Rig()
+    rig.state()
+    with pytest.raises(InputError, match='it came before'):
+        take_trajectory(rig.path, trajectory(*POINTS), rig.path.course.forgotten - 1, VALUES)
+
+    def read(*arguments):  # and meanwhile the node is deactivated and activated
+        rig.path.stop()
+        rig.path.start()
+        return motion_from_message(*arguments)
+    monkeypatch.setattr(trajectories, 'motion_from_message', read)
+    with pytest.raises(InputError, match='while it was read'):
+        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    np.testing.assert_array_equal(rig.state(after=0.01), gravity())
+
+
+def test_a_motion_ahead_leaves_the_one_before_it_until_it_begins_and_sets_out_from_there():
+    rig = Rig()
+    rig.state()
+    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    first, begun = rig.path.course.at(rig.time)[0], rig.time
+    take_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES)
+    np.testing.assert_array_equal(rig.state(after=0.9), ROBOT.inverse_dynamics(*first.sample(0.9)))
+    q, u, _ = first.sample(1.0)
+    second, moment = rig.path.course.at(begun + NANO)
+    assert second is not first and moment == 0.0
+    np.testing.assert_allclose(second.sample(0.0)[:2], [q, u], rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(rig.state(after=0.3),
+                                  ROBOT.inverse_dynamics(*second.sample(0.2)))
+
+
+def test_a_first_point_that_lies_ahead_is_approached_from_the_pose_that_is_held():
+    rig = Rig(mode='computed_torque')
+    rig.state()
+    rig.state(q=(0.31, -0.2), after=0.01)
+    take_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES)
+    motion, _ = rig.path.course.at(rig.time)
+    np.testing.assert_allclose(motion.sample(0.0)[0], (0.3, -0.2), rtol=1e-12)
+    assert motion.duration == 2.0
+
+
+def test_a_trajectory_without_points_ends_the_motion_where_the_arm_is():
+    rig = Rig(mode='computed_torque')
+    rig.state()
+    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    rig.state(after=0.05)
+    assert take_trajectory(rig.path, trajectory(names=()), 0, VALUES)
+    np.testing.assert_allclose(rig.state(q=(0.5, 0.1), after=0.05), gravity((0.5, 0.1)),
+                               rtol=1e-12)
+
+
+def test_gravity_compensation_takes_no_motion():
+    rig = Rig(mode='gravity_compensation')
+    rig.state()
+    with pytest.raises(InputError, match='gravity_compensation, which follows no motion'):
+        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+
+
+def test_zeros_come_when_the_state_is_too_old_not_when_its_message_is():
+    rig = Rig()
+    rig.state(age=0.09)
+    rig.time += round(0.02 * NANO)
+    rig.path.watch()
+    assert rig.path.timed_out and (rig.commands.sent[-1] == 0.0).all()
+
+
+def test_without_a_time_no_state_is_answered():
+    rig = Rig()
+    rig.time = 0
+    rig.path.start()
+    assert rig.state() is None
+    assert rig.statistics.dropped[NO_CLOCK] == 1
+
+
+def test_states_of_other_joints_alone_are_no_fault():
+    rig = Rig()
+    for name in ('left_finger', 'right_finger'):
+        rig.path.on_state(serialize_message(JointState(name=[name], position=[0.0])))
+    assert rig.statistics.dropped.total() == 0
+    assert rig.path.take_others() == {('left_finger',), ('right_finger',)}
+    assert rig.path.take_others() == set()
+
+
+def test_a_wrench_does_not_outlive_deactivation():
+    rig = Rig()
+    rig.path.wrenches = Wrenches(Robot(load_urdf(URDF), wrench_frames=('tip',)),
+                                 lambda: rig.time, {'wrench.timeout': 60.0,
+                                                    'wrench.max_force': 100.0,
+                                                    'wrench.max_moment': 10.0}, print)
+    push = WrenchStamped()
+    push.header.frame_id, push.wrench.force.x = 'tip', 50.0
+    rig.path.wrenches.take(serialize_message(push))
+    assert np.abs(rig.state() - gravity()).max() > 1.0
+    rig.path.stop()
+    rig.path.start()
+    np.testing.assert_array_equal(rig.state(after=0.01), gravity())

@@ -1,7 +1,7 @@
 """The node `plant`: a simulated robot behind topics and services."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 import time
 from typing import Any
 
@@ -12,6 +12,7 @@ from kane_dynamics.robot import Robot
 from kane_dynamics.ros.cdr import Prepared, STAMP, write_joint_state
 from kane_dynamics.ros.conversion import NANO, vector
 from kane_dynamics.ros.files import load, located
+from kane_dynamics.ros.guard import guard_services
 from kane_dynamics.ros.live import LiveParameters
 from kane_dynamics.ros.plant.pace import Pace
 from kane_dynamics.ros.plant.plant import Plant
@@ -71,6 +72,7 @@ class PlantNode(Node):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
+        guard_services(self)
         self._steady = RosClock(clock_type=ClockType.STEADY_TIME)
         self._timer: Any = None
         self._start_reports()
@@ -169,6 +171,7 @@ class PlantNode(Node):
             self.plant.reset()
         self.failure = ''
         self.pace.start(time.monotonic_ns())
+        self._reported = time.monotonic(), self.plant.ticks
         if back:
             self._tell_time(self._now())
         response.success = True
@@ -193,10 +196,10 @@ class PlantNode(Node):
             response.message = self.failure or f'{self.plant.time / NANO:g} s after the start'
         return response
 
-    def _check(self, values: Mapping[str, Any]) -> None:
+    def _check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         Plant.check(self.plant.robot, values)
 
-    def _changed(self, before: Mapping[str, Any]) -> None:
+    def _changed(self, before: Mapping[str, Any], given: Collection[str]) -> None:
         """Use checked parameters; between two ticks, since both run in the main thread."""
         values = self.values
         self.plant.update(values)

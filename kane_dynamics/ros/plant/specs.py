@@ -18,7 +18,7 @@ SPECS = (
             'need not know of it'),
     *_shared('payload.com', 'payload.inertia', 'payload.max_mass', 'payload.max_distance'),
     Spec('rate', 'number', 500.0, "joint states for each second of the plant's time, 1/s",
-         positive=True, low=0.0, high=10_000.0),
+         low=0.01, high=10_000.0),
     Spec('substeps', 'count', 2, 'integration steps from one joint state to the next', low=1.0,
          high=1000.0),
     Spec('integrator', 'text', 'rk4', 'rk4, or implicit: for friction, springs and beams that '
