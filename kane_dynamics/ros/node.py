@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros import realtime
 from kane_dynamics.ros.arm import ACKNOWLEDGE, Arm
+from kane_dynamics.ros.clock_watch import ClockWatch, LOST
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.files import load, located
 from kane_dynamics.ros.guard import guard_services
@@ -30,7 +31,6 @@ from std_msgs.msg import String
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-CLOCK_LOST = 1.0  # s that simulated time may stand when nobody publishes it
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -61,9 +61,7 @@ class DynamicsNode(LifecycleNode):
         self._simulated_time = bool(self.get_clock().ros_time_is_active)
         self._jumps = self.get_clock().create_jump_callback(
             BACK, post_callback=self._on_jump)  # lasts as long as it is kept
-        self.clock_remark = ''
-        self._reported_time = 0  # on the node's clock, ns, at the last report
-        self._moved = 0, 0.0  # the node's clock, ns, and the steady time, s, when it went on
+        self.clock = ClockWatch(self)
         self._timers_of_rate: list[Any] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
                                                   QoSProfile(depth=1))
@@ -207,9 +205,8 @@ class DynamicsNode(LifecycleNode):
         try:
             if self.arm is None or not self.arm.path.running:
                 raise InputError(f'the node is {self.state}')
-            if take_trajectory(self.arm.path, data, received, self.values):
-                self.get_logger().info('joint_trajectory without points: no motion is followed '
-                                       'any more')
+            if remark := take_trajectory(self.arm.path, data, received, self.values):
+                self.get_logger().warning(f'joint_trajectory: {remark}')
         except KaneError as error:
             self.statistics.rejected['joint_trajectory'] += 1
             self.get_logger().error(f'joint_trajectory rejected: {error}')
@@ -265,7 +262,7 @@ class DynamicsNode(LifecycleNode):
             (self, watch, self._watch, watched),
             (self.server, 1.0 / self.values['diagnostics_rate'], self._report, self._steady)]
         if self._simulated_time:
-            timers.append((self, CLOCK_LOST / 4.0, self._watch_clock, self._steady))
+            timers.append((self, LOST / 4.0, self._watch_clock, self._steady))
         self._timers_of_rate = [(node, node.create_timer(period, callback, clock=clock))
                                 for node, period, callback, clock in timers]
         self.server.spinner.wake()
@@ -275,23 +272,12 @@ class DynamicsNode(LifecycleNode):
             self.arm.path.watch()
 
     def _watch_clock(self) -> None:
-        """Command zeros if the clock stands, nobody publishes it, and no states come."""
-        now, steady = self.get_clock().now().nanoseconds, time.perf_counter()
-        if now != self._moved[0]:
-            self._moved = now, steady
-            return
-        path = None if self.arm is None else self.arm.path
-        if path is not None and path.commanding and (
-                steady - max(self._moved[1], path.answered) > CLOCK_LOST) and (
-                self.count_publishers('/clock') == 0):
-            path.lose('nobody publishes /clock any more')
+        self.clock.look(None if self.arm is None else self.arm.path)
 
     def _report(self) -> None:
         now = time.monotonic()
         period, self._reported = now - self._reported, now
-        before, self._reported_time = self._reported_time, self.get_clock().now().nanoseconds
-        self.clock_remark = '' if before != self._reported_time else (
-            'the clock stands' if before else 'nothing has come on /clock')
+        self.clock.report()
         if self.arm is not None:
             self.arm.count_sources()
         message = DiagnosticArray(status=[report(self, period)])

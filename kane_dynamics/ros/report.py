@@ -4,6 +4,7 @@ from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from kane_dynamics.ros.arm import Arm
+from kane_dynamics.ros.clock_watch import ClockWatch
 from kane_dynamics.ros.diagnostics import Statistics, status
 
 
@@ -13,7 +14,7 @@ class Reporting(Protocol):
     state: str
     statistics: Statistics
     arm: Arm | None
-    clock_remark: str
+    clock: ClockWatch
     values: dict[str, object]
 
     def get_fully_qualified_name(self) -> str:
@@ -35,7 +36,7 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
         if dropped:
             level = max(level, DiagnosticStatus.WARN)
             message += f', {dropped.total()} dropped: ' + ', '.join(dropped)
-        if node.clock_remark:
+        if node.clock.remark:
             level = max(level, DiagnosticStatus.WARN)
         if arm.surroundings.collision is not None:
             level = max(level, DiagnosticStatus.WARN)
@@ -45,7 +46,7 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
             message += f'; {arm.sources} publishers on joint_states'
     elif node.state == 'inactive':
         level = DiagnosticStatus.OK
-    message += node.clock_remark and f'; {node.clock_remark}'
+    message += node.clock.remark and f'; {node.clock.remark}'
     figures['state'] = node.state
     if arm is not None:
         payload = arm.loads.payload

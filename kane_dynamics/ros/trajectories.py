@@ -76,7 +76,7 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
 
 
 def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mapping[str, Any]
-                    ) -> bool:
+                    ) -> str:
     """
     Let the torque path follow a serialised JointTrajectory; without points, nothing any more.
 
@@ -95,8 +95,8 @@ def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mappin
 
     Returns
     -------
-    bool
-        Whether it ended a motion rather than began one.
+    str
+        What to remark on it; empty: nothing.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mappin
     message = read_trajectory(data, values['trajectory.max_points'])
     if not message.points:
         course.forget()
-        return True
+        return 'it has no points: no motion is followed any more'
     if path.controller.mode is Mode.GRAVITY_COMPENSATION:
         raise InputError(f'the mode is {Mode.GRAVITY_COMPENSATION}, which follows no motion')
     if path.timed_out:
@@ -127,4 +127,7 @@ def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mappin
     if not course.follow(motion, start, now, generation):
         raise InputError('while it was read the node stopped, its clock or mode changed, or joint '
                          'states stayed away')
-    return False
+    limits = path.controller.robot.limits
+    outside = (motion.positions < limits.lower) | (motion.positions > limits.upper)
+    beyond = [name for name, points in zip(motion.joint_names, outside.T) if points.any()]
+    return 'it goes beyond the position limits of ' + ', '.join(beyond) if beyond else ''

@@ -261,9 +261,17 @@ def test_a_trajectory_without_points_ends_the_motion_where_the_arm_is():
     rig.state()
     take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     rig.state(after=0.05)
-    assert take_trajectory(rig.path, trajectory(names=()), 0, VALUES)
+    assert 'no points' in take_trajectory(rig.path, trajectory(names=()), 0, VALUES)
     np.testing.assert_allclose(rig.state(q=(0.5, 0.1), after=0.05), gravity((0.5, 0.1)),
                                rtol=1e-12)
+
+
+def test_a_motion_beyond_the_position_limits_is_remarked_on():
+    rig = Rig()
+    rig.state()
+    assert take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES) == ''
+    far = trajectory((1.0, (0.0, 50.0)))
+    assert take_trajectory(rig.path, far, 0, VALUES).endswith('position limits of joint2')
 
 
 def test_gravity_compensation_takes_no_motion():
