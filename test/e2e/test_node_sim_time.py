@@ -46,7 +46,8 @@ class Pair:
         """Wait until the node answers states of now, and return the last torques."""
         torques = self.client.torques
         torques.clear()
-        assert wait_until(lambda: sum(map(np.any, list(torques.values()))) >= count, timeout)
+        assert wait_until(lambda: sum(map(np.any, list(torques.values()))) >= count, timeout), (
+            len(torques), self.client.diagnostics[-1:], self.node.log[-1500:])
         return list(torques.values())[-1]
 
     def zeros(self):
@@ -80,6 +81,7 @@ def pair(processes, client):
     pair = Pair(client)
     pair.node = processes
     pair.adjust(rate_factor=1.0, dropout__states=0.0, reset_clock=False)
+    pair.pause(False)
     pair.reset()
     pair.client.adjust(mode='gravity_compensation', state_timeout=0.1)
     pair.answered()
@@ -101,7 +103,9 @@ def test_while_time_stands_nothing_is_commanded_and_nothing_times_out(pair):
     pair.client.diagnostics.clear()
     time.sleep(0.5)  # five timeouts, were time to go on
     assert not pair.client.commands
-    assert pair.client.diagnostics[-1][1].endswith('; the clock stands')
+    # Between the plant's own reports.
+    assert any(message.endswith('; the clock stands')
+               for _, message, _ in pair.client.diagnostics)
     pair.pause(False)
     pair.answered()
     assert pair.zeros() == 0
@@ -118,9 +122,16 @@ def test_the_timeout_is_simulated_time_in_slow_and_in_fast_motion(pair, speed):
     time.sleep(0.6)
     assert pair.zeros() == 0, 'between two states lie 0.1 s of ours, 5 ms of theirs'
     assert len(pair.states) > count
-    silence = pair.silence_before_zeros()
-    # The timeout, the watchdog's fifth of it, a period before and after; and 0.1 s of ours.
-    assert timeout < silence <= 2.0 * PERIOD + 1.2 * timeout + 0.1 * speed
+    # The timeout, the watchdog's fifth of it, a period before and after; and 0.1 s of ours, which
+    # a busy machine may stretch now and then.
+    longest = 2.0 * PERIOD + 1.2 * timeout + 0.1 * speed
+    for _ in range(3):
+        silence = pair.silence_before_zeros()
+        assert silence > timeout
+        if silence <= longest:
+            break
+        pair.answered(3)
+    assert silence <= longest
     pair.answered(3)
 
 
