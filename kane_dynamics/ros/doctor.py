@@ -1,5 +1,6 @@
 """What `kane-dynamics doctor` finds in a live graph."""
 
+from collections.abc import Callable
 import time
 from typing import NamedTuple
 
@@ -47,7 +48,7 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
     """
     Listen to a live graph for some time; return what is wrong in it.
 
-    Where somebody publishes /clock, stamps are held against that.
+    Where somebody publishes /clock, ages are by that; rates are by the steady clock.
 
     Parameters
     ----------
@@ -72,16 +73,12 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
                 Heard(time.monotonic_ns(), node.get_clock().now().nanoseconds, message)), STATES)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        end = time.monotonic() + DISCOVERY
-        while time.monotonic() < end and not _discovered(node, topics):
-            executor.spin_once(timeout_sec=0.05)
-        end, simulated = time.monotonic() + seconds, False
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-            if not simulated and node.count_publishers('/clock'):
-                node.set_parameters([Parameter('use_sim_time', value=True)])
-                heard.clear()
-                end, simulated = time.monotonic() + seconds, True
+        _spin(executor, DISCOVERY, lambda: _discovered(node, topics))
+        if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
+            node.set_parameters([Parameter('use_sim_time', value=True)])
+            _spin(executor, DISCOVERY, lambda: node.get_clock().now().nanoseconds > 0)
+            heard.clear()
+            _spin(executor, seconds, lambda: False)
         found = examine_states(robot, heard, seconds)
         found += _lines(node, topics, _strangers(robot, heard))
         executor.remove_node(node)
@@ -89,6 +86,16 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
         return found
     finally:
         rclpy.try_shutdown(context=context)
+
+
+def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[], bool]) -> bool:
+    """Take what comes for some time or until it is enough; return whether it is."""
+    end = time.monotonic() + seconds
+    while not enough():
+        if time.monotonic() >= end:
+            return False
+        executor.spin_once(timeout_sec=0.05)
+    return True
 
 
 def _strangers(robot: Robot, heard: list[Heard]) -> int:
