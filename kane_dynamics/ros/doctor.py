@@ -91,11 +91,11 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
 def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[], bool]) -> bool:
     """Take what comes for some time or until it is enough; return whether it is."""
     end = time.monotonic() + seconds
-    while not enough():
-        if time.monotonic() >= end:
-            return False
+    while time.monotonic() < end:
+        if enough():
+            return True
         executor.spin_once(timeout_sec=0.05)
-    return True
+    return enough()
 
 
 def _strangers(robot: Robot, heard: list[Heard]) -> int:
