@@ -74,13 +74,15 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         _spin(executor, DISCOVERY, lambda: _discovered(node, topics))
+        strangers: set[tuple[str, ...]] = set()
         if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
             node.set_parameters([Parameter('use_sim_time', value=True)])
             _spin(executor, DISCOVERY, lambda: node.get_clock().now().nanoseconds > 0)
+            strangers = _strangers(robot, heard)
             heard.clear()
             _spin(executor, seconds, lambda: False)
-        found = examine_states(robot, heard, seconds)
-        found += _lines(node, topics, _strangers(robot, heard))
+        found = [*examine_states(robot, heard, seconds),
+                 *_lines(node, topics, len(strangers | _strangers(robot, heard)))]
         executor.remove_node(node)
         node.destroy_node()
         return found
@@ -98,10 +100,10 @@ def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[],
     return enough()
 
 
-def _strangers(robot: Robot, heard: list[Heard]) -> int:
-    """Return how many seem to publish states of other joints alone: as many as layouts of them."""
-    layouts = {tuple(each.message.name) for each in heard}
-    return sum(not set(names) & set(robot.joint_names) for names in layouts)
+def _strangers(robot: Robot, heard: list[Heard]) -> set[tuple[str, ...]]:
+    """Return the lists of names without our joints: who publishes one does not share ours."""
+    return {names for each in heard
+            if not set(names := tuple(each.message.name)) & set(robot.joint_names)}
 
 
 def examine_states(robot: Robot, heard: list[Heard], seconds: float) -> list[Finding]:
