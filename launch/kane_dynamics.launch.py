@@ -23,7 +23,7 @@ ARGUMENTS = {
     'prefix': ('', 'before the names of joints and frames in messages; wins over the files'),
     'commands': ('commands', 'topic of the torques; a controller has its own, <name>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
-    'use_sim_time': ('false', 'take the time from /clock'),
+    'use_sim_time': ('', 'time from /clock, which the plant then keeps; wins over the files'),
     'plant': ('', 'parameter file of a simulated robot to start too; found as config is'),
     'state_publisher': ('false', 'start robot_state_publisher too; needs urdf:='),
 }
@@ -38,34 +38,43 @@ def parameter_file(argument, name):
     return path
 
 
+def truth(argument, text):
+    """Return what an argument that is true or false says."""
+    known = {'true': True, '1': True, 'yes': True, 'false': False, '0': False, 'no': False}
+    if text.lower() not in known:
+        raise ValueError(f"{argument} is '{text}'; valid: true or false")
+    return known[text.lower()]
+
+
 def nodes(context):
     """Return the nodes to start, now that the arguments are known."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    common = {'use_sim_time': value['use_sim_time'].lower() in ('true', '1', 'yes')}
-    parameters = []
-    if value['config']:
-        parameters.append(parameter_file('config', value['config']))
+    # What is not given here is left to the files.
     chosen = [{name: value[name]} for name in ('urdf', 'prefix') if value[name]]
+    clock, clock_source = [], []
+    if value['use_sim_time']:
+        simulated = truth('use_sim_time', value['use_sim_time'])
+        clock, clock_source = [{'use_sim_time': simulated}], [{'publish_clock': simulated}]
+    config = [parameter_file('config', value['config'])] if value['config'] else []
     remappings = [(topic, value[topic]) for topic in ('commands', 'joint_states')
                   if value[topic] != topic]
     started = [Node(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
-        parameters=[*parameters, *chosen, common], output='screen', remappings=remappings)]
+        parameters=[*config, *chosen, *clock], output='screen', remappings=remappings)]
     if value['plant']:
         started.append(Node(
             package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],
-            parameters=[parameter_file('plant', value['plant']), *chosen,
-                        {'publish_clock': common['use_sim_time']}],
+            parameters=[parameter_file('plant', value['plant']), *chosen, *clock_source],
             output='screen', remappings=remappings))
-    if value['state_publisher'].lower() in ('true', '1', 'yes'):
+    if truth('state_publisher', value['state_publisher']):
         if not value['urdf'] or value['prefix']:
             raise ValueError('state_publisher:=true needs urdf:=, and knows no prefix')
         with open(value['urdf'], encoding='utf-8') as file:
             description = file.read()
         started.append(Node(
             package='robot_state_publisher', executable='robot_state_publisher',
-            namespace=value['namespace'],
-            parameters=[{'robot_description': description}, common], output='screen'))
+            namespace=value['namespace'], parameters=[{'robot_description': description}, *clock],
+            output='screen', remappings=remappings))
     return started
 
 

@@ -23,6 +23,7 @@ from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation import simulate
 from kane_dynamics.urdf import load_urdf
+from kane_dynamics.urdf.document import read_source
 import numpy as np
 
 _MOST_EVENTS = 10  # printed for people
@@ -201,13 +202,17 @@ def doctor(options: Namespace) -> int:
         model = stiffened(model)
         robot = Robot(model)
     found = examination.examine_model(model, robot, caught)
-    if options.config or options.live:
-        live = extra('kane_dynamics.ros.doctor', 'ros')
-        if options.config:
-            found += live.examine_configuration(Path(options.config), robot)
-        if options.live:
-            found += live.examine_graph(Robot(model.prefixed(options.prefix)), options.live,
-                                        options.namespace)
+    arm = None
+    if options.config:
+        files = extra('kane_dynamics.ros.doctor_configuration', 'ros')
+        more, arm = files.examine_configuration(
+            Path(options.config), read_source(source_of(options)), prefix=options.prefix,
+            namespace=options.namespace, told=caught)
+        found += more
+    if options.live:
+        found += extra('kane_dynamics.ros.doctor', 'ros').examine_graph(
+            arm or Robot(model.prefixed(options.prefix)), options.live, options.namespace,
+            options.commands, options.joint_states)
     if options.json:
         print_json([{'level': finding.level, 'words': finding.words} for finding in found])
     else:

@@ -124,8 +124,10 @@ examples:
   kane-dynamics doctor arm.urdf
   kane-dynamics doctor arm.urdf --config arm.yaml --live 3
   kane-dynamics doctor arm.urdf --live 5 --namespace left --json
+  kane-dynamics doctor arm.urdf --live 5 --commands /forward_effort_controller/commands
 
 Compares names, limits, the sign of gravity, publishers and subscribers, rates, stamps and QoS.
---config and --live need ROS. Exits with 1 if there is a problem.""",
+With --config, --live goes by the robot in the file, of the node in --namespace if there are
+several. Both need ROS. Exits with 1 if there is a problem.""",
     'demo': '',
 }

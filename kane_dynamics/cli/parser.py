@@ -175,6 +175,9 @@ def _parser() -> argparse.ArgumentParser:
                      help='listen to the graph for so long, once its nodes are found')
     sub.add_argument('--namespace', default='', help='of the arm in the graph')
     sub.add_argument('--prefix', default='', help="of the arm's joints in the graph")
+    for name, what in (('commands', 'torques'), ('joint_states', 'joint states')):
+        sub.add_argument(f'--{name.replace("_", "-")}', default=name, metavar='TOPIC',
+                         help=f'of the {what} in the graph; default: %(default)s')
     sub = command('view', commands.view, 'The robot, its motion and its loads in the browser')
     _add_model(sub)
     sub.add_argument('--trajectory', metavar='FILE', help='.npz, CSV or YAML file: a slider over '

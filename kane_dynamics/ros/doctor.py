@@ -1,25 +1,21 @@
-"""What `kane-dynamics doctor` finds in a configuration and in a live graph."""
+"""What `kane-dynamics doctor` finds in a live graph."""
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Callable
 import time
-from typing import Any
+from typing import NamedTuple
 
-from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.examination import examine_efforts, Finding, listed
 from kane_dynamics.robot import Robot
-from kane_dynamics.ros.conversion import NANO, nanoseconds
-from kane_dynamics.ros.parameters import controller_settings, misspelt, read
-from kane_dynamics.ros.specs import SPECS
+from kane_dynamics.ros.conversion import Array, NANO, nanoseconds
 import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
-import yaml
 
 STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 AT_REST = 1e-2  # rad/s or m/s: slower joints stand
@@ -28,73 +24,31 @@ STALE = 0.1  # s: an older state comes too late for a torque
 # A newcomer gets what it missed with the heartbeats of the others, every 3 s (Fast DDS): first
 # who publishes and listens, then, with the next, how these nodes are called.
 DISCOVERY = 7.0  # s
+WEIGHTLESS = 1e-3  # N m or N: an arm that asks less of its motors may measure zeros
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
-def examine_configuration(path: Path, robot: Robot) -> list[Finding]:
-    """
-    Return what is wrong with a parameter file of the dynamics node for this robot.
+class Topics(NamedTuple):
+    """How the topics of the torque path are called in the graph."""
 
-    Raises
-    ------
-    InputError
-        The file is no parameter file of ROS 2.
-
-    """
-    given = _parameters(path)
-    known = {spec.name: spec for spec in SPECS}
-    found = [Finding('problem', f'{path.name}: {remark}')
-             for remark in misspelt(list(given), known)]
-    values = {}
-    for name, spec in known.items():
-        try:
-            values[name] = read(spec, given.get(name, spec.default))
-        except InputError as error:
-            found.append(Finding('problem', f'{path.name}: {error}'))
-    if len(values) < len(known):
-        return found
-    joints = values['joints'] or robot.joint_names
-    strangers = [name for name in joints if name not in robot.joint_names]
-    if strangers:
-        found.append(Finding('problem', f'{path.name}: joints that the URDF does not move: '
-                             f'{listed(strangers)}; it moves {listed(robot.joint_names)}'))
-    try:
-        controller_settings(values, joints)
-    except KaneError as error:
-        found.append(Finding('problem', f'{path.name}: {error}'))
-    if values['gravity'][2] > 0.0 or not np.isclose(np.linalg.norm(values['gravity']), 9.81, 0.01):
-        found.append(Finding('doubt', f"{path.name}: gravity is {values['gravity'].tolist()}; on "
-                             'the ground, with the base upright, it is [0, 0, -9.81]'))
-    return found or [Finding('fine', f'{path.name}: every parameter is known and fits the arm')]
+    commands: str
+    joint_states: str
 
 
-def _parameters(path: Path) -> dict[str, Any]:
-    """Return the parameters in a file by their dotted names, whatever node they are for."""
-    try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: {error}') from None
-    blocks = [block['ros__parameters'] for block in (data or {}).values()
-              if isinstance(block, Mapping) and isinstance(block.get('ros__parameters'), Mapping)
-              ] if isinstance(data, Mapping) else []
-    if not blocks:
-        raise InputError(f'{path}: no ros__parameters under the name of a node, or /**')
-    result: dict[str, Any] = {}
+class Heard(NamedTuple):
+    """A joint state and when it came: by the steady clock and by the node's, ns."""
 
-    def flatten(prefix: str, block: Mapping[str, Any]) -> None:
-        for key, value in block.items():
-            if isinstance(value, Mapping):
-                flatten(f'{prefix}{key}.', value)
-            else:
-                result[f'{prefix}{key}'] = value
-    for block in blocks:
-        flatten('', block)
-    return result
+    steady: int
+    now: int
+    message: JointState
 
 
-def examine_graph(robot: Robot, seconds: float, namespace: str = '') -> list[Finding]:
+def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: str = 'commands',
+                  joint_states: str = 'joint_states') -> list[Finding]:
     """
     Listen to a live graph for some time; return what is wrong in it.
+
+    Where somebody publishes /clock, ages are by that; rates are by the steady clock.
 
     Parameters
     ----------
@@ -104,25 +58,31 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '') -> list[Fin
         How long to listen, after the up to 7 s that finding the others' nodes takes.
     namespace : str
         Of the arm.
+    commands, joint_states : str
+        Topics; they may be the controller's own.
 
     """
+    topics = Topics(commands, joint_states)
     context = Context()
     rclpy.init(context=context)
     try:
         node = Node('kane_dynamics_doctor', namespace=namespace, context=context)
-        heard: list[tuple[int, JointState]] = []
+        heard: list[Heard] = []
         node.create_subscription(
-            JointState, 'joint_states',
-            lambda message: heard.append((node.get_clock().now().nanoseconds, message)), STATES)
+            JointState, topics.joint_states, lambda message: heard.append(
+                Heard(time.monotonic_ns(), node.get_clock().now().nanoseconds, message)), STATES)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        end = time.monotonic() + DISCOVERY
-        while time.monotonic() < end and not _discovered(node):
-            executor.spin_once(timeout_sec=0.05)
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-        found = [*_states(robot, heard, seconds), *_lines(node)]
+        _spin(executor, DISCOVERY, lambda: _discovered(node, topics))
+        strangers: set[tuple[str, ...]] = set()
+        if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
+            node.set_parameters([Parameter('use_sim_time', value=True)])
+            _spin(executor, DISCOVERY, lambda: node.get_clock().now().nanoseconds > 0)
+            strangers = _strangers(robot, heard)
+            heard.clear()
+            _spin(executor, seconds, lambda: False)
+        found = [*examine_states(robot, heard, seconds),
+                 *_lines(node, topics, len(strangers | _strangers(robot, heard)))]
         executor.remove_node(node)
         node.destroy_node()
         return found
@@ -130,47 +90,104 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '') -> list[Fin
         rclpy.try_shutdown(context=context)
 
 
-def _states(robot: Robot, heard: list[tuple[int, JointState]], seconds: float) -> list[Finding]:
-    """Return what the joint states that came say."""
+def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[], bool]) -> bool:
+    """Take what comes for some time or until it is enough; return whether it is."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if enough():
+            return True
+        executor.spin_once(timeout_sec=0.05)
+    return enough()
+
+
+def _strangers(robot: Robot, heard: list[Heard]) -> set[tuple[str, ...]]:
+    """Return the lists of names without our joints: who publishes one does not share ours."""
+    return {names for each in heard
+            if not set(names := tuple(each.message.name)) & set(robot.joint_names)}
+
+
+def examine_states(robot: Robot, heard: list[Heard], seconds: float) -> list[Finding]:
+    """Return what the joint states say that came within some time."""
     if not heard:
         return [Finding('problem', f'no joint state came within {seconds:g} s: is the driver '
-                        'running, on the same ROS_DOMAIN_ID and namespace?')]
-    found = []
-    complete = [(at, message) for at, message in heard
-                if set(robot.joint_names) <= set(message.name)]
+                        'running, on the same ROS_DOMAIN_ID, namespace and topic '
+                        '(--joint-states)?')]
+    complete = [each for each in heard if set(robot.joint_names) <= set(each.message.name)]
     if not complete:
-        seen = sorted({name for _, message in heard for name in message.name})
+        seen = sorted({name for each in heard for name in each.message.name})
         missing = [name for name in robot.joint_names if name not in seen]
         return [Finding('problem', f'no joint state names all joints: {listed(missing)} missing; '
                         f'they name {listed(seen)}')]
-    came = np.array([at for at, _ in complete])
+    return [*_times(complete), *_numbers(robot, complete[-1].message)]
+
+
+def _times(heard: list[Heard]) -> list[Finding]:
+    """Return what rate and stamps say."""
     # Between the first and the last: they also came while the nodes were being found.
-    rate = (len(came) - 1) * NANO / max(int(came[-1] - came[0]), 1)
-    found.append(Finding('fine' if rate > SLOW else 'doubt',
-                         f'{rate:.3g} joint states a second name all joints'))
-    ages = (came - [nanoseconds(message.header.stamp) for _, message in complete]) / NANO
-    if np.median(ages) > STALE or np.median(ages) < -STALE:
-        found.append(Finding('problem', f'the stamps of joint states are {np.median(ages):.3g} s '
-                             'old when they come: clocks differ, or use_sim_time does'))
-    message = complete[-1][1]
+    rate = (len(heard) - 1) * NANO / max(heard[-1].steady - heard[0].steady, 1)
+    found = [Finding('fine' if rate > SLOW else 'doubt',
+                     f'{rate:.3g} joint states a second name all joints')]
+    stamped = [(each.now, stamp) for each in heard
+               if (stamp := nanoseconds(each.message.header.stamp))]
+    if not stamped:
+        return [*found, Finding('doubt', 'the stamps of joint states are zero: how late they come '
+                                'is not to be known, and state_timeout does not notice it')]
+    ages = [(now - stamp) / NANO for now, stamp in stamped if now]
+    if not ages:
+        return [*found, Finding('problem', 'somebody publishes /clock, but nothing came on it: '
+                                'a node with use_sim_time waits for ever')]
+    age = float(np.median(ages))
+    if abs(age) > STALE:
+        found.append(Finding('problem', f'the stamps of joint states are {age:.3g} s old when '
+                             'they come: clocks differ, or use_sim_time does'))
+    return found
+
+
+def _numbers(robot: Robot, message: JointState) -> list[Finding]:
+    """Return what the numbers of one joint state say."""
     index = [list(message.name).index(name) for name in robot.joint_names]
     q, u, effort = (np.array(values, dtype=np.float64)[index]
                     if len(values) == len(message.name) else None
                     for values in (message.position, message.velocity, message.effort))
     if q is None or u is None:
-        return [*found, Finding('problem', 'joint states come without '
-                                f'{"position" if q is None else "velocity"}')]
-    beyond = [name for name, x, low, high in zip(robot.joint_names, q, robot.limits.lower,
-                                                 robot.limits.upper) if not low <= x <= high]
+        return [Finding('problem', 'joint states come without '
+                        f'{"position" if q is None else "velocity"}')]
+    found = [Finding('problem', f'{what} that are not finite: {listed(names)}; the dynamics node '
+                     'drops such states')
+             for what, values in (('positions', q), ('velocities', u))
+             if (names := _not_finite(robot, values))]
+    with np.errstate(invalid='ignore'):
+        beyond = [name for name, outside in zip(
+            robot.joint_names, (q < robot.limits.lower) | (q > robot.limits.upper)) if outside]
     if beyond:
         found.append(Finding('problem', f'joints stand outside the limits of the URDF: '
                              f'{listed(beyond)}; is it the URDF of this arm, in rad?'))
+    return found + _efforts(robot, q, u, effort)
+
+
+def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Finding]:
+    """Return what the efforts of one joint state say."""
     if effort is None:
-        return [*found, Finding('doubt', 'joint states come without efforts: the momentum '
-                                'observer then goes by the command')]
-    if np.abs(u).max(initial=0.0) < AT_REST and effort.any():
-        found += examine_efforts(robot, q, effort)
-    return found
+        return [Finding('doubt', 'joint states come without efforts: the momentum observer then '
+                        'goes by the command')]
+    if names := _not_finite(robot, effort):
+        return [Finding('doubt', f'efforts that are not finite: {listed(names)}; the momentum '
+                        'observer then goes by the command')]
+    if robot.constraint_names or not np.isfinite([q, u]).all() or (
+            np.abs(u).max(initial=0.0) >= AT_REST):
+        return []
+    if effort.any():
+        return examine_efforts(robot, q, effort)
+    if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
+        return []
+    return [Finding('doubt', 'at rest all efforts are zero: brakes hold the arm, or the driver '
+                    'does not measure them; then set observer.torque: command, for auto takes '
+                    'them for measured')]
+
+
+def _not_finite(robot: Robot, values: Array) -> list[str]:
+    """Return the joints whose numbers are not finite."""
+    return [name for name, good in zip(robot.joint_names, np.isfinite(values)) if not good]
 
 
 def _publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
@@ -191,36 +208,38 @@ def _names(ends: list[TopicEndpointInfo]) -> str:
                   for end in ends)
 
 
-def _discovered(node: Node) -> bool:
+def _discovered(node: Node, topics: Topics) -> bool:
     """Return whether each line of the torque path has both ends, and each end a name."""
-    lines = (_publishers(node, 'joint_states'), _publishers(node, 'commands'),
-             _subscribers(node, 'commands'))
+    lines = (_publishers(node, topics.joint_states), _publishers(node, topics.commands),
+             _subscribers(node, topics.commands))
     return all(lines) and all(end.node_name != NAMELESS for line in lines for end in line)
 
 
-def _lines(node: Node) -> list[Finding]:
+def _lines(node: Node, topics: Topics, strangers: int) -> list[Finding]:
     """Return who publishes and who listens on the topics of the torque path."""
     found = []
-    states = _publishers(node, 'joint_states')
-    if len(states) > 1:
-        found.append(Finding('problem', f'{len(states)} publishers share joint_states: '
-                             f'{_names(states)}'))
-    given, taken = _publishers(node, 'commands'), _subscribers(node, 'commands')
+    states = _publishers(node, topics.joint_states)
+    if len(states) - strangers > 1:
+        others = f', {strangers} of them for other joints' if strangers else ''
+        found.append(Finding('problem', f'{len(states)} publishers share {topics.joint_states}'
+                             f'{others}: {_names(states)}'))
+    given, taken = _publishers(node, topics.commands), _subscribers(node, topics.commands)
     if len(given) > 1:
-        found.append(Finding('problem', f'{len(given)} publishers share commands: '
+        found.append(Finding('problem', f'{len(given)} publishers share {topics.commands}: '
                              f'{_names(given)}'))
     elif not given:
-        found.append(Finding('doubt', 'nobody publishes commands: is the dynamics node running?'))
+        found.append(Finding('doubt', f'nobody publishes {topics.commands}: is the dynamics node '
+                             'running, and this the topic of its commands (--commands)?'))
     if not taken:
-        found.append(Finding('doubt', 'nobody listens to commands: is the effort controller '
-                             'loaded, and the topic remapped to its own?'))
+        found.append(Finding('doubt', f'nobody listens to {topics.commands}: is the effort '
+                             'controller loaded, and the topic remapped to its own?'))
     if given and taken:
         deaf = [end for end in taken
                 if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
                 or (end.qos_profile.reliability == ReliabilityPolicy.RELIABLE
                     and given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE)]
-        found.append(Finding('problem', f'the QoS of commands keeps them from {_names(deaf)}')
-                     if deaf else
+        found.append(Finding('problem', f'the QoS of {topics.commands} keeps them from '
+                             f'{_names(deaf)}') if deaf else
                      Finding('fine', f'{_names(given)} commands {_names(taken)}'))
     volatile = [end for end in _publishers(node, 'robot_description')
                 if end.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]

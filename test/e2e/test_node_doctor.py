@@ -63,27 +63,40 @@ def test_a_weak_arm_and_a_wrong_configuration_are_told_by_name(tmp_path):
         assert words in found['problem']
     wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
     code, found = doctor(path, '--config', str(wrong))
-    assert 'joints that the URDF does not move: elbow' in found['problem']
+    assert "joints: 'elbow' is no joint of one freedom; valid: turn, lift" in found['problem']
     assert 'gravity is [0.0, 0.0, 9.81]' in found['doubt']
 
 
 def test_a_sound_graph_is_found_sound(client, urdf):
-    away = ('-r', '__ns:=/ward')  # from what the client itself publishes
-    running = [Process(*away, mode='gravity_compensation', robot_description=f"'{URDF}'"),
+    """In simulated time, on a controller's topic, beside a gripper that speaks for itself."""
+    away = ('-r', '__ns:=/ward',  # from what the client itself publishes
+            '-r', 'commands:=effort/commands')
+    # A machine that stalls must not let the arm fall: it has to be at rest.
+    running = [Process(*away, mode='gravity_compensation', use_sim_time=True, state_timeout=2.0,
+                       robot_description=f"'{URDF}'"),
                Process(*away, module=PLANT, robot_description=f"'{URDF}'", rate=200.0,
+                       publish_clock=True, after_timeout='hold',
                        initial__position='[0.3, -0.4, 0.2]')]
+    gripper = client.create_publisher(JointState, '/ward/joint_states', 10)
+    timer = client.create_timer(0.02, lambda: gripper.publish(
+        JointState(name=['finger'], position=[0.01])))
     try:
         running[0].wait_for('active, mode')
         running[1].wait_for('joint states a second')
-        # No time to hear: who is there and how they are called takes up to two heartbeats, 6 s.
-        code, found = doctor(urdf, '--live', '0.5', '--namespace', 'ward')
+        # Little time to hear: who is there, and how they are called, takes up to two heartbeats.
+        code, found = doctor(urdf, '--live', '1', '--namespace', 'ward', '--commands',
+                             'effort/commands')
     finally:
+        client.destroy_timer(timer)
+        client.destroy_publisher(gripper)
         for process in running:
             process.end()
-    assert (code, found['problem']) == (0, '')
-    assert 'kane_dynamics commands plant' in found['fine']
-    assert 'joint states a second name all joints' in found['fine']
-    assert 'of the weight' in found['fine']
+    assert (code, found['problem']) == (0, ''), found
+    assert 'kane_dynamics commands plant' in found['fine'], found
+    assert 'joint states a second name all joints' in found['fine'], found
+    assert 'of the weight' in found['fine'], found
+    assert 'stamps' not in found['doubt'], found
+    assert 'commands' not in found['doubt'], found
 
 
 def test_a_sick_graph_is_told_what_ails_it(client, urdf):

@@ -62,7 +62,7 @@ def start(launch_file, **arguments):
 def test_alone_it_starts_the_node_and_nothing_else(launch_file):
     node, = start(launch_file)
     assert (node.package, node.executable) == ('kane_dynamics', 'dynamics_node')
-    assert node.parameters == [{'use_sim_time': False}]
+    assert node.parameters == []
     assert node.remappings == []
 
 
@@ -86,10 +86,12 @@ def test_topics_are_remapped_and_namespaced(launch_file):
 
 def test_the_state_publisher_gets_the_same_urdf(launch_file):
     urdf = ROOT / 'urdf' / 'two_link.urdf'
-    _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left')
+    _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left',
+                         joint_states='arm/joint_states')
     assert publisher.package == 'robot_state_publisher'
-    assert publisher.parameters[0] == {'robot_description': urdf.read_text()}
+    assert publisher.parameters == [{'robot_description': urdf.read_text()}]
     assert publisher.namespace == 'left'
+    assert ('joint_states', 'arm/joint_states') in publisher.remappings
 
 
 @pytest.mark.parametrize('sim_time', ['true', 'false'])
@@ -106,11 +108,23 @@ def test_a_simulated_robot_shares_names_and_keeps_the_clock_that_is_asked_for(la
     assert clock == {'publish_clock': sim_time == 'true'}
 
 
+def test_what_is_not_given_is_left_to_the_parameter_files(launch_file):
+    node, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
+                                   urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
+                                   state_publisher='true')
+    for started in (node, plant, publisher):
+        assert not any('clock' in name or 'use_sim_time' in name
+                       for given in started.parameters if isinstance(given, dict)
+                       for name in given)
+
+
 def test_what_cannot_be_started_is_refused_in_words(launch_file):
     with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
         start(launch_file, config='nowhere.yaml')
     with pytest.raises(FileNotFoundError, match=r"plant is '/nowhere/p\.yaml'"):
         start(launch_file, plant='/nowhere/p.yaml')
+    with pytest.raises(ValueError, match="use_sim_time is 'maybe'; valid: true or false"):
+        start(launch_file, use_sim_time='maybe')
     with pytest.raises(ValueError, match='needs urdf'):
         start(launch_file, state_publisher='true')
     with pytest.raises(ValueError, match='knows no prefix'):
