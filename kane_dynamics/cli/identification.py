@@ -9,8 +9,8 @@ from kane_dynamics.cli import inspection
 from kane_dynamics.cli.replay import rms
 from kane_dynamics.cli.shared import as_json
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.base import base_error, fit_base
-from kane_dynamics.identification.equations import FRICTION, friction_speeds, LOWEST, rows
+from kane_dynamics.identification.base import base_error, base_speeds, fit_base
+from kane_dynamics.identification.equations import FRICTION, LOWEST, rows
 from kane_dynamics.identification.files import six, written, written_payload
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload import identify_payload
@@ -49,7 +49,7 @@ def run_base(options: Namespace, model: Model) -> dict[str, Any]:
     recording = recorded(options, model)
     data = rows(model, recording, options.standstill)
     first, second = data.half(second=False), data.half(second=True)
-    speeds = friction_speeds(first)
+    speeds = base_speeds(first, model)
     found = fit_base(first, model, speeds)
     return {'joint_names': list(model.joint_names), 'rows': len(recording),
             'names': list(found.base.names), 'values': found.values,

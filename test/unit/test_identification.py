@@ -5,8 +5,9 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import Inertial, InputError, load_urdf, ModelError, Robot
-from kane_dynamics.identification import (base_parameters, fit_base, friction_speeds, identify,
-                                          read_recording, Recording, rows)
+from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
+                                          friction_speeds, identify, read_recording, Recording,
+                                          rows)
 from kane_dynamics.identification.base import true_unknowns
 from kane_dynamics.identification.equations import compressed, full_regressor, stacked
 from kane_dynamics.identification.files import written
@@ -119,6 +120,38 @@ def test_single_parameters_are_reported_where_torques_tell_them_and_are_within_t
     assert 'wrist_3_link.mx' in alone and 'wrist_3_link.m' not in alone
     off = (inertial_parameters(found.model) - inertial_parameters(arm())).reshape(-1, 10)
     assert np.abs(off[told] / found.inertial_deviations[told]).max() < 3.0
+
+
+def heavier(model, factor):
+    """Return the model with other masses."""
+    return replace(model, bodies=tuple(replace(body, inertial=Inertial(
+        factor * body.inertial.mass, 1.1 * body.inertial.com, 1.3 * body.inertial.inertia))
+        for body in model.bodies))
+
+
+@pytest.mark.parametrize(('seed', 'weight'), [(0, None), (10, None), (20, 1000.0)])
+def test_what_is_stated_of_an_arm_holds_although_the_urdf_is_wrong(seed, weight):
+    """Onset of friction, deviations with the prior's pull, and the error on unseen rows."""
+    small = URDF.with_name('two_link.urdf')
+    truth = heavier(load_urdf(small, supplement={'joints': {
+        'joint1': {'damping': 1.5, 'friction': 2.0},
+        'joint2': {'damping': 0.8, 'friction': 1.0}}}), 1.25)
+    found = identify(load_urdf(small), simulated(truth, seed, 0.05, duration=12.0),
+                     weight=weight)
+    assert np.allclose(found.friction_speed, 0.05, rtol=0.15)
+    off = (found.losses - [[1.5, 2.0, 0.0, 0.0], [0.8, 1.0, 0.0, 0.0]]) / found.deviations
+    told = np.isfinite(found.inertial_deviations)
+    off = np.append(off, ((inertial_parameters(found.model) - inertial_parameters(truth)).reshape(
+        -1, 10) / found.inertial_deviations)[told])
+    assert off.std() > 0.3 and np.abs(off).max() < 4.0
+    assert (found.held_out < 0.1).all()  # of which 0.05 is noise
+
+
+def test_base_parameters_know_nothing_of_the_models_masses():
+    recording = noisy().rows(slice(0, 1200))
+    speeds = [base_speeds(rows(model, recording), model) for model in (wrong(), arm())]
+    assert np.allclose(speeds[0], speeds[1], rtol=1e-6)
+    assert np.allclose(speeds[0], 0.05, rtol=0.15)
 
 
 def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exactly():
