@@ -6,7 +6,8 @@ from kane_dynamics.identification.equations import friction_speeds, rows
 from kane_dynamics.identification.excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload import identify_payload, Payload, PayloadEstimator
-from kane_dynamics.identification.recording import read_recording, Recording
+from kane_dynamics.identification.reading import read_recording
+from kane_dynamics.identification.recording import Recording
 
 __all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Identification', 'Payload',
            'PayloadEstimator', 'Recording', 'base_parameters', 'base_speeds', 'excite',

@@ -238,35 +238,6 @@ def test_filter_neither_delays_nor_weakens_slow_motion():
     assert np.abs(clean.tau - q)[inner].max() < 1e-3
 
 
-def test_recording_reads_alike_from_csv_and_npz(tmp_path):
-    given = noisy().rows(slice(0, 50))
-    names = arm().joint_names
-    arrays = {name: getattr(given, name) for name in ('q', 'u', 'udot', 'tau')}
-    np.savez(tmp_path / 'a.npz', t=given.t, **arrays)
-    header = ['t', *(f'{name}.{joint}' for name in arrays for joint in names)]
-    np.savetxt(tmp_path / 'a.csv', np.column_stack([given.t, *arrays.values()]), fmt='%.17g',
-               delimiter=',', header=','.join(header), comments='')
-    for path in (tmp_path / 'a.npz', tmp_path / 'a.csv'):
-        read = read_recording(path, names)
-        for name in ('t', *arrays):
-            assert np.array_equal(getattr(read, name), getattr(given, name))
-
-
-@pytest.mark.parametrize(('text', 'words'), [
-    ('q1,tau1\n1,2\n', "no column 't'"),
-    ('t,q1\n1,2\n2,3\n3,4\n', "no 'tau'"),
-    ('t,q1,tau1\n1,2,x\n', 'expected named columns of numbers'),
-    ('t,q1,tau1\n1,2,0\n1,2,0\n2,1,0\n', 'does not increase at row'),
-    ('t,q1,tau1\n1,2,0\n2,nan,0\n3,1,0\n', 'not finite in row 2'),
-])
-def test_bad_recording_is_named(tmp_path, text, words):
-    path = tmp_path / 'bad.csv'
-    path.write_text(text)
-    with pytest.raises(InputError, match=words) as caught:
-        read_recording(path, ['joint'])
-    assert 'bad.csv' in str(caught.value)
-
-
 def test_joint_that_never_moves_is_an_error():
     still = replace(noisy(), u=np.zeros_like(noisy().u))
     with pytest.raises(InputError, match='moves in 0 rows'):
