@@ -5,7 +5,8 @@ from kane_dynamics.identification.base import (base_parameters, base_speeds, Bas
 from kane_dynamics.identification.equations import friction_speeds, rows
 from kane_dynamics.identification.excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
-from kane_dynamics.identification.payload import identify_payload, Payload, PayloadEstimator
+from kane_dynamics.identification.payload import identify_payload, Payload
+from kane_dynamics.identification.payload_estimator import PayloadEstimator
 from kane_dynamics.identification.reading import read_recording
 from kane_dynamics.identification.recording import Recording
 

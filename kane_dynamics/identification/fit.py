@@ -6,13 +6,13 @@ from functools import cached_property
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base import true_unknowns
+from kane_dynamics.identification.deviations import friction_statistics, statistics
 from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
                                                     friction_speeds, full_regressor, LOWEST,
                                                     Rows, rows, settled_speeds, stacked,
                                                     STANDSTILL, triangle, UNBOUNDED, weights)
 from kane_dynamics.identification.physical import physical, pseudo_inertia_of
 from kane_dynamics.identification.recording import Recording
-from kane_dynamics.identification.deviations import friction_statistics, statistics
 from kane_dynamics.model import Array, Inertial, Model
 from kane_dynamics.robot import Robot
 import numpy as np
