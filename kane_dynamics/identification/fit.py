@@ -44,7 +44,8 @@ class Identification:
     deviations : (n, 4) array
         Standard deviations of damping, friction, armature and offset, if residuals of different
         rows are independent; those of a smooth recording are not, and these are too small. They
-        count how far the prior may pull; see `identification.deviations`.
+        count how far the prior may pull, see `identification.deviations`, and take the speeds at
+        which friction sets in as known.
     inertial_deviations : (bodies, 10) array
         Standard deviations of single inertial parameters about the body's origin, in the order of
         `mechanics.regressor.PARAMETERS`, by the torques alone, or more where the prior may pull
