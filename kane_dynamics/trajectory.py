@@ -1,11 +1,13 @@
 """`Trajectory`: what a simulation returns."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
 import os
 from typing import Any, NamedTuple
+import zipfile
+import zlib
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array, freeze
@@ -137,16 +139,16 @@ class Trajectory:
     @classmethod
     def load_npz(cls, path: Path) -> 'Trajectory':
         """Read what `save_npz` wrote; InputError if it is something else."""
+        file = npz_arrays(path)
         try:
-            with np.load(path, allow_pickle=False) as file:
-                events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
-                                          int(state) if state else None)
-                               for t, joint, limit, v, b, state in file['limit_events'])
-                content: dict[str, Any] = {
-                    **{name: file[name] for name in ARRAYS},
-                    **{name: tuple(map(str, file[name])) for name in NAMES}}
-                return cls(**content, limit_events=events)
-        except (KeyError, ValueError) as error:
+            events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
+                                      int(state) if state else None)
+                           for t, joint, limit, v, b, state in file['limit_events'])
+            content: dict[str, Any] = {
+                **{name: file[name] for name in ARRAYS},
+                **{name: tuple(map(str, file[name])) for name in NAMES}}
+            return cls(**content, limit_events=events)
+        except (KeyError, TypeError, ValueError) as error:
             raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
 
     def save_csv(self, path: Path) -> None:
@@ -189,3 +191,25 @@ class Trajectory:
                           for row in self.constraint_names]
         return ['t', *(f'q.{joint}' for joint in self.joint_names), *of_speeds, 'kinetic_energy',
                 'potential_energy', *of_constraints]
+
+
+def npz_arrays(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, Any]:
+    """
+    Return the arrays of an npz file whose names are wanted, by name.
+
+    Raises
+    ------
+    InputError
+        It is no npz file, or a damaged one.
+    OSError
+        It cannot be read.
+
+    """
+    try:
+        with open(path, 'rb') as stream:  # NumPy leaves that of a damaged file open
+            file = np.load(stream, allow_pickle=False)
+            if isinstance(file, np.ndarray):
+                raise ValueError('a single array')
+            return {name: file[name] for name in file.files if wanted(name)}
+    except (EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f'{os.fspath(path)}: {error}; expected an npz file') from None

@@ -80,8 +80,10 @@ examples:
   kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
 
 A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
-the base: q1, v1, a1, tau1. Speeds and accelerations may be left out: they are made from q, which
-then should be filtered with --cutoff. The first half is fitted, the second half judges.
+the base: q1, v1, a1, tau1, over all joints of the robot, or over those of --joints or --tip among
+themselves. The npz of simulate --out serves too. Speeds and accelerations may be left out: they
+are made from q, which then should be filtered with --cutoff. The first half is fitted, the second
+half judges.
 --out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
 count as known, and --out takes the supplement with the payload in it.""",
     'excite': """

@@ -7,14 +7,15 @@ from typing import Any
 
 from kane_dynamics.cli import inspection
 from kane_dynamics.cli.replay import rms
-from kane_dynamics.cli.shared import as_json
+from kane_dynamics.cli.shared import as_json, every_joint
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.base import base_error, fit_base
-from kane_dynamics.identification.equations import FRICTION, friction_speeds, LOWEST, rows
+from kane_dynamics.identification.base import base_error, base_speeds, fit_base
+from kane_dynamics.identification.equations import FRICTION, LOWEST, rows
 from kane_dynamics.identification.files import six, written, written_payload
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload import identify_payload
-from kane_dynamics.identification.recording import read_recording, Recording
+from kane_dynamics.identification.reading import read_recording
+from kane_dynamics.identification.recording import Recording
 from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model import Model
 from kane_dynamics.progress import progress_bar
@@ -23,7 +24,8 @@ import numpy as np
 
 def recorded(options: Namespace, model: Model) -> Recording:
     """Return the recording that the arguments name, filtered if they say so."""
-    recording = read_recording(options.recording, model.joint_names, options.topic)
+    recording = read_recording(options.recording, model.joint_names, options.topic,
+                               numbered=every_joint(options))
     return recording if options.cutoff is None else recording.filtered(options.cutoff)
 
 
@@ -49,7 +51,7 @@ def run_base(options: Namespace, model: Model) -> dict[str, Any]:
     recording = recorded(options, model)
     data = rows(model, recording, options.standstill)
     first, second = data.half(second=False), data.half(second=True)
-    speeds = friction_speeds(first)
+    speeds = base_speeds(first, model)
     found = fit_base(first, model, speeds)
     return {'joint_names': list(model.joint_names), 'rows': len(recording),
             'names': list(found.base.names), 'values': found.values,

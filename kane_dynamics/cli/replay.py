@@ -36,15 +36,19 @@ def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
 
 
 def remarks(measured: Array, computed: Array, gravity: Array) -> list[str]:
-    """Return what whole arms get wrong: the sign of efforts, gravity left to the arm itself."""
-    error = np.linalg.norm(measured - computed)
-    found = []
-    if np.linalg.norm(-measured - computed) < CLEARLY * error:
-        found.append('the measured efforts have the opposite sign of torques on the joints')
-    elif np.linalg.norm(measured - (computed - gravity)) < CLEARLY * error:
-        found.append('the measured efforts fit the torques without gravity: the arm holds its '
-                     'weight by itself, or reports efforts without it')
-    return found
+    """Return what whole arms get wrong: no efforts, their sign, gravity left to the arm itself."""
+    if not measured.any():
+        return ['the measured efforts are all 0: the recording has none']
+    moving = computed - gravity
+    turned = 'the measured efforts have the opposite sign of torques on the joints'
+    without = ('without gravity: the arm holds its weight by itself, or reports efforts without '
+               'it')
+    errors = [(float(np.linalg.norm(measured - model)), words) for model, words in (
+        (-computed, turned),
+        (moving, f'the measured efforts fit the torques {without}'),
+        (-moving, f'{turned}, and fit these {without}'))]
+    error, words = min(errors, key=lambda each: each[0])
+    return [words] if error < CLEARLY * np.linalg.norm(measured - computed) else []
 
 
 def rms(values: Array) -> Array:

@@ -40,6 +40,15 @@ def load(options: Namespace, caught: list[str] | None = None, **choices: Any
     return model, robot
 
 
+def every_joint(options: Namespace) -> tuple[str, ...] | None:
+    """Return the joints of the whole robot, from its base; None if no part of it is chosen."""
+    if not (options.base or options.tip or options.joints):
+        return None
+    with told([]):
+        return load_urdf(source_of(options), supplement=options.supplement,
+                         strict=not options.no_strict).joint_names
+
+
 @contextmanager
 def told(caught: list[str] | None = None) -> Iterator[None]:
     """Put warnings of models into words, before an error too: to `caught`, or to stderr."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.reading import distinct
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
@@ -61,14 +62,15 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     Raises
     ------
     InputError
-        Names the file, and the line and column of a bad number, or the joints that a quantity
-        lacks.
+        Names the file, and the line and column of a bad number, the joints that a quantity lacks,
+        or a name that stands above two columns.
 
     """
     lines = [line for line in csv.reader(_text(path).splitlines(), skipinitialspace=True) if line]
     if len(lines) < 2:
         raise InputError(f'{path}: has {len(lines)} lines; expected a header and rows of numbers')
     header = [name.strip() for name in lines[0]]
+    distinct(path, header)
     found: dict[str, Any] = {}
     for quantity in QUANTITIES:
         wanted = [_column(header, quantity, joint) for joint in joint_names]

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.equations import (compressed, FRICTION, full_regressor, Rows,
-                                                    rows, stacked, weights, without_losses)
+                                                    rows, settled_speeds, stacked, UNBOUNDED,
+                                                    weights, without_losses)
 from kane_dynamics.identification.recording import Recording
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 RANK = 1e-9  # of the columns, relative to the largest pivot
 ROUNDS = 8  # of reweighting, which converges in three or four
+USUAL = 0.05  # rad/s or m/s: where the search for friction's onset begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +174,33 @@ def fit_base(data: Rows, model: Model, speeds: Array, *, weighted: bool = True) 
     noise = 1.0 if weighted else float(residual @ residual) / len(residual)
     return BaseFit(base, values, base_deviations(A) * np.sqrt(noise * freedom),
                    float(singular[0] / singular[-1]), residual)
+
+
+def base_speeds(data: Rows, model: Model) -> Array:
+    """
+    Return the speeds at which friction sets in that fit best beside free base parameters, (n,).
+
+    Parameters
+    ----------
+    data : Rows
+        Regressor and torques.
+    model : Model
+        Whose structure counts, not its masses.
+
+    Raises
+    ------
+    InputError
+        The motion does not excite all base parameters; names one that it leaves out.
+
+    """
+    bodies = 10 * len(model.bodies)
+
+    def rigid(speeds: Array) -> Array:
+        """Return the torque of the bodies, fitted at given speeds."""
+        fit = fit_base(data, model, speeds)
+        inertial = fit.base.columns < bodies
+        return np.asarray(data.Y[:, :, fit.base.columns[inertial]] @ fit.values[inertial])
+    return settled_speeds(data, np.full(model.n, USUAL), rigid, UNBOUNDED)
 
 
 def base_error(fit: BaseFit, data: Rows, speeds: Array) -> Array:

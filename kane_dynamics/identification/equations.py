@@ -3,13 +3,15 @@ The linear equations of identification: torque = Y phi + friction and rotor term
 
 The unknowns, in order: ten inertial parameters a body as `mechanics.regressor` has them, then for
 each joint damping, Coulomb friction, armature and offset. How fast Coulomb friction sets in
-enters nonlinearly; it is given, or chosen for each joint beforehand by `friction_speeds`.
+enters nonlinearly; it is given, or chosen for each joint: by `friction_speeds` beside given
+bodies, by `settled_speeds` beside bodies that are unknown too.
 
 A joint that stands takes any torque up to that of stiction, so that what it takes says nothing
 about its parameters: rows in which a joint is slower than a bound are left out of its equations
 (Swevers, Verdonck & De Schutter, IEEE Control Systems 27 (2007), section on friction).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +28,8 @@ LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # of what dissipates
 UNBOUNDED = np.full(4, -np.inf)
 STANDSTILL = 0.02  # rad/s or m/s
 SPEEDS = np.geomspace(0.005, 0.5, 41)  # candidates, rad/s or m/s
+TURNS = 10  # of fitting bodies and speeds, at most
+STAYS = 0.02  # relative change of a speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +120,54 @@ def fit_friction(data: Rows, joint: int, speed: float, lowest: Array = LOWEST
 
 
 def friction_speeds(data: Rows, lowest: Array = LOWEST) -> Array:
-    """Return the speed at which each joint's Coulomb friction fits best, (n,), of `SPEEDS`."""
-    return np.array([min(SPEEDS, key=lambda speed: fit_friction(data, joint, float(speed),
-                                                                lowest)[1])
-                     for joint in range(data.rigid.shape[1])])
+    """
+    Return the speed at which each joint's Coulomb friction fits best, (n,), rad/s or m/s.
+
+    It is sought among `SPEEDS`, then between the neighbours of the best.
+    """
+    return np.array([_friction_speed(data, joint, lowest) for joint in range(data.rigid.shape[1])])
+
+
+def _friction_speed(data: Rows, joint: int, lowest: Array) -> float:
+    """Return the speed at which a joint's Coulomb friction fits best."""
+    def missed(speed: float) -> float:
+        return fit_friction(data, joint, speed, lowest)[1]
+    losses = [missed(float(speed)) for speed in SPEEDS]
+    best = int(np.argmin(losses))
+    speed = float(SPEEDS[best])
+    ratios = SPEEDS[[max(best - 1, 0), min(best + 1, len(SPEEDS) - 1)]] / speed
+    found = scientific('scipy.optimize').minimize_scalar(
+        lambda ratio: missed(speed * ratio), bounds=ratios, method='bounded',
+        options={'xatol': 1e-6})
+    return speed * float(found.x) if found.fun < losses[best] else speed
+
+
+def settled_speeds(data: Rows, speeds: Array, rigid: Callable[[Array], Array],
+                   lowest: Array = LOWEST) -> Array:
+    """
+    Return the speeds at which friction sets in, chosen beside bodies that are unknown as well.
+
+    Bodies and speeds are fitted in turn until the speeds stay: each lowers the same sum of
+    squares. A speed that was chosen beside wrong bodies makes up for what these leave, and bodies
+    that are fitted beside wrong speeds likewise.
+
+    Parameters
+    ----------
+    data : Rows
+        The rows to fit.
+    speeds : (n,) array
+        To begin with, rad/s or m/s.
+    rigid : callable
+        Given speeds, fits the bodies and returns their torque, (N, n), N m or N.
+    lowest : (4,) array
+        Of damping, friction, armature and offset.
+
+    """
+    for _ in range(TURNS):
+        before, speeds = speeds, friction_speeds(replace(data, rigid=rigid(speeds)), lowest)
+        if np.abs(np.log(speeds / before)).max() < STAYS:
+            break
+    return speeds
 
 
 def full_regressor(data: Rows, speeds: Array) -> Array:

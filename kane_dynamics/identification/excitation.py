@@ -111,7 +111,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         motion within the limits was found: names it.
 
     """
-    _check(duration, harmonics, periods, starts, share)
+    _check(duration, harmonics, periods, seed, starts, share)
     design = Design(model, FourierBasis(duration / periods, harmonics), share, velocity,
                     acceleration, floor, floor_frames)
     rng = np.random.default_rng(seed)
@@ -129,13 +129,16 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
                       design.uses(best))
 
 
-def _check(duration: float, harmonics: int, periods: int, starts: int, share: float) -> None:
+def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int, share: float
+           ) -> None:
     """Raise InputError if an argument is out of range."""
     count, seconds = 'one or more', 'a positive, finite number of seconds'
     for name, value, valid, expected in (
             ('duration', duration, 0.0 < duration < math.inf, seconds),
             ('harmonics', harmonics, harmonics >= 2, 'two or more'),
-            ('periods', periods, periods >= 1, count), ('starts', starts, starts >= 1, count),
+            ('periods', periods, periods >= 1, count),
+            ('seed', seed, seed >= 0, 'a number not below 0'),
+            ('starts', starts, starts >= 1, count),
             ('share', share, 0.0 < share <= 1.0, 'a number above 0, up to 1')):
         if not valid:
             raise InputError(f'{name} is {value}; expected {expected}')

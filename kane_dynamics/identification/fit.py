@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.base import (base_deviations, base_parameters,
-                                               true_unknowns)
+from kane_dynamics.identification.base import true_unknowns
+from kane_dynamics.identification.deviations import friction_statistics, statistics
 from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
                                                     friction_speeds, full_regressor, LOWEST,
-                                                    Rows, rows, stacked, STANDSTILL, triangle,
-                                                    UNBOUNDED, weights)
-from kane_dynamics.identification.physical import (physical, prior_metric,
-                                                   pseudo_inertia_of)
+                                                    Rows, rows, settled_speeds, stacked,
+                                                    STANDSTILL, triangle, UNBOUNDED, weights)
+from kane_dynamics.identification.physical import physical, pseudo_inertia_of
 from kane_dynamics.identification.recording import Recording
 from kane_dynamics.model import Array, Inertial, Model
 from kane_dynamics.robot import Robot
@@ -44,12 +43,14 @@ class Identification:
         one on the first half, to which it was fitted, and on the second, which it has not seen.
     deviations : (n, 4) array
         Standard deviations of damping, friction, armature and offset, if residuals of different
-        rows are independent; those of a smooth recording are not, and these are too small.
+        rows are independent; those of a smooth recording are not, and these are too small. They
+        count how far the prior may pull, see `identification.deviations`, and take the speeds at
+        which friction sets in as known.
     inertial_deviations : (bodies, 10) array
         Standard deviations of single inertial parameters about the body's origin, in the order of
-        `mechanics.regressor.PARAMETERS`, by the torques alone, as if there were no prior; NaN for
-        those that torques tell only in combination with others, or not at all, and if friction
-        alone was identified.
+        `mechanics.regressor.PARAMETERS`, by the torques alone, or more where the prior may pull
+        further; NaN for those that torques tell only in combination with others, or not at all,
+        and if friction alone was identified.
     condition : float
         Condition number of the equations with the prior, columns scaled to unit length.
     weight : float
@@ -133,35 +134,19 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     lowest = LOWEST if bounded else UNBOUNDED
     speeds = friction_speeds(first, lowest)
     x = _friction_alone(model, first, speeds, lowest)
-    A, _, sigma = _weighted(first, speeds, x)
-    bodies = len(model.bodies)
     if friction_only:
         weight = np.inf
-        A = A[:, 10 * bodies:]
     else:
-        if weight is None:
-            weight = _chosen_weight(model, first, speeds, x, sigma, progress)
-        for _ in range(ROUNDS):
-            A, b, _ = _weighted(first, speeds, x)
-            x = physical(A, b, [body.inertial for body in model.bodies], model.n, weight)
-        A, _, sigma = _weighted(first, speeds, x)
+        x, speeds, weight = _with_bodies(model, first, speeds, x, weight, progress)
     progress(1.0)
-    information = A.T @ A
-    if not friction_only:
-        information[:10 * bodies, :10 * bodies] += weight * _prior_information(model)
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    covariance = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))[-4 * model.n:]
-    single = np.full(10 * bodies + 4 * model.n, np.nan)
-    if not friction_only:
-        base = base_parameters(model, speeds)
-        single[base.columns] = base_deviations(A[:, base.columns])
-        single[~base.single] = np.nan
+    A = _weighted(first, speeds, x)[0]
+    deviations, inertial_deviations, condition = (
+        friction_statistics(A, model) if friction_only
+        else statistics(A, model, x, speeds, weight))
     return Identification(
         model, x, speeds, friction_only, _rms(recording_error(model, second.recording)),
-        _rms(_error(first, speeds, x)), _rms(_error(second, speeds, x)), deviations.reshape(-1, 4),
-        single[:10 * bodies].reshape(bodies, 10),
-        float(np.sqrt(np.linalg.cond(information / np.outer(scale, scale)))), float(weight))
+        _rms(_error(first, speeds, x)), _rms(_error(second, speeds, x)), deviations,
+        inertial_deviations, condition, float(weight))
 
 
 def identified(model: Model, x: Array, speeds: Array, *, inertials: bool = True) -> Model:
@@ -193,6 +178,35 @@ def _friction_alone(model: Model, data: Rows, speeds: Array, lowest: Array) -> A
     return x
 
 
+def _with_bodies(model: Model, data: Rows, speeds: Array, x: Array, weight: float | None,
+                 progress: Callable[[float], object]) -> tuple[Array, Array, float]:
+    """
+    Return the unknowns, the speeds at which friction sets in, and the weight of the prior.
+
+    A weight that is to be chosen is chosen twice: beside the speeds that suit the given bodies,
+    and beside those that suit the ones found with it.
+    """
+    prior = [body.inertial for body in model.bodies]
+
+    def rigid(speeds: Array) -> Array:
+        """Fit at given speeds; return the torque of the bodies."""
+        nonlocal x
+        for _ in range(ROUNDS):
+            A, b, _ = _weighted(data, speeds, x)
+            x = physical(A, b, prior, model.n, used)
+        return np.asarray(data.Y @ x[:10 * len(prior)])
+
+    for begun in (0.0, 0.5):
+        def half_done(done: float, begun: float = begun) -> None:
+            progress(begun + 0.5 * done)
+        used = weight or _chosen_weight(model, data, speeds, x, half_done)
+        speeds = settled_speeds(data, speeds, rigid)
+        if weight:
+            break
+    rigid(speeds)
+    return x, speeds, used
+
+
 def _weighted(data: Rows, speeds: Array, x: Array) -> tuple[Array, Array, Array]:
     """Return the equations by the residuals' deviations at x, and these."""
     equations, floor, counts = compressed(data, speeds)
@@ -200,17 +214,18 @@ def _weighted(data: Rows, speeds: Array, x: Array) -> tuple[Array, Array, Array]
     return *stacked(equations, sigma), sigma
 
 
-def _chosen_weight(model: Model, data: Rows, speeds: Array, x: Array, sigma: Array,
+def _chosen_weight(model: Model, data: Rows, speeds: Array, x: Array,
                    progress: Callable[[float], object]) -> float:
     """
     Return the largest weight whose error on stretches left out is near the least.
 
-    Errors count in units of sigma. Near is within one standard error, the usual guard against
-    taking what one stretch says for what all would say (Hastie, Tibshirani & Friedman, The
-    Elements of Statistical Learning, section 7.10).
+    Errors count in units of each joint's residual at x. Near is within one standard error, the
+    usual guard against taking what one stretch says for what all would say (Hastie, Tibshirani &
+    Friedman, The Elements of Statistical Learning, section 7.10).
     """
     X = full_regressor(data, speeds)
     tau = data.recording.tau - data.rest
+    sigma = _weighted(data, speeds, x)[2]
     stretches = np.array_split(np.arange(len(tau)), FOLDS)
     prior = [body.inertial for body in model.bodies]
     missed = np.zeros((FOLDS, len(WEIGHTS)))
@@ -229,16 +244,6 @@ def _chosen_weight(model: Model, data: Rows, speeds: Array, x: Array, sigma: Arr
     best = int(np.argmin(mean))
     spread = missed[:, best].std(ddof=1) / np.sqrt(FOLDS)
     return float(WEIGHTS[mean <= mean[best] + spread][-1])
-
-
-def _prior_information(model: Model) -> Array:
-    """Return the Hessian of half the prior's distance by the inertial parameters."""
-    size = 10 * len(model.bodies)
-    total = np.zeros((size, size))
-    for k, body in enumerate(model.bodies):
-        block = slice(10 * k, 10 * k + 10)
-        total[block, block] = prior_metric(body.inertial)
-    return total
 
 
 def _error(data: Rows, speeds: Array, x: Array) -> Array:

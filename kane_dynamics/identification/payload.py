@@ -1,6 +1,5 @@
-"""What an arm carries: from a recording, or while it moves."""
+"""What an arm carries, from a recording."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kane_dynamics.errors import InputError
@@ -16,6 +15,8 @@ from numpy.typing import ArrayLike
 # A ball of 1 kg around the frame: where the search starts, and what is hardly believed.
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
 BELIEF = 1e-3
+TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief
+ROWS = 20  # each half has as many as there are parameters, or more
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +105,16 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     Raises
     ------
     InputError
-        No such frame, or the recording is not of the model's joints.
+        No such frame, the recording is not of the model's joints, it has too few rows, or its
+        motion does not tell the mass.
 
     """
     if recording.tau.shape[1] != model.n:
         raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
                          f'{model.n}: {", ".join(model.joint_names)}')
+    if len(recording) < ROWS:
+        raise InputError(f'the recording has {len(recording)} rows; a payload needs {ROWS}: in '
+                         'each half as many as it has parameters')
     regressor = PayloadRegressor(model, frame)
     state = recording.q, recording.u, recording.udot
     Y = regressor(*state)
@@ -119,8 +124,13 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     early, _ = _fitted(Y[:middle], left[:middle])
     A = (Y / sigma[:, None]).reshape(-1, 10)
     # The belief keeps what the motion does not tell from looking certain.
-    covariance = _covariance(A.T @ A + BELIEF * prior_metric(START))
-    mass, com = _deviations(x, covariance)
+    belief = BELIEF * prior_metric(START)
+    covariance = covariance_of(A.T @ A + belief)
+    mass, com = load_deviations(x, covariance)
+    if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
+        raise InputError(f"the recording does not tell the mass at '{frame}': its standard "
+                         f'deviation is {mass:.3g} kg; expected poses or motions in which the '
+                         'mass there asks torque of the joints')
     lengths = np.linalg.norm(A, axis=0)
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
@@ -143,115 +153,14 @@ def _rms(error: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
-class PayloadEstimator:
-    """
-    Mass and mass centre of a payload while the arm moves, by recursive least squares.
-
-    It holds the normal equations of all samples, each forgotten with a time constant, so that a
-    payload that is put down is noticed.
-
-    Parameters
-    ----------
-    model : Model
-        Of the arm alone, friction included.
-    frame : str
-        In whose axes the payload is described.
-    sigma : (n,) sequence of float
-        Standard deviations of measured torque, N m or N.
-    memory : float
-        Time constant of forgetting, in samples.
-
-    Raises
-    ------
-    InputError
-        No such frame, or a number is out of range.
-
-    """
-
-    def __init__(self, model: Model, frame: str, sigma: Sequence[float] | Array,
-                 memory: float = 5000.0) -> None:
-        """Start from no payload, hardly believed."""
-        self._regressor = PayloadRegressor(model, frame)
-        self._sigma = np.asarray(sigma, dtype=np.float64)
-        if self._sigma.shape != (model.n,) or not (self._sigma > 0.0).all():
-            raise InputError(f'sigma is {sigma!r}; expected {model.n} positive numbers')
-        if not memory > 1.0:
-            raise InputError(f'memory is {memory:g}; expected more than 1 sample')
-        self._kept = 1.0 - 1.0 / memory
-        joints = model.coordinate_joints
-        self._friction, self._friction_speed = (
-            np.array([getattr(joint, name) for joint in joints])
-            for name in ('friction', 'friction_speed'))
-        # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
-        self._belief = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all samples."""
-        self._information = np.zeros((10, 10))
-        self._weighted = np.zeros(10)
-
-    @property
-    def gravity(self) -> Array:
-        """Return gravity in world axes, (3,), m/s^2; it may be set, for the samples to come."""
-        return self._regressor.robot.parameters.gravity
-
-    @gravity.setter
-    def gravity(self, value: ArrayLike) -> None:
-        self._regressor.robot.parameters.gravity = np.asarray(value, dtype=np.float64)
-
-    def update(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, tau: ArrayLike) -> None:
-        """Take one sample, (n,) each; rad or m, s, N m or N."""
-        # A joint at rest may hold by friction what the model says it must hold by torque.
-        slip = np.abs(np.tanh(np.asarray(u) / self._friction_speed))
-        sigma = self._sigma + (1.0 - slip) * self._friction
-        Y = self._regressor(q, u, udot) / sigma[:, None]
-        left = (np.asarray(tau) - self._regressor.robot.inverse_dynamics(q, u, udot)) / sigma
-        self._information = self._kept * self._information + Y.T @ Y
-        self._weighted = self._kept * self._weighted + Y.T @ left
-
-    @property
-    def mass(self) -> float:
-        """Return the mass, kg; noise may make a very small one negative."""
-        return float(self._parameters[0])
-
-    @property
-    def com(self) -> Array:
-        """Return the mass centre in the frame's axes, (3,), m; NaN while the mass is not known."""
-        x = self._parameters
-        return np.asarray(x[1:4] / x[0]) if x[0] > 3.0 * self.mass_deviation else np.full(
-            3, np.nan)
-
-    @property
-    def mass_deviation(self) -> float:
-        """Return the standard deviation of the mass, kg: the confidence in it."""
-        return float(np.sqrt(self.covariance[0, 0]))
-
-    @property
-    def com_deviation(self) -> Array:
-        """Return the standard deviation of the mass centre, (3,), m; NaN as `com`."""
-        x = self._parameters
-        return _deviations(x, self.covariance)[1] if x[0] > 3.0 * self.mass_deviation else (
-            np.full(3, np.nan))
-
-    @property
-    def covariance(self) -> Array:
-        """Return the covariance of mass, first moments and inertia about the origin, (10, 10)."""
-        return _covariance(self._information + self._belief)
-
-    @property
-    def _parameters(self) -> Array:
-        return np.asarray(np.linalg.solve(self._information + self._belief, self._weighted))
-
-
-def _covariance(information: Array) -> Array:
+def covariance_of(information: Array) -> Array:
     """Return the inverse of an information matrix, scaled for accuracy."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return np.asarray(np.linalg.pinv(information / np.outer(scale, scale))
                       / np.outer(scale, scale))
 
 
-def _deviations(x: Array, covariance: Array) -> tuple[float, Array]:
+def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
     """Return standard deviations of mass and mass centre, by the latter's linearization."""
     slope = np.column_stack([-x[1:4] / x[0]**2, np.eye(3) / x[0]])
     return (float(np.sqrt(covariance[0, 0])),

@@ -50,6 +50,12 @@ def prior_metric(prior: Inertial) -> Array:
     return np.asarray(Z.T @ Z)
 
 
+def prior_parameters(prior: Inertial) -> Array:
+    """Return the ten parameters from which distance counts: the prior's, thin bodies lifted."""
+    L = _root(prior.pseudo_inertia)
+    return parameters_of(L @ L.T)
+
+
 def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight: float
              ) -> Array:
     """

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.payload import PayloadEstimator
+from kane_dynamics.identification.payload_estimator import PayloadEstimator
 from kane_dynamics.robot import Robot
 from kane_dynamics.ros.acting import Acting
 from kane_dynamics.ros.conversion import Array, NANO

@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from command import command
 from kane_dynamics import load_urdf, Robot
+from kane_dynamics.cli.replay import remarks
 import numpy as np
 import pytest
 from recordings import simulated
@@ -74,6 +76,17 @@ def test_replay_writes_draws_and_tells_what_efforts_lack(tmp_path, recording):
              udot=recording.udot, tau=-recording.tau)
     done = process(str(URDF), str(tmp_path / 'run.npz'))
     assert 'opposite sign' in done.stdout
+
+
+@pytest.mark.parametrize(('sign', 'weight', 'words'), [
+    (1.0, 1.0, []), (-1.0, 1.0, ['opposite sign']), (1.0, 0.0, ['fit the torques without']),
+    (-1.0, 0.0, ['opposite sign .* and fit these without gravity']), (0.0, 1.0, ['are all 0'])])
+def test_remarks_tell_each_way_in_which_efforts_are_wrong(recording, sign, weight, words):
+    gravity = Robot(load_urdf(URDF)).gravity_force(recording.q)
+    measured = sign * (recording.tau - (1.0 - weight) * gravity)
+    found = remarks(measured, recording.tau, gravity)
+    assert len(found) == len(words)
+    assert all(re.search(*pair) for pair in zip(words, found, strict=True))
 
 
 def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import Inertial, InputError, load_urdf
-from kane_dynamics.identification import identify_payload, PayloadEstimator
+from kane_dynamics.identification import identify_payload, PayloadEstimator, Recording
 import numpy as np
 import pytest
 from recordings import simulated
@@ -89,6 +89,34 @@ def test_payload_is_known_within_ten_seconds_of_motion_and_its_loss_is_noticed()
     for k in range(len(empty)):
         estimator.update(empty.q[k], empty.u[k], empty.udot[k], empty.tau[k])
     assert abs(estimator.mass) < 0.1
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'tau': np.array([np.nan, *np.zeros(5)])}, r"tau\[0\] \(joint 'shoulder_pan_joint'\) is nan"),
+    ({'tau': 3.0}, r'tau has shape \(\)'), ({'tau': np.zeros(5)}, r'tau has shape \(5,\)'),
+    ({'tau': ['a'] * 6}, 'tau has dtype'), ({'u': np.full(6, np.inf)}, r'u\[0\] .* is inf'),
+    ({'tau': np.full(6, 1e308)}, 'too large'),
+    ({name: np.zeros((2, 6)) for name in ('q', 'u', 'udot', 'tau')}, 'expected one sample')])
+def test_sample_that_is_none_is_refused_and_leaves_the_estimate_as_it_was(change, words):
+    estimator, given = PayloadEstimator(bare(), 'tool0', np.full(6, 0.5)), recording()
+    sample = {name: getattr(given, name)[7] for name in ('q', 'u', 'udot', 'tau')}
+    estimator.update(**sample)
+    before = estimator.mass, estimator.covariance
+    with pytest.raises(InputError, match=words):
+        estimator.update(**{**sample, **change})
+    assert estimator.mass == before[0] > 0.0
+    assert np.array_equal(estimator.covariance, before[1])
+
+
+def test_recording_that_does_not_tell_the_mass_is_refused():
+    for count in (0, 3, 19):
+        with pytest.raises(InputError, match=f'has {count} rows; a payload needs 20'):
+            identify_payload(bare(), recording().rows(slice(0, count)), 'tool0')
+    small = load_urdf(URDF.with_name('two_link.urdf'))
+    hanging = Recording(np.arange(30.0), np.tile([np.pi / 2, 0.0], (30, 1)),
+                        *np.zeros((2, 30, 2)), 0.1 * np.random.default_rng(0).normal(size=(30, 2)))
+    with pytest.raises(InputError, match=r"not tell the mass at 'tip': .* is 31\.6 kg"):
+        identify_payload(small, hanging, 'tip')
 
 
 @pytest.mark.parametrize(('change', 'words'), [
