@@ -22,6 +22,7 @@ from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation import simulate
+from kane_dynamics.trajectory import increasing
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 
@@ -255,8 +256,7 @@ def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
         raise InputError(f"{path}: has no columns 'tau.<joint>'")
     if states.t is None or not step > 0.0:
         return states.tau
-    if (np.diff(states.t) <= 0.0).any():
-        raise InputError(f"{path}: column 't' must increase from row to row")
+    increasing(states.t, len(states.tau), f"{path}: column 't'")
     now = np.arange(max(1, round(duration / step))) * step
     rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
     return states.tau[np.maximum(rows, 0)]

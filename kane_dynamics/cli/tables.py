@@ -19,7 +19,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.trajectory import increasing, Trajectory
 from kane_dynamics.urdf.supplement import mapping, read_yaml, SHORT
 import numpy as np
 
@@ -105,6 +105,8 @@ def read_rows(path: str, joint_names: Sequence[str]
     if not path.endswith(('.yaml', '.yml')):
         states = read_states(path, joint_names)
         if states.q is not None and states.u is not None and states.udot is not None:
+            if states.t is not None:
+                increasing(states.t, len(states.q), f"{path}: column 't'")
             return states.t, (states.q, states.u, states.udot)
     motion = read_motion(path, joint_names)
     t = motion.times.copy()

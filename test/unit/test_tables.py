@@ -2,7 +2,7 @@
 
 import io
 
-from kane_dynamics.cli.tables import read_motion, read_states, write_states
+from kane_dynamics.cli.tables import read_motion, read_rows, read_states, write_states
 from kane_dynamics.errors import InputError
 import numpy as np
 import pytest
@@ -77,6 +77,15 @@ def test_a_bad_motion_file_is_refused_by_name(tmp_path, name, text, words):
         read_motion(file(tmp_path, text, name), NAMES)
     for word in [name, *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(('second', 'words'), [
+    ('0', 'after 1.0'), ('1', 'after 1.0'), ('nan', 'nan in row 2'), ('inf', 'inf in row 2')])
+def test_rows_of_states_must_go_on_in_time(tmp_path, second, words):
+    path = file(tmp_path, f't,lift,reach,u.lift,u.reach,udot.lift,udot.reach\n1{",0" * 6}\n'
+                          f'{second}{",0" * 6}\n')
+    with pytest.raises(InputError, match=f"states.csv: column 't' .*{words}"):
+        read_rows(str(path), NAMES)
 
 
 def test_times_of_a_message_count_seconds_and_nanoseconds(tmp_path):
