@@ -11,7 +11,7 @@ from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
-from kane_dynamics.feasibility.demand import STEP
+from kane_dynamics.feasibility.samples import STEP
 from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
 from kane_dynamics.stepping import INTEGRATORS
