@@ -4,6 +4,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 import math
 
+from kane_dynamics.build_checks import check_moments
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.demand import Demand, demand, demand_at, torque_of
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
@@ -70,13 +71,14 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         The mass centre or the inertia is not valid.
 
     """
+    unit = Inertial(1.0, constant(com, (3,), 'mass centre'),
+                    np.zeros((3, 3)) if inertia is None else constant(inertia, (3, 3), 'inertia'))
+    check_moments('payload', unit)
     carrier = copy(robot)
     carrier.parameters.payload = None
     empty = demand(carrier, motion, speed=speed, step=step, power=power)
     if not empty.fits:
         raise InputError(f'the motion passes a limit without a payload: {empty.excesses[0]}')
-    unit = Inertial(1.0, constant(com, (3,), 'mass centre'),
-                    np.zeros((3, 3)) if inertia is None else constant(inertia, (3, 3), 'inertia'))
     more = NONE
     for _ in range(ROUNDS + 1):
         carrier.parameters.payload = None

@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, Motion, point_mass,
-                           Robot, simulate)
+from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelError, Motion,
+                           point_mass, Robot, simulate)
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
 from kane_dynamics.feasibility.time_scale import highest_free, positive
@@ -160,6 +160,11 @@ def test_an_excess_is_told_with_the_digits_that_show_it():
 def test_payload_of_a_motion_that_does_not_fit_is_refused_by_name():
     with pytest.raises(InputError, match=r"without a payload: joint 'joint\d': torque .* at "):
         largest_payload(limited(1.0), motion(0), **STEPS)
+
+
+def test_payload_that_no_matter_can_be_is_refused():
+    with pytest.raises(ModelError, match="'payload': principal moments of inertia are 1, 1, 5"):
+        largest_payload(limited(math.inf), motion(0), inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
 
 
 def test_nothing_bounds_a_robot_without_limits():
