@@ -196,6 +196,8 @@ def feasible(options: Namespace) -> int:
 
 def doctor(options: Namespace) -> int:
     """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
+    if options.live is not None and not 0.0 < options.live < math.inf:
+        raise InputError(f'--live is {options.live}; expected a positive, finite number of s')
     caught: list[str] = []
     model, robot = load(options, caught)
     if model.flexible:  # a mode has no limit, and no message tells of it

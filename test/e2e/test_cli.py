@@ -294,6 +294,8 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
     (['torque', '/no/such.urdf'], ['/no/such.urdf']),
     (['torque', 'URDF', '--supplement', '/no/such.yaml'], ['/no/such.yaml']),
     (['simulate', 'URDF', '--duration', '-1'], ['duration', '-1']),
+    (['doctor', 'URDF', '--live', 'nan'], ['--live is nan', 'positive']),
+    (['doctor', 'URDF', '--live', '-1'], ['--live is -1.0', 'positive']),
     (['simulate', 'URDF', '--duration', '0'], ['duration', '0']),
     (['simulate', 'URDF', '--step', '0'], ['step', '0']),
     (['simulate', 'URDF', '--out', 'x.txt'], ['x.txt', '.npz', '.csv']),
