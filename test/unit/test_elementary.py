@@ -1,6 +1,7 @@
 """Promises of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics.native import llvm
+from kane_dynamics.native.elementary import LARGEST
 from kane_dynamics.native.emit import module_text
 from kane_dynamics.native.lanes import lane_text
 from kane_dynamics.native.march import march, Strided
@@ -46,6 +47,16 @@ def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, siz
             ulp = np.spacing(np.abs(np.array([float(v) for v in true])))
             error = np.array([float(abs(mpmath.mpf(g) - v)) for g, v in zip(got[:, k], true)])
             assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
+
+
+@pytest.mark.parametrize('size', [1e9, LARGEST, 1e3 * LARGEST])
+def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
+    x = np.random.default_rng(2).uniform(-size, size, N)
+    got = functions(x)
+    with mpmath.workprec(200):
+        exact = np.array([[float(mpmath.sin(mpmath.mpf(v))), float(mpmath.cos(mpmath.mpf(v)))]
+                          for v in x])
+    np.testing.assert_allclose(got[:, :2], exact, rtol=0.0, atol=1e-15)
 
 
 def test_near_multiples_of_a_quarter_turn_the_relative_error_stays_small(functions):
