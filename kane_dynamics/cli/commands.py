@@ -137,7 +137,9 @@ def equations(options: Namespace) -> None:
     """Print or write the closed form of a small mechanism's equations of motion."""
     closed = extra('kane_dynamics.cli.equations', 'equations')  # before the work
     model, robot = load(options)
-    form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction)
+    with progress_bar('deriving', 1.0) as progress:
+        form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction,
+                                  progress=progress)
     if options.json:
         text = as_json(closed.as_data(form, robot.operation_count())) + '\n'
     elif options.format == 'text':
