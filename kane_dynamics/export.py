@@ -67,6 +67,9 @@ def write_c(robot: Any, path: str | os.PathLike[str],
         raise InputError(f"path is '{source}'; expected the name of a C source, which ends in .c")
     source = source.resolve()
     header = source.with_suffix('.h')
+    if not header.name.isprintable() or any(part in header.name for part in ('"', '\\', '??')):
+        raise InputError(f'path is {str(source)!r}; C cannot include the name of its header: '
+                         'valid are characters that print, but no ", \\ or ??')
     for file in (source, header):
         _check_place(file)
     prefix = identifier(source.stem)
@@ -109,7 +112,7 @@ def _write(file: Path, text: str) -> None:
     temporary = file.with_name(f'.{file.name}.{os.getpid()}')
     try:
         try:
-            temporary.write_text(text, encoding='ascii')
+            temporary.write_text(text, encoding='utf-8')
             temporary.replace(file)
         finally:
             temporary.unlink(missing_ok=True)
@@ -216,7 +219,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
 def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
                  kernels: Sequence[_Kernel]) -> str:
     """Return the source: the functions, then the test of itself."""
-    lines = [*about, f'#include {string(header)}', '', '#include <math.h>', '#include <stddef.h>',
+    # The name of a header is no string: C reads no escapes in it.
+    lines = [*about, f'#include "{header}"', '', '#include <math.h>', '#include <stddef.h>',
              '', _array('default_parameters', robot.parameters.block)]
     no_wrench = robot.kernels.no_wrench
     if any(name == 'wrench' for kernel in kernels for name, _ in kernel.program.inputs):

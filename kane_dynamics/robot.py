@@ -177,6 +177,8 @@ class Robot(Dynamics, FrameMotion, Constrained):
 
         Raises
         ------
+        InputError
+            Not at least one state.
         CompileError
             An error is larger than 1e-9: names the quantity and the error.
 

@@ -8,6 +8,14 @@ from numpy.typing import ArrayLike
 ORIGIN = (0.0, 0.0, 0.0)
 
 
+def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """Return lengths, m; ModelError where one is not finite, or negative."""
+    lengths = constant(value, shape, what)
+    if (lengths < 0.0).any():
+        raise ModelError(f'{what} is {lengths.tolist()} m; a length must not be negative')
+    return lengths
+
+
 def point_mass(mass: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return a particle of `mass`, kg, at a point, m."""
     return Inertial(mass, constant(at, (3,), 'place of a point mass'))
@@ -51,28 +59,29 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
     Raises
     ------
     ModelError
-        The axis is zero.
+        The axis is zero, or a length negative.
 
     """
     n = constant(axis, (3,), 'axis of a disc')
     if not n.any():
         raise ModelError(f'axis of a disc is {n.tolist()}; it must not be zero')
     along = np.outer(n, n) / (n @ n)
-    m, r, h = (float(constant(x, (), 'mass, radius or thickness of a disc'))
-               for x in (mass, radius, thickness))
+    m = float(constant(mass, (), 'mass'))
+    r, h = (float(_size(x, (), f'{what} of a disc'))
+            for x, what in ((radius, 'radius'), (thickness, 'thickness')))
     inertia = 0.5 * m * r * r * along + m * (r * r / 4.0 + h * h / 12.0) * (np.eye(3) - along)
     return Inertial(mass, constant(at, (3,), 'centre of a disc'), inertia)
 
 
 def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return a solid ball, 2/5 m r^2 about every diameter; kg and m."""
-    size = float(constant(radius, (), 'radius of a ball'))
+    size = float(_size(radius, (), 'radius of a ball'))
     return Inertial(mass, constant(at, (3,), 'centre of a ball'),
                     0.4 * float(constant(mass, (), 'mass')) * size**2 * np.eye(3))
 
 
 def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
     """Return a box with edges `size`, (3,), m, along the axes: m/12 (b^2 + c^2) about a."""
-    squares: Array = constant(size, (3,), 'size of a box')**2
+    squares: Array = _size(size, (3,), 'size of a box')**2
     inertia = float(constant(mass, (), 'mass')) / 12.0 * np.diag(squares.sum() - squares)
     return Inertial(mass, constant(at, (3,), 'centre of a box'), inertia)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
+import math
 import os
 from typing import Any, NamedTuple
 import zipfile
@@ -13,10 +14,33 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array, freeze
 from kane_dynamics.robot import Robot
 import numpy as np
+from numpy.typing import ArrayLike
 
 Path = str | os.PathLike[str]
 ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_gap')
 NAMES = ('joint_names', 'speed_names', 'constraint_names')
+
+
+def increasing(t: ArrayLike, count: int, what: str) -> Array:
+    """
+    Return the times of rows, (count,), s.
+
+    Raises
+    ------
+    InputError
+        They are not so many, not finite, or do not increase from row to row: says which.
+
+    """
+    times = np.asarray(t, dtype=np.float64)
+    if times.shape != (count,):
+        raise InputError(f'{what} has shape {times.shape}; expected ({count},), one time a row')
+    for k, value in enumerate(times.tolist()):
+        if not math.isfinite(value):
+            raise InputError(f'{what} is {value} in row {k + 1}; expected a finite time, s')
+        if k and value <= times[k - 1]:
+            raise InputError(f'{what} is {value} in row {k + 1}, after {times[k - 1]}; it must '
+                             'increase from row to row')
+    return times
 
 
 class LimitEvent(NamedTuple):
@@ -96,7 +120,7 @@ class Trajectory:
         robot : Robot
             Without constraints.
         t : (K,) array
-            s.
+            s; increases from row to row.
         q, u, udot : (K, n) arrays
             rad or m, and s.
 
@@ -108,6 +132,10 @@ class Trajectory:
         """
         if robot.constraint_names:
             raise InputError('the robot has constraints; the motion of such a one is simulated')
+        q = np.asarray(q)
+        if q.ndim != 2:
+            raise InputError(f'q has shape {q.shape}; expected ({robot.n_q},) a row')
+        t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
         return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names)

@@ -4,7 +4,7 @@ from copy import copy
 from dataclasses import replace
 from typing import Any
 
-from kane_dynamics.errors import CompileError
+from kane_dynamics.errors import CompileError, InputError
 from kane_dynamics.mechanics import kane, nonholonomic
 from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.mechanics.hyperdual import seeded
@@ -27,10 +27,14 @@ def verified(robot: Any, states: int) -> float:
 
     Raises
     ------
+    InputError
+        Not at least one state.
     CompileError
         An error is larger than `TOLERANCE`; names the quantity and the error.
 
     """
+    if isinstance(states, bool) or not isinstance(states, int | np.integer) or states < 1:
+        raise InputError(f'states is {states!r}; expected a whole number from 1 on')
     rng = np.random.default_rng(0)
     gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
     if payload is not None:

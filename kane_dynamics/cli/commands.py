@@ -22,6 +22,7 @@ from kane_dynamics.model import Array, Model
 from kane_dynamics.progress import progress_bar
 from kane_dynamics.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation import simulate
+from kane_dynamics.trajectory import increasing
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.document import read_source
 import numpy as np
@@ -137,7 +138,9 @@ def equations(options: Namespace) -> None:
     """Print or write the closed form of a small mechanism's equations of motion."""
     closed = extra('kane_dynamics.cli.equations', 'equations')  # before the work
     model, robot = load(options)
-    form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction)
+    with progress_bar('deriving', 1.0) as progress:
+        form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction,
+                                  progress=progress)
     if options.json:
         text = as_json(closed.as_data(form, robot.operation_count())) + '\n'
     elif options.format == 'text':
@@ -196,6 +199,8 @@ def feasible(options: Namespace) -> int:
 
 def doctor(options: Namespace) -> int:
     """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
+    if options.live is not None and not 0.0 < options.live < math.inf:
+        raise InputError(f'--live is {options.live}; expected a positive, finite number of s')
     caught: list[str] = []
     model, robot = load(options, caught)
     if model.flexible:  # a mode has no limit, and no message tells of it
@@ -260,8 +265,7 @@ def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
         raise InputError(f"{path}: has no columns 'tau.<joint>'")
     if states.t is None or not step > 0.0:
         return states.tau
-    if (np.diff(states.t) <= 0.0).any():
-        raise InputError(f"{path}: column 't' must increase from row to row")
+    increasing(states.t, len(states.tau), f"{path}: column 't'")
     now = np.arange(max(1, round(duration / step))) * step
     rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
     return states.tau[np.maximum(rows, 0)]

@@ -1,9 +1,10 @@
 """The equations of motion of a small mechanism in closed form: `kane-dynamics equations`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 import csv
 from dataclasses import asdict, dataclass
 import io
+from itertools import islice
 from typing import Any
 
 from kane_dynamics.cli.symbolic import (Parameter, parametrised, shortened, Symbolic, symbols,
@@ -53,7 +54,8 @@ class ClosedForm:
         return {'mass_matrix': _count(upper), 'bias_force': _count(list(self.bias))}
 
 
-def closed_form(model: Model, *, numbers: bool = False, friction: bool = True) -> ClosedForm:
+def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
+                progress: Callable[[float], object] = lambda done: None) -> ClosedForm:
     """
     Derive the equations of motion.
 
@@ -65,11 +67,13 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True) -
         Keep the model's numbers, to six digits, instead of symbols for them.
     friction : bool
         Whether damping and Coulomb friction are part of the equations.
+    progress : callable
+        Called with the share of the work that is done.
 
     Raises
     ------
     InputError
-        The model has more than `MOST` coordinates.
+        The model has more than `MOST` coordinates, or expressions of too many terms.
 
     """
     n = model.n
@@ -80,20 +84,23 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True) -
     u, u_scalar = symbols(f'u{r + 1}' for r in range(n))
     view, parameters = (_exact(model), []) if numbers else parametrised(model)
 
-    def entry(value: Any, speeds: Sequence[Any] = ()) -> Any:
-        short = shortened(unwrapped(value), q, speeds)
-        return _rounded(short) if numbers else short
     M = kane.mass_matrix(view, q_scalar)
-    upper = {(r, s): entry(M[r, s]) for r in range(n) for s in range(r, n)}
     bias = kane.bias_force(view, q_scalar, u_scalar, friction=friction)
-    partials = {}
-    for body, here in zip(view.bodies, configurations(view, q_scalar)):
-        if unwrapped(body.inertial.mass) != 0 or np.any(body.inertial.inertia):
-            columns = np.concatenate([here.partial_angular_velocity @ here.R_wb,
-                                      here.partial_velocity @ here.R_wb], axis=1).T
-            partials[body.name] = sp.Matrix(6, n, [entry(x) for x in columns.ravel()])
+    places = [(r, s) for r in range(n) for s in range(r, n)]
+    tables = {body.name: np.concatenate([here.partial_angular_velocity @ here.R_wb,
+                                         here.partial_velocity @ here.R_wb], axis=1).T
+              for body, here in zip(view.bodies, configurations(view, q_scalar))
+              if unwrapped(body.inertial.mass) != 0 or np.any(body.inertial.inertia)}
+    entries = [*(M[place] for place in places), *bias,
+               *(x for table in tables.values() for x in table.ravel())]
+    short = iter(shortened([unwrapped(x) for x in entries], q, u, progress=progress))
+    if numbers:
+        short = map(_rounded, short)
+    upper = dict(zip(places, short))
+    h = sp.Matrix(list(islice(short, n)))
+    partials = {name: sp.Matrix(6, n, list(islice(short, 6 * n))) for name in tables}
     form = ClosedForm(model, q, u, [], sp.Matrix(n, n, lambda r, s: upper[min(r, s), max(r, s)]),
-                      sp.Matrix([entry(x, u) for x in bias]), partials)
+                      h, partials)
     used = set().union(*(matrix.free_symbols for matrix in (form.M, form.bias,
                                                             *partials.values())))
     form.parameters.extend(p for p in parameters if p.symbol in used)

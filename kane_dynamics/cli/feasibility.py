@@ -8,6 +8,8 @@ from kane_dynamics.cli import inspection
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import Demand, demand, fastest, largest_payload
+from kane_dynamics.feasibility.demand import demand_at
+from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LEAST, TimeScale
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
@@ -48,13 +50,18 @@ def write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | No
     if scale is None or math.isinf(scale.speed):
         raise InputError('--out writes the motion at the highest speed that fits; '
                          + ('none does' if scale is None else 'no limit bounds it'))
-    asked = demand(robot, motion, speed=scale.speed, **given)
+    asked = demand_at(robot, motion, scale.speed, given['step'], given['power'], NONE)
     # Of two samples at one time the later; at both ends those of the motion, not of rest.
     kept = np.append(np.diff(asked.t[:-1]) > 1e-9 * asked.t[-1], [True, False])
+    # A jump of udot has two values at its time. Without the column a reader joins the rows by
+    # cubics, which are the motion again, for a motion with jumps is made of cubics.
+    twice = np.flatnonzero(~kept[1:-2]) + 1
+    jump = np.abs(asked.udot[twice + 1] - asked.udot[twice]).max(initial=0.0)
+    jumps = jump > 1e-9 * np.abs(asked.udot).max(initial=0.0)
     with open(path, 'w', encoding='utf-8', newline='') as stream:
         write_states(stream, asked.t[kept], {
-            name: getattr(asked, name)[kept] for name in ('q', 'u', 'udot', 'tau')},
-            robot.joint_names)
+            name: getattr(asked, name)[kept]
+            for name in ('q', 'u', *(() if jumps else ('udot',)), 'tau')}, robot.joint_names)
 
 
 def as_data(asked: Demand) -> dict[str, Any]:

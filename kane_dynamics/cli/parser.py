@@ -11,7 +11,7 @@ from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
-from kane_dynamics.feasibility.demand import STEP
+from kane_dynamics.feasibility.samples import STEP
 from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
 from kane_dynamics.stepping import INTEGRATORS
@@ -22,8 +22,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if argv is None else argv)
     parser = _parser()
     # A blank in front keeps argparse from reading a negative number like -1e-3 as an option.
-    options, rest = parser.parse_known_args([f' {a}' if _is_number(a) else a for a in given])
-    options.rest = [argument.strip() for argument in rest]
+    marked = {f' {a}': a for a in given if a.startswith('-') and _is_number(a)}
+    options, rest = parser.parse_known_args([f' {a}' if f' {a}' in marked else a for a in given])
+    for name, value in vars(options).items():  # where it was text after all, as given
+        if isinstance(value, list):
+            setattr(options, name, [marked.get(part, part) for part in value])
+        elif isinstance(value, str):
+            setattr(options, name, marked.get(value, value))
+    options.rest = [marked.get(argument, argument) for argument in rest]
     if rest and options.command != 'demo':
         parser.error(f'unrecognized arguments: {" ".join(options.rest)}')
     try:

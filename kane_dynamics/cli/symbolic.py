@@ -1,16 +1,18 @@
 """The mechanics on SymPy symbols: a scalar, a model whose constants are symbols, short forms."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+from kane_dynamics.cli.polynomials import Polynomials
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
 from sympy.simplify.fu import TR8
 
+MOST_SHORTENED = 200  # terms: the search for a shorter form of more takes minutes
 ROOTS = (sp.sqrt(2) / 2, sp.sqrt(3) / 2, sp.sqrt(2), sp.sqrt(3))
 
 
@@ -203,35 +205,41 @@ def _joint(given: Parameters, k: int, joint: Joint) -> Any:
                            **values)
 
 
-def shortened(expression: Any, q: Iterable[Any], u: Iterable[Any] = ()) -> Any:
+def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (), *,
+              progress: Callable[[float], object] = lambda done: None) -> list[Any]:
     """
-    Return an expression in a short form: sin^2 + cos^2 folded, or angles summed.
+    Return expressions in a short form: sin^2 + cos^2 folded, or angles summed.
 
     Parameters
     ----------
-    expression : SymPy expression
+    expressions : sequence of SymPy expressions
         In sines and cosines of q, and polynomial in u (tanh of it apart).
     q, u : symbols
-        Coordinates and speeds; the coefficient of each product of speeds is shortened by itself.
+        Coordinates and speeds; the coefficient of each product of speeds is shortened by itself,
+        and left multiplied out where it has more than `MOST_SHORTENED` terms.
+    progress : callable
+        Called with the share of the expressions that is done.
+
+    Raises
+    ------
+    InputError
+        An expression has too many terms.
 
     """
-    frictions = {call: sp.Dummy() for call in expression.atoms(sp.tanh)}
-    speeds = [*u, *frictions.values()]
-    poly = sp.Poly(sp.expand(expression.xreplace(frictions)), *speeds, domain='EX') if (
-        speeds) else None
-    terms = [((), expression)] if poly is None else poly.terms()
-    total = sp.Integer(0)
-    for powers, coefficient in terms:
-        product = sp.Mul(*(x**k for x, k in zip(speeds, powers)))
-        total += product * _short(sp.expand(coefficient), list(q))
-    return total.xreplace({dummy: call for call, dummy in frictions.items()})
+    angles, polynomials, short = list(q), Polynomials(expressions), []
+    speeds = [*u, *(x for x in polynomials.generators if isinstance(x, sp.tanh))]
+    for done, expression in enumerate(expressions):
+        parts = polynomials.by(polynomials.of(expression), speeds)
+        short.append(sp.Add(*(product * _short(part, angles) for product, part in parts.items())))
+        progress((done + 1) / len(expressions))
+    return short
 
 
-def _short(expression: Any, q: list[Any]) -> Any:
-    """Return the shorter of an expression in sines and cosines of q, and in those of sums."""
-    products = sp.expand(sp.expand_trig(expression))
-    for x in q:
-        products = _lowered(products, sp.sin(x), sp.cos(x))
+def _short(polynomial: Any, q: list[Any]) -> Any:
+    """Return the shorter of a polynomial in sines and cosines of q, and in those of sums."""
+    products = polynomial.as_expr()
+    if len(polynomial) > MOST_SHORTENED:
+        return products
     sums = sp.expand(TR8(products))
     for x in q:
         products = min(products, _lowered(products, sp.cos(x), sp.sin(x)), key=sp.count_ops)

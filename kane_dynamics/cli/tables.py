@@ -4,7 +4,8 @@ Files of joint states over time: CSV in and out, and YAML trajectory points in.
 A CSV file has a header. Its columns are `t` and `<quantity>.<joint>` with a quantity of q, u,
 udot or tau; a joint's bare name means q; whatever else there is is left alone. A YAML file is
 laid out like a trajectory_msgs/JointTrajectory: `joint_names` and `points` with
-`time_from_start` and `positions`, and perhaps `velocities` and `accelerations`.
+`time_from_start` and `positions`, and perhaps `velocities` and `accelerations`; the message's
+`header` and `effort` are left alone, and other keys are refused.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,11 +20,13 @@ from kane_dynamics.identification.reading import distinct
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.trajectory import increasing, Trajectory
+from kane_dynamics.urdf.supplement import mapping, read_yaml, SHORT
 import numpy as np
-import yaml
 
 QUANTITIES = ('q', 'u', 'udot', 'tau')
+MESSAGE = ('joint_names', 'points', 'header')  # of trajectory_msgs/JointTrajectory
+POINT = ('positions', 'velocities', 'accelerations', 'time_from_start', 'effort')
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,8 @@ def read_rows(path: str, joint_names: Sequence[str]
     if not path.endswith(('.yaml', '.yml')):
         states = read_states(path, joint_names)
         if states.q is not None and states.u is not None and states.udot is not None:
+            if states.t is not None:
+                increasing(states.t, len(states.q), f"{path}: column 't'")
             return states.t, (states.q, states.u, states.udot)
     motion = read_motion(path, joint_names)
     t = motion.times.copy()
@@ -162,19 +167,18 @@ def _numbers(path: str | Path, lines: list[list[str]], columns: Sequence[int | N
 
 def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
     """Return the motion through the points of a YAML file."""
-    try:
-        content = yaml.safe_load(_text(path))
-        points = content['points']
-        times = [_seconds(point['time_from_start']) for point in points]
-        rows = [[point.get(name) or [] for point in points]
-                for name in ('positions', 'velocities', 'accelerations')]
-        names = content['joint_names']
-    except yaml.YAMLError as error:
-        raise InputError(f'{path}: {error}') from None
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: expected 'joint_names' and 'points', each point with "
-                         f"'time_from_start' and 'positions'; trouble with {error}") from None
-    return _motion(path, times, rows, names, joint_names)
+    content = mapping(read_yaml(path, 'motion', InputError), str(path), MESSAGE, InputError)
+    for key, what in (('joint_names', 'names'),
+                      ('points', "points, each with 'time_from_start' and 'positions'")):
+        if not isinstance(content.get(key), list):
+            raise InputError(f'{path}: {key} is {SHORT.repr(content.get(key))}; expected a list '
+                             f'of {what}')
+    points = [mapping(point, f'{path}: point {i}', POINT, InputError)
+              for i, point in enumerate(content['points'])]
+    times = [_seconds(point.get('time_from_start'), f'{path}: point {i}: time_from_start')
+             for i, point in enumerate(points)]
+    rows = [[point.get(name) or [] for point in points] for name in POINT[:3]]
+    return _motion(path, times, rows, content['joint_names'], joint_names)
 
 
 def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],
@@ -186,11 +190,15 @@ def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],
         raise InputError(f'{path}: {error}') from None
 
 
-def _seconds(value: Any) -> Any:
+def _seconds(value: Any, what: str) -> float:
     """Return a time that is a number or a builtin_interfaces/Duration in s."""
-    if isinstance(value, dict):
-        return value.get('sec', 0) + 1e-9 * value.get('nanosec', 0)
-    return value
+    parts = (mapping(value, what, ('sec', 'nanosec'), InputError) if isinstance(value, Mapping)
+             else {'sec': value})
+    try:
+        return float(parts.get('sec', 0)) + 1e-9 * float(parts.get('nanosec', 0))
+    except (TypeError, ValueError):
+        raise InputError(f'{what} is {SHORT.repr(value)}; expected seconds, or a mapping of sec '
+                         'and nanosec') from None
 
 
 def _text(path: str | Path) -> str:

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.samples import in_doubt, NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.limiter import per_joint
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
 from kane_dynamics.parameters import JointLimits
@@ -15,9 +15,6 @@ from kane_dynamics.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-STEP = 1e-3  # s between samples
-MOST_SAMPLES = 200_000
-ROUNDING = 1e-9  # relative: a motion that was scaled to a limit is on it, not beyond it
 QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power', 'lower': 'position',
               'upper': 'position'}
 
@@ -32,9 +29,11 @@ class Excess(NamedTuple):
     bound: float
 
     def __str__(self) -> str:
-        """Say it in words."""
-        return (f"joint '{self.joint}': {QUANTITIES[self.limit]} {self.value:.4g} at "
-                f'{self.t:.4g} s; {self.limit} limit {self.bound:.4g}')
+        """Say it in words, with as many digits as part the value from the bound."""
+        digits = next((k for k in range(4, 17) if f'{self.value:.{k}g}' != f'{self.bound:.{k}g}'),
+                      17)
+        return (f"joint '{self.joint}': {QUANTITIES[self.limit]} {self.value:.{digits}g} at "
+                f'{self.t:.4g} s; {self.limit} limit {self.bound:.{digits}g}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +103,15 @@ class Demand:
         """Tell whether every limit is kept at every sample."""
         return not self.excesses
 
+    @property
+    def in_doubt(self) -> Array:
+        """Return times at which a limit may be passed though the samples keep it, (k,), s."""
+        shares = [share(np.abs(values), bound) for _, values, bound in self._sizes()]
+        with np.errstate(invalid='ignore'):
+            shares += [1.0 + sign * (self.q - bound) / np.maximum(1.0, np.abs(bound))
+                       for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))]
+        return in_doubt(self.t, np.hstack(shares))
+
     def _sizes(self) -> Iterator[tuple[str, Array, Array]]:
         """Yield limits on sizes: name, (N, n) values, (n,) bounds."""
         yield 'effort', self.tau, self.limits.effort
@@ -124,7 +132,8 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
     """
     Return what a motion asks of a robot's motors, its payload and friction included.
 
-    The joints stand at both ends of a motion, which counts too.
+    The joints stand at both ends of a motion, which counts too. Between samples that keep a limit
+    but come near it more are taken, until what may hide between them is rounding.
 
     Parameters
     ----------
@@ -135,7 +144,8 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
     speed : float
         At which the motion's path is followed: 2 is twice as fast.
     step : float
-        Largest time between two samples of the motion at speed 1, s.
+        Largest time between two samples of the motion at speed 1, s; a peak that is much narrower
+        goes unseen.
     power : float or (n,) array_like
         Largest size of the mechanical power of each joint, W: URDF has no word for it.
 
@@ -145,7 +155,20 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
         The robot or the motion is not of that kind, a number is out of range: names it.
 
     """
-    t, q, u, udot = sampled(robot, motion, step)
+    more = NONE
+    for _ in range(ROUNDS):
+        asked = demand_at(robot, motion, speed, step, power, more)
+        doubtful = asked.in_doubt
+        if not doubtful.size:
+            return asked
+        more = np.concatenate([more, speed * doubtful])
+    return demand_at(robot, motion, speed, step, power, more)
+
+
+def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: ArrayLike,
+              more: Array) -> Demand:
+    """Return what a motion asks for at its samples, and at further times of the motion."""
+    t, q, u, udot = sampled(robot, motion, step, more)
     if not 0.0 < speed < math.inf:
         raise InputError(f'speed is {speed}; expected a positive, finite number')
     u, udot = speed * u, speed**2 * udot
@@ -156,52 +179,6 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
                          f'{t[k]:.4g} s; the motion is beyond any physical range')
     return Demand(robot.joint_names, t / speed, q, u, udot, tau, robot.limits,
                   per_joint(power, 'power', robot.joint_names, finite=False))
-
-
-def sampled(robot: Robot, motion: Motion, step: float) -> tuple[Array, Array, Array, Array]:
-    """
-    Return t (N,) and q, u, udot (N, n) of a motion, both sides of its points among them.
-
-    Parameters
-    ----------
-    robot : Robot
-        Whose joints the motion must be of.
-    motion : Motion
-        What to sample.
-    step : float
-        Largest time between samples, s.
-
-    Raises
-    ------
-    InputError
-        Not a plain robot, other joints, or too many samples: names what it is.
-
-    """
-    if isinstance(robot.equations, ConstrainedEquations):
-        raise InputError('the robot has chosen speeds or constraints; feasibility takes one with '
-                         'joint rates for speeds and none')
-    if motion.joint_names != robot.joint_names:
-        raise InputError(f'the motion is of the joints {list(motion.joint_names)}; expected '
-                         f'{list(robot.joint_names)}')
-    if not 0.0 < step < math.inf:
-        raise InputError(f'step is {step} s; expected a positive, finite number')
-    starts, h = motion.times[:-1], np.diff(motion.times)
-    intervals = np.ceil(h / step)
-    if intervals.sum() > MOST_SAMPLES:
-        raise InputError(f'step is {step:g} s: {intervals.sum():.3g} samples of a motion of '
-                         f'{motion.duration:g} s; valid: up to {MOST_SAMPLES}, by a larger step')
-    counts = np.maximum(intervals, 1.0).astype(int) + 1
-    segment = np.repeat(np.arange(len(h)), counts)
-    inside = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
-    t = starts[segment] + h[segment] * (inside / (counts[segment] - 1))
-    # The last sample of a segment must not be the first of the next: udot may differ.
-    last = inside == counts[segment] - 1
-    t[last] = np.nextafter(motion.times[1:], -math.inf)
-    q, u, udot = motion.sample(t)
-    rest = np.zeros((1, motion.n))
-    return (np.concatenate([motion.times[:1], t, motion.times[-1:]]),
-            np.concatenate([motion.positions[:1], q, motion.positions[-1:]]),
-            np.concatenate([rest, u, rest]), np.concatenate([rest, udot, rest]))
 
 
 def torque_of(power: Array, u: Array) -> Array:

@@ -3,11 +3,13 @@
 from copy import copy
 from dataclasses import dataclass, replace
 import math
-from typing import Any
 
+from kane_dynamics.build_checks import check_moments
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.demand import demand, STEP, torque_of
+from kane_dynamics.feasibility.demand import Demand, demand, demand_at, torque_of
+from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.inertial import constant, Inertial
+from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
 import numpy as np
@@ -69,18 +71,39 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         The mass centre or the inertia is not valid.
 
     """
-    carrier = copy(robot)
-    carrier.parameters.payload = None
-    options: dict[str, Any] = {'speed': speed, 'step': step, 'power': power}
-    empty = demand(carrier, motion, **options)
-    if not empty.fits:
-        raise InputError(f'the motion passes a limit without a payload: {empty.excesses[0]}')
     unit = Inertial(1.0, constant(com, (3,), 'mass centre'),
                     np.zeros((3, 3)) if inertia is None else constant(inertia, (3, 3), 'inertia'))
-    carrier.parameters.payload = unit
-    loaded = demand(carrier, motion, **options).tau
-    slope = loaded - empty.tau
-    slope[np.abs(slope) <= NOTHING * (np.abs(loaded) + np.abs(empty.tau))] = 0.0
+    check_moments('payload', unit)
+    carrier = copy(robot)
+    carrier.parameters.payload = None
+    empty = demand(carrier, motion, speed=speed, step=step, power=power)
+    if not empty.fits:
+        raise InputError(f'the motion passes a limit without a payload: {empty.excesses[0]}')
+    more = NONE
+    for _ in range(ROUNDS + 1):
+        carrier.parameters.payload = None
+        empty = demand_at(carrier, motion, speed, step, power, more)
+        carrier.parameters.payload = unit
+        slope = _slope(empty, demand_at(carrier, motion, speed, step, power, more))
+        best = _bound(empty, slope)
+        if math.isinf(best.mass):
+            break
+        doubtful = replace(empty, tau=empty.tau + best.mass * slope).in_doubt
+        if not doubtful.size:
+            break
+        more = np.concatenate([more, speed * doubtful])
+    return best
+
+
+def _slope(empty: Demand, loaded: Demand) -> Array:
+    """Return the torque that each kilogram asks for, (N, n)."""
+    slope = loaded.tau - empty.tau
+    slope[np.abs(slope) <= NOTHING * (np.abs(loaded.tau) + np.abs(empty.tau))] = 0.0
+    return np.asarray(slope)
+
+
+def _bound(empty: Demand, slope: Array) -> PayloadBound:
+    """Return the largest mass that limits at samples leave room for."""
     bounds = {'effort': np.broadcast_to(empty.limits.effort, slope.shape),
               'power': torque_of(empty.power_limit, empty.u)}
     best = PayloadBound(math.inf)

@@ -11,15 +11,17 @@ intervals of s that are known in closed form, and the highest s outside all of t
 exact where there is no Coulomb friction and no limit of power. T(s u) = mu tanh(s u / u_s) only
 grows with s, and tau is bounded by P / (s |u|) where power is by P. Over an interval of s both lie
 between their values at its ends: the most favourable ones forbid too little, the least favourable
-ones too much, and intervals are split until both agree. Slower is not always feasible: an arm that
-cannot hold a posture may swing through it.
+ones too much, and intervals are split until both agree. Where the motion at that speed comes near
+a limit between samples, more are taken there, and the speed is sought again. Slower is not always
+feasible: an arm that cannot hold a posture may swing through it.
 """
 
 from dataclasses import dataclass
 import math
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.demand import Demand, demand, ROUNDING, sampled, STEP, torque_of
+from kane_dynamics.feasibility.demand import Demand, demand_at, torque_of
+from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.limiter import per_joint
 from kane_dynamics.model import Array
 from kane_dynamics.motion import Motion
@@ -88,16 +90,20 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     """
     if not most > 0.0:
         raise InputError(f'most is {most}; expected a positive number')
-    course = Course(robot, motion, step, power)
-    if not course.inside:
-        return None
-    top = min(most, MOST, course.speed_bound)
-    speed = _highest(course, LEAST, top) if top >= LEAST else None
-    if speed is None:
-        return None
-    if speed == MOST:
-        return TimeScale(math.inf)
-    return _bound(demand(robot, motion, speed=speed, step=step, power=power), speed)
+    more = NONE
+    for _ in range(ROUNDS + 1):
+        course = Course(robot, motion, step, power, more)
+        top = min(most, MOST, course.speed_bound)
+        speed = _highest(course, LEAST, top) if course.inside and top >= LEAST else None
+        if speed is None:
+            return None
+        asked = demand_at(robot, motion, speed, step, power, more)
+        scale = TimeScale(math.inf) if speed == MOST else _bound(asked, speed)
+        doubtful = asked.in_doubt
+        if not doubtful.size:
+            break
+        more = np.concatenate([more, speed * doubtful])
+    return scale
 
 
 def _bound(asked: Demand, speed: float) -> TimeScale:
@@ -124,12 +130,15 @@ class Course:
         As in `fastest`.
     power : float or (n,) array_like
         As in `fastest`.
+    more : (k,) array
+        Further times of the motion to look at, s.
 
     """
 
-    def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike) -> None:
+    def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike,
+                 more: Array) -> None:
         """Take the torque apart by powers of the speed."""
-        _, q, self.u, udot = sampled(robot, motion, step)
+        _, q, self.u, udot = sampled(robot, motion, step, more)
         inertia, coriolis, gravity, _, spring = np.moveaxis(
             robot.torque_terms(q, self.u, udot), 1, 0)
         self.robot, limits = robot, robot.limits

@@ -53,6 +53,8 @@ class Design:
                  acceleration: ArrayLike, floor: float | None,
                  floor_frames: Sequence[str] | None) -> None:
         """Gather the limits and sample the basis."""
+        if floor is not None and not math.isfinite(floor):
+            raise InputError(f'floor is {floor}; expected a finite height, m')
         self.model, self.basis, self.share, names = model, basis, share, model.joint_names
         self.robot, self.rigid = Robot(model), Robot(without_losses(model))
         limits = self.robot.limits

@@ -5,6 +5,9 @@ Whoever changes what stands here sees to it that `entry.supported` proves it on 
 """
 
 from collections.abc import Sequence
+import math
+
+from kane_dynamics.native.elementary import literal, scale
 
 # 64-bit words of the table that a function carries as its `self`, in order; pointers follow: for
 # an entry those of the kernel's arguments that no call passes, for a bound call those of all
@@ -21,9 +24,12 @@ TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
                  '  %table = load ptr, ptr %table.at')
 LONG = 256  # entries from which on a block is looked through by a loop
 ALL_FINITE = """
-define internal i1 @all_finite(ptr %x, i64 %size) {  ; size is at least 8; the last may overlap
+; Whether size entries, 8 or more, are finite when they are multiplied by the scale.
+define internal i1 @all_finite(ptr %x, i64 %size, double %scale) {
 start:
-  %last = sub i64 %size, 8
+  %last = sub i64 %size, 8  ; the last block may overlap the one before
+  %one = insertelement <8 x double> poison, double %scale, i32 0
+  %scales = shufflevector <8 x double> %one, <8 x double> poison, <8 x i32> zeroinitializer
   br label %next
 next:
   %k = phi i64 [0, %start], [%k.next, %next]
@@ -32,7 +38,8 @@ next:
   %place = select i1 %within, i64 %k, i64 %last
   %at = getelementptr double, ptr %x, i64 %place
   %value = load <8 x double>, ptr %at, align 8
-  %zero = fsub <8 x double> %value, %value
+  %scaled = fmul <8 x double> %value, %scales
+  %zero = fsub <8 x double> %scaled, %scaled
   %total.next = fadd <8 x double> %total, %zero
   %k.next = add i64 %k, 8
   br i1 %within, label %next, label %done
@@ -92,18 +99,25 @@ class Assembly:
         count = self.load('i32', thing, COUNT)
         self.put(f'  store i32 {self.new(f"add i32 {count}, 1")}, ptr {thing}, align 8')
 
-    def finite(self, blocks: Sequence[tuple[str, int]]) -> list[str]:
-        """Return conditions that together say that blocks, (pointer, size), are finite."""
+    def finite(self, blocks: Sequence[tuple[str, int, float]]) -> list[str]:
+        """
+        Return conditions that together say that blocks are finite.
+
+        A block is (pointer, size, most): none of its entries may be larger than `most` either.
+        """
         totals: dict[int, str] = {}  # by width, of x - x, which is NaN for NaN and infinity
-        looped = [self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size})')
-                  for pointer, size in blocks if size > LONG]
-        for pointer, size in blocks:
+        looped = [self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size}, double '
+                           f'{literal(scale(most))})')
+                  for pointer, size, most in blocks if size > LONG]
+        for pointer, size, most in blocks:
             if size > LONG:
                 continue
             width = next(w for w in (8, 4, 2, 1) if w <= size)
             vector = f'<{width} x double>'
             for place in [*range(0, size - width, width), size - width]:  # the last may overlap
                 x = self.load(vector, pointer, 8 * place)
+                if math.isfinite(most):
+                    x = self.new(f'fmul {vector} {x}, splat (double {literal(scale(most))})')
                 zero = self.new(f'fsub {vector} {x}, {x}')
                 totals[width] = (self.new(f'fadd {vector} {totals[width]}, {zero}')
                                  if width in totals else zero)

@@ -2,6 +2,7 @@
 
 import math
 import struct
+import sys
 
 ABREAST = 4  # elementary functions of one state that are evaluated at once
 
@@ -12,7 +13,20 @@ COS = (4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767
        -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11)
 # exp(r) = 1 + r + r^2 (1/2! + r/3! + ...): the Taylor tail past r^13 is under 1e-17 for ln(2)/2.
 EXP = tuple(1.0 / math.factorial(k) for k in range(2, 14))
+# Of positions, rad or m. Two doubles of that size are 1e-4 apart, and three orders of magnitude
+# further the reduction of angles fails, which sums and multiples of positions must not reach.
+LARGEST = 1e12
 ROUND = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to the nearest integer
+
+
+def largest(argument: str) -> float:
+    """Return the largest size that entries of an argument of this name may have."""
+    return LARGEST if argument in ('q', 'q0') else math.inf
+
+
+def scale(most: float) -> float:
+    """Return by what a number is multiplied so as to overflow where it is larger than `most`."""
+    return 1.0 if math.isinf(most) else sys.float_info.max / most
 
 
 def literal(value: float) -> str:
@@ -94,7 +108,11 @@ class Vector:
         return terms[0]
 
     def sin_cos(self, x: str) -> tuple[str, str]:
-        """Return (sin x, cos x), 2 ulp for |x| < 1e6; two-term Cody-Waite reduction with fma."""
+        """
+        Return (sin x, cos x), by a two-term Cody-Waite reduction with fma.
+
+        2 ulp for |x| < 1e6; an absolute error of 1e-15 up to 1e15, and nonsense beyond 3e15.
+        """
         shifted = self.fma(x, self.const(2.0 / math.pi), self.const(ROUND))
         quadrant = self.bits(shifted)
         turns = self.new(f'fneg {self.type} '

@@ -12,6 +12,7 @@ the fallback serves every call.
 from collections.abc import Callable, Mapping, Sequence
 import ctypes
 from functools import cache
+import math
 import sys
 import sysconfig
 from typing import Any
@@ -153,7 +154,8 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  %y = load ptr, ptr %slot', '  %a = load <3 x double>, ptr %x, align 8',
                       '  %b = fadd <3 x double> %a, %a',
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
-                      entry_code('twice', [3], 0, (3,)), bound_code('twice', [3], 0, (3,))])
+                      entry_code('twice', [3], [math.inf], 0, (3,)),
+                      bound_code('twice', [3], [math.inf], 0, (3,))])
     code = _assembled('self-test', text)
     twice = _entry('twice', '', code, [], (3,), lambda *args, **keywords: (args, keywords))
     bad = np.array([1.0, np.nan, 0.0])
@@ -268,7 +270,7 @@ def methods(cls: type[Tabled], docs: Mapping[str, str],
 
 
 def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
-            shape: Shape) -> str:
+            most: Sequence[float], shape: Shape) -> str:
     """
     Return the assembly that goes into a kernel's module for `entry` and `bound`.
 
@@ -279,11 +281,13 @@ def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
     lengths, default_sizes : sequence of int
         Numbers of entries of the arguments that a call passes, and of the others; one block of
         parameters follows.
+    most : sequence of float
+        Largest size of the entries of every argument.
     shape : tuple of int
         Shape of the result.
 
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
-    return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, len(default_sizes) + 1, shape),
-                      bound_code(symbol, [*lengths, *default_sizes], 1, shape)])
+    return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, most, len(default_sizes) + 1, shape),
+                      bound_code(symbol, [*lengths, *default_sizes], most, 1, shape)])

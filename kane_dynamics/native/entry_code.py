@@ -58,13 +58,14 @@ def _make(a: Assembly, shape: Shape) -> None:
 
 
 def _give_float(a: Assembly, number_at: str) -> None:
-    a.branch(a.finite([(number_at, 1)]), 'good', 'slow')
+    a.branch(a.finite([(number_at, 1, math.inf)]), 'good', 'slow')
     a.put('good:')
     new_float, number = a.word('NEW_FLOAT'), a.load('double', number_at)
     a.put('  ret ptr ' + a.new(f'call ptr {new_float}(double {number})'))
 
 
-def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shape) -> str:
+def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_defaults: int,
+               shape: Shape) -> str:
     """
     Return the assembly of `entry`.
 
@@ -74,6 +75,8 @@ def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shap
         The kernel's, ``void symbol(double **pointers)``: arguments, defaults, result.
     lengths : sequence of int
         Length of each positional argument, all of one dimension; none may be 0.
+    most : sequence of float
+        Largest size of the entries of each.
     n_defaults : int
         Arguments whose memory the table names.
     shape : tuple of int
@@ -101,7 +104,7 @@ def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shap
               for o, length in zip(given, lengths)], 'values', 'slow')
     a.put('values:')
     data = [a.load('ptr', o, DATA) for o in given]
-    a.branch(a.finite(list(zip(data, lengths))), 'ready', 'slow')
+    a.branch(a.finite(list(zip(data, lengths, most))), 'ready', 'slow')
     a.put('ready:')
     data += [a.load('ptr', '%table', 8 * (len(TABLE) + k)) for k in range(n_defaults)]
     for k, pointer in enumerate(data):
@@ -121,14 +124,15 @@ def entry_code(symbol: str, lengths: Sequence[int], n_defaults: int, shape: Shap
           '[%made.array, %keep]')
     memory = a.load('ptr', '%out', DATA)
     a.put(f'  store ptr {memory}, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
-    a.branch(a.finite([(memory, math.prod(shape))]), 'good', 'discard')
+    a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'discard')
     a.put('good:', '  ret ptr %out', 'discard:')  # the fallback computes it again and explains
     a.put(f'  call void {a.word("RELEASE")}(ptr %out)', '  br label %slow')
     a.slow('%kwnames')
     return '\n'.join(a.lines)
 
 
-def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shape) -> str:
+def bound_code(symbol: str, sizes: Sequence[int], most: Sequence[float], n_parameters: int,
+               shape: Shape) -> str:
     """
     Return the assembly of `bound`.
 
@@ -138,6 +142,8 @@ def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shap
         The kernel's, ``void symbol(double **pointers)``: arguments, parameters, result.
     sizes : sequence of int
         Number of entries of each argument; none may be 0.
+    most : sequence of float
+        Largest size of the entries of each.
     n_parameters : int
         Blocks that follow the arguments and are not checked.
     shape : tuple of int
@@ -148,11 +154,11 @@ def bound_code(symbol: str, sizes: Sequence[int], n_parameters: int, shape: Shap
     a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF)
     a.put(f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
     data = [a.load('ptr', '%pointers', 8 * k) for k in range(len(sizes))]
-    a.branch([a.equal('i64', '%nargs', 0), *a.finite(list(zip(data, sizes)))], 'run', 'slow')
+    a.branch([a.equal('i64', '%nargs', 0), *a.finite(list(zip(data, sizes, most)))], 'run', 'slow')
     a.put('run:', f'  call void @{symbol}(ptr %pointers)')
     memory = a.load('ptr', '%pointers', 8 * (len(sizes) + n_parameters))
     if shape:
-        a.branch(a.finite([(memory, math.prod(shape))]), 'good', 'slow')
+        a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'slow')
         a.put('good:')
         result = a.word('RESULT')
         a.add_to_count(result)

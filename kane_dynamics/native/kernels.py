@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+import sys
 from threading import Lock
 from typing import Any
 
@@ -10,6 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model import Array
 from kane_dynamics.native import cache, entry, llvm
 from kane_dynamics.native.collection import without_collection
+from kane_dynamics.native.elementary import largest
 from kane_dynamics.native.emit import module_text
 from kane_dynamics.native.entry import Table
 from kane_dynamics.native.lanes import lane_text, width
@@ -69,13 +71,16 @@ def _converted(argument: Argument, value: Any) -> Array:
 
 
 def _require_finite(argument: Argument, array: Array) -> None:
-    """Raise InputError that names the first entry that is not a finite number."""
-    if np.isfinite(array).all():
+    """Raise InputError that names the first entry that is not finite, or too large."""
+    most = largest(argument.name)
+    good = np.abs(array) <= min(most, sys.float_info.max)
+    if good.all():
         return
-    place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+    place = tuple(int(k) for k in np.argwhere(~good)[0])
     at = ', '.join(map(str, place))
     label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
-    raise InputError(f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number')
+    raise InputError(f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number'
+                     + (f' of at most {most:g} rad or m' if np.isfinite(array[place]) else ''))
 
 
 def _same_rows(a: Array, b: Array) -> bool:
@@ -136,7 +141,8 @@ class Kernel:
                                          lambda: llvm.assemble(text())))
 
     def _ways_in(self) -> str:
-        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults], self.shape)
+        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],
+                             [largest(a.name) for a in self.arguments], self.shape)
 
     def compile_lanes(self) -> llvm.Address:
         """Compile what a batch needs now instead of at the first batch; return its address."""

@@ -8,9 +8,10 @@ the same way. `bad` collects bits that are set where an argument, or a result, i
 """
 
 from functools import cache
+import math
 
 from kane_dynamics.native import llvm
-from kane_dynamics.native.elementary import Vector, vector_type
+from kane_dynamics.native.elementary import largest, scale, Vector, vector_type
 from kane_dynamics.native.emit import Function, with_callees
 from kane_dynamics.native.expression import Expr
 from kane_dynamics.native.program import Program, size_of
@@ -81,7 +82,7 @@ class RowFunction(Function):
             if name == self.shared:
                 columns = {k: self._splat(rows[0], k) for k in needed}
             else:
-                columns = dict(enumerate(self._columns(rows, size, bits)))
+                columns = dict(enumerate(self._columns(rows, size, largest(name), bits)))
             self.names |= {used[name, k]: columns[k] for k in needed}
         self._note(0, bits)
 
@@ -118,7 +119,7 @@ class RowFunction(Function):
                     + v.new(f'load double, ptr {at}') + ', i32 0')
         return v.shuffle(one, 'poison', [0] * v.width)
 
-    def _columns(self, rows: list[str], size: int, bits: list[str]) -> list[str]:
+    def _columns(self, rows: list[str], size: int, most: float, bits: list[str]) -> list[str]:
         """Load rows of `size` entries; return a vector for each entry, add the rows' oddities."""
         v, columns = self._vector, []
         self._ask(rows, size, writing=False)
@@ -126,7 +127,7 @@ class RowFunction(Function):
         for c in range(0, size, v.width):  # the largest blocks change places while they load
             tile = [self._joined(rows[i], rows[i + half], place, size)
                     for place in (c, c + half) for i in range(half)]
-            bits += [self._oddity(row) for row in tile if row != 'zeroinitializer']
+            bits += [self._oddity(row, most) for row in tile if row != 'zeroinitializer']
             columns += exchanged(v, tile, half // 2)
         return columns[:size]
 
@@ -149,8 +150,10 @@ class RowFunction(Function):
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
 
-    def _oddity(self, x: str) -> str:
-        """Return the bits of x - x: no bits where x is finite, not a number where it is not."""
+    def _oddity(self, x: str, most: float = math.inf) -> str:
+        """Return the bits of x - x: none where x is finite, not a number where it is not."""
+        if math.isfinite(most):  # what is larger overflows
+            x = self._vector.op('fmul', x, self._vector.const(scale(most)))
         return self._vector.bits(self._vector.op('fsub', x, x))
 
     def _note(self, place: int, bits: list[str]) -> None:

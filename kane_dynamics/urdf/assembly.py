@@ -7,10 +7,11 @@ from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model import Array, Body, constant, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.urdf.limits import coordinate_limits, UNLIMITED
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.supplement import Supplement
-from kane_dynamics.urdf.tree import Link, listing, Single, snapped, StatedLimits, UrdfTree
+from kane_dynamics.urdf.tree import Link, listing, Single, snapped, UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -76,7 +77,8 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
     names = [m.single.name for m in moving if m.single.name in selection.free]
     names = list(selection.order) if selection.order is not None else names
     index = {name: k for k, name in enumerate(names)}
-    bodies = [Body(m.single.child, m.place.body, _joint(m, selection, index, supplement, notices),
+    limits = coordinate_limits([m.single for m in moving], selection, notices)
+    bodies = [Body(m.single.child, m.place.body, _joint(m, selection, index, supplement, limits),
                    _sum(m.riders)) for m in moving]
     frames = [Frame(x.name, places[x.name].body, places[x.name].rotation,
                     places[x.name].translation) for x in links]
@@ -146,7 +148,7 @@ def _sum(parts: list[Inertial]) -> Inertial:
 
 
 def _joint(body: Moving, selection: Selection, index: dict[str, int], supplement: Supplement,
-           notices: Notices) -> Joint:
+           limits: dict[str, Limits]) -> Joint:
     """Return the joint of a moving body."""
     single, source = body.single, body.single.source
     mimic = selection.followers.get(single.name)
@@ -157,36 +159,7 @@ def _joint(body: Moving, selection: Selection, index: dict[str, int], supplement
         body.place.rotation, body.place.translation,
         index[single.name if mimic is None else mimic.master],
         1.0 if mimic is None else mimic.multiplier, 0.0 if mimic is None else mimic.offset,
-        Limits() if mimic is not None or source.kind in ('floating', 'planar')
-        else _limits(single.name, source.limits, source.kind == 'continuous', notices), **own)
-
-
-def _limits(name: str, stated: StatedLimits | None, continuous: bool,
-            notices: Notices) -> Limits:
-    """Return a joint's limits, infinite where nothing sensible is stated; note what is not."""
-    if stated is None:
-        if not continuous:
-            notices.no_limit.append(name)
-        return Limits()
-    lower, upper = stated.lower, stated.upper
-    missing = [key for key in ('velocity', 'effort') if getattr(stated, key) is None]
-    if lower is None and upper is None and not continuous:
-        missing = ['lower', 'upper', *missing]
-    if missing:
-        notices.no_limit.append(f'{name} ({", ".join(missing)})')
-    zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
-    if zero:
-        notices.zero_limit.append(f'{name} ({", ".join(zero)})')
-    bounds = (-math.inf, math.inf)
-    if continuous:
-        if lower is not None or upper is not None:
-            notices.not_used('<limit> lower and upper of a continuous joint', name)
-    elif lower is not None or upper is not None:
-        bounds = (lower or 0.0, upper or 0.0)  # URDF: 0 where only the other is stated
-        if bounds[0] >= bounds[1]:
-            notices.bad_limit.append(f'{name} ({bounds[0]:g} to {bounds[1]:g})')
-            bounds = (-math.inf, math.inf)
-    return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
+        limits.get(single.name, UNLIMITED), **own)
 
 
 def _note_masses(tree: UrdfTree, selection: Selection, moving: list[Moving],

@@ -25,6 +25,8 @@ class Notices:
     bad_limit: Names = _kind('joints whose <limit> lower is not below upper, taken as unlimited')
     zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity, taken as not '
                               'stated: unlimited')
+    no_room: Names = _kind('mimic joints whose <limit> leaves their master no room, taken as '
+                           'unlimited in position')
     indefinite: Names = _kind('links whose inertia has a negative principal moment, used as it '
                               'stands because strict=False')
     triangle: Names = _kind('links whose inertia no matter can have: a principal moment exceeds '

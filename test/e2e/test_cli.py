@@ -294,6 +294,8 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
     (['torque', '/no/such.urdf'], ['/no/such.urdf']),
     (['torque', 'URDF', '--supplement', '/no/such.yaml'], ['/no/such.yaml']),
     (['simulate', 'URDF', '--duration', '-1'], ['duration', '-1']),
+    (['doctor', 'URDF', '--live', 'nan'], ['--live is nan', 'positive']),
+    (['doctor', 'URDF', '--live', '-1'], ['--live is -1.0', 'positive']),
     (['simulate', 'URDF', '--duration', '0'], ['duration', '0']),
     (['simulate', 'URDF', '--step', '0'], ['step', '0']),
     (['simulate', 'URDF', '--out', 'x.txt'], ['x.txt', '.npz', '.csv']),
@@ -320,6 +322,19 @@ def test_bad_usage_exits_2(arguments, capsys):
     with pytest.raises(SystemExit) as left:
         main(arguments)
     assert left.value.code == 2 and 'usage' in capsys.readouterr().err
+
+
+def test_names_that_look_like_numbers_are_names(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / '2025_11').write_text(ARM.replace('"fore"', '"-2"').replace('"base"', '"1"'))
+    (tmp_path / '20251102').write_text('t,lift,reach\n0,0,-1e-3\n1,0,0\n')
+    for out in ('5', '-6'):
+        assert main(['torque', '2025_11', '--base', '1', '--tip', '-2', '--trajectory',
+                     '20251102', '--out', out]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['-6', '20251102', '2025_11', '5']
+    assert rows(tmp_path / '5')['q.reach'].tolist() == [-1e-3, 0.0]
+    assert main(['export', '2025_11', '--wrench-frames', '-2', '--payload-frame', '1',
+                 '--kernel', 'gravity_force', '-o', 'arm.c']) == 0
 
 
 @pytest.mark.parametrize('arguments', [['--help'], ['torque', '--help'], ['simulate', '-h']])

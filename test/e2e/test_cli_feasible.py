@@ -1,7 +1,9 @@
 """Promises of `kane-dynamics feasible`: what fits, what would, and how much it may carry."""
 
 import json
+import math
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -26,9 +28,9 @@ def trajectory(tmp_path):
     return str(path)
 
 
-def answer(capsys, *arguments):
+def answer(capsys, *arguments, urdf=URDF):
     """Return exit code and JSON of the command, run in this process."""
-    code = main(['feasible', str(URDF), *arguments, '--json'])
+    code = main(['feasible', str(urdf), *arguments, '--json'])
     return code, json.loads(capsys.readouterr().out)
 
 
@@ -43,16 +45,25 @@ def test_what_does_not_fit_is_named_and_exits_1_as_a_process(trajectory, tmp_pat
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
-def test_motion_written_at_the_highest_speed_fits_with_no_room_left(trajectory, tmp_path, capsys):
-    out = str(tmp_path / 'fits.csv')
-    code, data = answer(capsys, '--trajectory', trajectory, '--out', out)
-    expected = fastest(Robot(load_urdf(URDF)),
-                       Motion.from_points(TIMES, POINTS, joint_names=NAMES))
-    assert code == 1 and data['fastest']['speed'] == pytest.approx(expected.speed)
-    code, again = answer(capsys, '--trajectory', out, '--step', '0.002',
-                         '--speed', str(1.0 - 1e-9))
+@pytest.mark.parametrize('jumps', [False, True])
+def test_motion_written_at_the_highest_speed_fits_with_no_room_left(trajectory, tmp_path, capsys,
+                                                                    jumps):
+    velocities, urdf = None, URDF
+    if jumps:  # cubics, whose accelerations jump where they, and so the efforts, are largest
+        velocities, urdf = np.zeros((4, 6)), tmp_path / 'swift.urdf'
+        urdf.write_text(re.sub('velocity="[^"]*"', 'velocity="100"', URDF.read_text()))
+        header = ','.join(['t', *(f'{what}.{name}' for what in 'qu' for name in NAMES)])
+        np.savetxt(trajectory, np.column_stack([TIMES, POINTS, velocities]), delimiter=',',
+                   comments='', header=header)
+    out, power = str(tmp_path / 'fits.csv'), [] if jumps else ['--power', '100']
+    code, data = answer(capsys, '--trajectory', trajectory, *power, '--out', out, urdf=urdf)
+    expected = fastest(Robot(load_urdf(urdf)), Motion.from_points(
+        TIMES, POINTS, velocities, joint_names=NAMES), power=math.inf if jumps else 100.0)
+    assert code == 1 and expected.limit == ('effort' if jumps else 'power')
+    assert data['fastest']['speed'] == pytest.approx(expected.speed)
+    code, again = answer(capsys, '--trajectory', out, *power, urdf=urdf)
     assert code == 0 and again['fits'] and not again['excesses']
-    assert again['fastest']['speed'] == pytest.approx(1.0, abs=1e-6)
+    assert again['fastest']['speed'] == pytest.approx(1.0, abs=1e-8)
     assert again['duration'] == pytest.approx(1.5 / expected.speed)
 
 

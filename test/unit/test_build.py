@@ -84,6 +84,16 @@ def test_uniform_shapes_have_the_textbook_moments(matter, moments, com):
     np.testing.assert_allclose(matter.com, com, atol=1e-15)
 
 
+@pytest.mark.parametrize(('shape', 'words'), [
+    (lambda: box(1, (-1, 1, 1)), r'size of a box is \[-1.0, 1.0, 1.0\] m'),
+    (lambda: disc(1, -1), 'radius of a disc is -1.0 m'),
+    (lambda: disc(1, 1, thickness=-2), 'thickness of a disc is -2.0 m'),
+    (lambda: ball(1, -3), 'radius of a ball is -3.0 m')])
+def test_a_negative_length_is_refused(shape, words):
+    with pytest.raises(ModelError, match=words):
+        shape()
+
+
 def test_matter_on_a_frame_rides_on_its_body():
     inertial = random_inertial(np.random.default_rng(3))
     b, direct = ModelBuilder(), ModelBuilder()

@@ -1,8 +1,10 @@
 """Closed forms are the mechanics: with numbers put in, they give what Kane's sums give."""
 
 from dataclasses import replace
+from itertools import product
 
 from kane_dynamics import box, Inertial, InputError, Model, ModelBuilder, point_mass
+from kane_dynamics.cli import polynomials
 from kane_dynamics.cli.equations import as_csv, closed_form
 from kane_dynamics.cli.symbolic import exact, shortened, Symbolic, symbols, unwrapped
 from kane_dynamics.mechanics import kane, kinematics
@@ -39,8 +41,13 @@ def geared():
     return Model('geared', (first, replace(second, joint=joint)), ('first',))
 
 
-@pytest.mark.parametrize('numbers', [False, True])
-@pytest.mark.parametrize('make', [hanging, crane, geared])
+def general():
+    """Two links on axes that are skew in every way."""
+    return random_model(3, 2, prismatic=0.0, branching=0.0, passive=False)
+
+
+@pytest.mark.parametrize(('make', 'numbers'), [
+    *product([hanging, crane, geared], [False, True]), (general, True)])
 def test_closed_form_is_what_the_sums_over_bodies_give(make, numbers):
     model = make()
     form = closed_form(model, numbers=numbers)
@@ -116,7 +123,21 @@ def test_short_forms_are_equal_to_what_they_shorten():
             (sp.sin(q1) * sp.cos(q2), sp.sin(q1) * sp.cos(q2)),
             (1 - sp.cos(q1)**2, sp.sin(q1)**2),
             (sp.tanh(u1) * (sp.sin(q2)**2 - 1), -sp.tanh(u1) * sp.cos(q2)**2)):
-        assert shortened(expression, (q1, q2), (u1,)) == expected
+        assert shortened([expression], (q1, q2), (u1,)) == [expected]
+
+
+def test_what_cancels_is_not_multiplied_out_before():
+    (q1, q2, m), _ = symbols(['q1', 'q2', 'm'])
+    x = m * (sp.sqrt(6) * sp.sin(q2)).subs(q2, 2 * q1)
+    for _ in range(40):  # 2^40 terms, if they were
+        x = x * sp.sin(q1 + q2)**2 + sp.cos(q1 + q2)**2 * x
+    assert shortened([x * sp.sqrt(2)], (q1, q2)) == [2 * sp.sqrt(3) * m * sp.sin(2 * q1)]
+
+
+def test_a_closed_form_that_fills_pages_is_refused_with_a_way_out(monkeypatch):
+    monkeypatch.setattr(polynomials, 'MOST_TERMS', 20)
+    with pytest.raises(InputError, match=r'more than 20 terms; valid: fewer joints .*--numbers'):
+        closed_form(hanging())
 
 
 def test_numbers_become_exact():

@@ -1,8 +1,11 @@
 """Promises of sine, cosine and hyperbolic tangent in native code."""
 
+from kane_dynamics import InputError
 from kane_dynamics.native import llvm
+from kane_dynamics.native.elementary import LARGEST
 from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.lanes import lane_text
+from kane_dynamics.native.kernels import Argument, Kernel
+from kane_dynamics.native.lanes import lane_text, width
 from kane_dynamics.native.march import march, Strided
 from kane_dynamics.native.program import trace_program
 from kane_dynamics.native.support import repeat
@@ -48,6 +51,16 @@ def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, siz
             assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
 
 
+@pytest.mark.parametrize('size', [1e9, LARGEST, 1e3 * LARGEST])
+def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
+    x = np.random.default_rng(2).uniform(-size, size, N)
+    got = functions(x)
+    with mpmath.workprec(200):
+        exact = np.array([[float(mpmath.sin(mpmath.mpf(v))), float(mpmath.cos(mpmath.mpf(v)))]
+                          for v in x])
+    np.testing.assert_allclose(got[:, :2], exact, rtol=0.0, atol=1e-15)
+
+
 def test_near_multiples_of_a_quarter_turn_the_relative_error_stays_small(functions):
     x = np.arange(-2000, 2000) * (np.pi / 2)
     got = functions(x)
@@ -68,3 +81,19 @@ def test_zero_and_saturation_are_exact(functions):
     got = functions([0.0, -0.0, 50.0, -1e300])
     assert (got[:2, 0] == 0.0).all() and (got[:2, 1] == 1.0).all() and np.signbit(got[1, 2])
     assert got[2, 2] == 1.0 and got[3, 2] == -1.0
+
+
+@pytest.mark.parametrize('size', [3, 300])
+def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(size):
+    kernel = Kernel('f', lambda: trace_program('f', lambda q, none: [np.sin(q[1])], [
+        ('q', (size,)), ('none', (1,))]), None, [Argument('q', (size,))], np.zeros(1), (1,))
+    q, result = np.full(size, -1e12), np.empty(1)
+    ways = [kernel.entry('', kernel), kernel.bind([q], result, ''), kernel, kernel]
+    given = [(q,), (), (list(q),), (np.tile(q, (width() + 1, 1)),)]
+    for way, arguments in zip(ways, given):
+        np.testing.assert_allclose(way(*arguments).ravel(), np.sin(-1e12), atol=1e-15)
+    q[1] = given[2][0][1] = given[3][0][1, 1] = -1.001e12
+    for way, arguments in zip(ways, given):
+        with pytest.raises(InputError, match=r'q\[(1|1, 1)\] is -1001000000000.0; expected a '
+                           r'finite number of at most 1e\+12 rad or m'):
+            way(*arguments)

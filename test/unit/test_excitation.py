@@ -123,6 +123,7 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'duration': 0.0}, 'duration is 0'), ({'harmonics': 1}, 'harmonics is 1; expected two'),
+    ({'floor': float('nan')}, 'floor is nan; expected a finite height'),
     ({'share': 1.1}, 'share is 1.1'), ({'starts': 0}, 'starts is 0; expected one'),
     ({'seed': -1}, 'seed is -1; expected'),
     ({'velocity': 0.0}, 'has the limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),

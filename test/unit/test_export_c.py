@@ -175,8 +175,11 @@ def test_names_that_c_cannot_hold_do_no_harm(tmp_path):
     bodies = [type(b)(b.name, b.parent, type(j)(joints[k], j.kind, j.axis, coordinate=k),
                       b.inertial) for k, b in enumerate(model.bodies) if (j := b.joint)]
     robot = Robot(Model('/* "\\\n*/', tuple(bodies), tuple(joints)))
-    source, _ = robot.export_c(tmp_path / '7-axis arm.c', ['gravity_force'])
-    assert built(source, tmp_path).x7_axis_arm_self_test() == 0
+    source, _ = robot.export_c(tmp_path / '7-axis armé.c', ['gravity_force'])
+    assert built(source, tmp_path).x7_axis_arm__self_test() == 0
+    for name in ('a"b.c', 'a\\b.c', 'a\nb.c', 'a??b.c', 'a\udcffb.c'):
+        with pytest.raises(InputError, match='C cannot include the name of its header'):
+            robot.export_c(tmp_path / name)
 
 
 @pytest.mark.parametrize('kernels, words', [

@@ -4,17 +4,17 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, Motion, point_mass,
-                           Robot, simulate)
-from kane_dynamics.feasibility import demand, fastest, largest_payload
-from kane_dynamics.feasibility.demand import sampled, STEP
+from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelError, Motion,
+                           point_mass, Robot, simulate)
+from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
+from kane_dynamics.feasibility.samples import sampled, STEP
 from kane_dynamics.feasibility.time_scale import highest_free, positive
 from kane_dynamics.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np
 import pytest
 
-STEPS = {'step': 0.02}
+STEPS = {'step': 0.005}
 SPEEDS = np.geomspace(1e-3, 100.0, 1500)
 
 
@@ -43,9 +43,9 @@ def motion(seed, duration=2.0):
                               joint_names=arm().joint_names)
 
 
-def allowed(robot, course, speeds, power=math.inf):
+def allowed(robot, course, speeds, power=math.inf, step=0.02):
     """Tell at which speeds the arm keeps its limits, by computing every torque anew."""
-    _, q, u, udot = sampled(robot, course, 0.02)
+    _, q, u, udot = sampled(robot, course, step)
     s = speeds[:, None, None]
     at = [np.broadcast_to(x, (len(speeds), *q.shape)).reshape(-1, 3)
           for x in (q, s * u, s**2 * udot)]
@@ -67,11 +67,14 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
     if found is None:
         assert not len(kept)
         return
-    assert not len(kept) or kept[-1] <= found.speed
+    for speed in kept[kept > found.speed]:  # by the samples, but not between them
+        assert not allowed(robot, course, np.array([speed]), power, 1e-4).any()
     asked = demand(robot, course, speed=found.speed, power=power, **STEPS)
     assert asked.fits
     assert asked.uses[found.limit][robot.joint_names.index(found.joint)] == pytest.approx(1.0)
-    above = allowed(robot, course, found.speed * (1.0 + np.array([1e-6, 1e-3])), power)
+    assert found.speed == pytest.approx(fastest(robot, course, power=power, step=1e-4).speed,
+                                        rel=1e-9)
+    above = allowed(robot, course, found.speed * (1.0 + np.array([1e-6, 1e-3])), power, 1e-4)
     assert not above.any()
 
 
@@ -80,8 +83,9 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
     (1339, 15.264592834744503), (1422, 47.19545903456095)])
 def test_speed_that_rounding_puts_a_hair_too_high_is_found_all_the_same(seed, effort):
     found = fastest(limited(effort), motion(seed), **STEPS)
-    assert allowed(limited(effort), motion(seed), np.array([found.speed * (1.0 - 1e-8)])).all()
-    assert not allowed(limited(effort), motion(seed), np.array([found.speed * (1.0 + 1e-8)])).any()
+    for factor, kept in ((1.0 - 1e-8, True), (1.0 + 1e-6, False)):
+        assert allowed(limited(effort), motion(seed), np.array([found.speed * factor]),
+                       step=1e-4).all() == kept
 
 
 @cache
@@ -143,12 +147,24 @@ def test_largest_payload_fits_and_any_more_does_not(seed, power):
         assert asked.fits == fits
     worst = max(asked.excesses, key=lambda excess: abs(excess.value) / excess.bound)
     assert (worst.joint, worst.limit, worst.t) == (found.joint, found.limit,
-                                                   pytest.approx(found.t))
+                                                   pytest.approx(found.t, abs=STEPS['step']))
+
+
+def test_an_excess_is_told_with_the_digits_that_show_it():
+    assert str(Excess('j', 'power', 1.0, 100.0000321, 100.0)).endswith(
+        'power 100.00003 at 1 s; power limit 100')
+    assert str(Excess('j', 'effort', 1.0, 51.23456, 50.0)).endswith(
+        'torque 51.23 at 1 s; effort limit 50')
 
 
 def test_payload_of_a_motion_that_does_not_fit_is_refused_by_name():
     with pytest.raises(InputError, match=r"without a payload: joint 'joint\d': torque .* at "):
         largest_payload(limited(1.0), motion(0), **STEPS)
+
+
+def test_payload_that_no_matter_can_be_is_refused():
+    with pytest.raises(ModelError, match="'payload': principal moments of inertia are 1, 1, 5"):
+        largest_payload(limited(math.inf), motion(0), inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
 
 
 def test_nothing_bounds_a_robot_without_limits():

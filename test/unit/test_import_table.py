@@ -129,7 +129,8 @@ def test_library_is_imported_only_where_it_may_be(library):
 def test_optional_library_is_imported_only_when_used(library):
     eager = [found for found in IMPORTS if found.target.split('.')[0] == library
              and not found.lazy and found.unit not in ('demo', 'plot', 'view')
-             and found.importer not in ('cli/equations.py', 'cli/symbolic.py')]
+             and found.importer not in {f'cli/{name}.py' for name in (
+                 'equations', 'polynomials', 'symbolic')}]
     assert eager == []
 
 

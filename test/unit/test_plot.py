@@ -141,6 +141,14 @@ def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_tha
     assert along.joint_names == motion.joint_names
 
 
+@pytest.mark.parametrize(('t', 'words'), [
+    ([0.0, 2.0, 1.0], 'row 3, after 2.0'), ([0.0, np.nan, 1.0], 'is nan in row 2'),
+    ([0.0, 1.0], r'shape \(2,\); expected \(3,\)')])
+def test_a_motion_without_an_order_in_time_is_refused(t, words):
+    with pytest.raises(InputError, match=words):
+        Trajectory.along(arm(), t, *np.zeros((3, 3, arm().n)))
+
+
 def test_unaccounted_energy_is_the_error_of_integration_of_fourth_order():
     def lost(step):
         motion = simulate(arm(), np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.5, 0.7]), 0.4,

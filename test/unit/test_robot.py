@@ -186,6 +186,12 @@ def test_verify_finds_a_wrong_kernel():
         robot.verify()
 
 
+@pytest.mark.parametrize('states', [0, -1, 1.5, True])
+def test_verify_without_a_state_is_refused(states):
+    with pytest.raises(InputError, match=f'states is {states}; expected a whole number'):
+        Robot(random_model(1, 3)).verify(states)
+
+
 def test_a_mechanism_of_one_joint_and_one_of_thirty_compile():
     for n in (1, 30):
         robot = Robot(random_model(7, n, passive=False))

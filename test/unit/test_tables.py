@@ -2,12 +2,15 @@
 
 import io
 
-from kane_dynamics.cli.tables import read_motion, read_states, write_states
+from kane_dynamics.cli.tables import read_motion, read_rows, read_states, write_states
 from kane_dynamics.errors import InputError
 import numpy as np
 import pytest
 
 NAMES = ('lift', 'reach')
+POINTS = """joint_names: [lift, reach]
+points: [{{time_from_start: {{{}}}, positions: [0, 1], effort: []}},
+         {{time_from_start: 4.5, positions: [2, 3]}}]"""
 
 
 def file(tmp_path, text, name='states.csv'):
@@ -60,12 +63,34 @@ def test_a_bad_csv_file_is_refused_by_place(tmp_path, text, words):
     ('m.yaml', 'joint_names: [lift, reach]\npoints: [{positions: [1, 2]}]', ['time_from_start']),
     ('m.yaml', 'joint_names: [lift, reach]\npoints: [{time_from_start: soon, positions: [1, 2]}]',
      ['soon']),
+    ('m.yaml', POINTS.format('sec: 1, nsec: 500000000'), ['point 0: time_from_start', "'nsec'",
+                                                          'sec, nanosec']),
+    ('m.yaml', POINTS.format('secs: 3'), ["'secs'", 'sec, nanosec']),
+    ('m.yaml', POINTS.format('sec: 1').replace('positions: [0', 'velocity: [1, 1], positions: [0'),
+     ['point 0', "'velocity'", 'velocities']),
+    ('m.yaml', POINTS.format('sec: 1').replace('[lift, reach]', 'lr'), ['joint_names', "'lr'"]),
+    ('m.yaml', 'joint_trajectory: 1\n' + POINTS.format('sec: 1'), ["'joint_trajectory'"]),
+    ('m.yaml', POINTS.format('sec: 1') + '\npoints: []', ['more than once', 'points']),
 ])
 def test_a_bad_motion_file_is_refused_by_name(tmp_path, name, text, words):
     with pytest.raises(InputError) as caught:
         read_motion(file(tmp_path, text, name), NAMES)
     for word in [name, *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(('second', 'words'), [
+    ('0', 'after 1.0'), ('1', 'after 1.0'), ('nan', 'nan in row 2'), ('inf', 'inf in row 2')])
+def test_rows_of_states_must_go_on_in_time(tmp_path, second, words):
+    path = file(tmp_path, f't,lift,reach,u.lift,u.reach,udot.lift,udot.reach\n1{",0" * 6}\n'
+                          f'{second}{",0" * 6}\n')
+    with pytest.raises(InputError, match=f"states.csv: column 't' .*{words}"):
+        read_rows(str(path), NAMES)
+
+
+def test_times_of_a_message_count_seconds_and_nanoseconds(tmp_path):
+    path = file(tmp_path, POINTS.format('sec: 1, nanosec: 500000000'), 'm.yaml')
+    assert read_motion(path, NAMES).times.tolist() == [1.5, 4.5]
 
 
 def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):

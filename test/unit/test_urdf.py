@@ -152,13 +152,28 @@ def test_mimic_defaults_are_one_and_zero():
 
 def test_mimic_chain_resolves_to_the_root_master_whatever_the_order():
     model = load(robot(link('a'), link('b'), link('c'), link('d'),
-                       joint('h', 'a', 'b', more='<mimic joint="g" multiplier="2" offset="1"/>'),
-                       joint('g', 'b', 'c', more='<mimic joint="m" multiplier="3" offset="5"/>'),
+                       joint('h', 'a', 'b', limit='',
+                             more='<mimic joint="g" multiplier="2" offset="1"/>'),
+                       joint('g', 'b', 'c', limit='',
+                             more='<mimic joint="m" multiplier="3" offset="5"/>'),
                        joint('m', 'c', 'd')))
     by_name = {body.joint.name: body.joint for body in model.bodies}
     assert model.joint_names == ('m',)
     assert (by_name['g'].multiplier, by_name['g'].offset) == (3.0, 5.0)
     assert (by_name['h'].multiplier, by_name['h'].offset) == (6.0, 11.0)
+
+
+@pytest.mark.parametrize('multiplier, offset, stated, expected', [
+    ('-2', '0.5', 'lower="0" upper="1" velocity="1"', (-0.25, 0.25, 0.5, 3.0)),
+    ('-4', '0', 'lower="-3.2" upper="8" velocity="20"', (-1.0, 0.8, 2.0, 3.0)),
+    ('0.1', '0', 'lower="-0.1" upper="0.1" velocity="0.2"', (-1.0, 1.0, 2.0, 3.0)),
+    ('1', '0', 'lower="-1" upper="1" velocity="2"', (-1.0, 1.0, 2.0, 3.0))])
+def test_limits_of_a_follower_bind_its_master(multiplier, offset, stated, expected):
+    follower = joint('f', 'a', 'c', limit=f'<limit {stated} effort="3"/>',
+                     more=f'<mimic joint="m" multiplier="{multiplier}" offset="{offset}"/>')
+    for order in ((follower, joint('m', 'a', 'b')), (joint('m', 'a', 'b'), follower)):
+        limits = load(robot(link('a'), link('b'), link('c'), *order)).coordinate_joints[0].limits
+        assert (limits.lower, limits.upper, limits.velocity, limits.effort) == expected
 
 
 def test_mimic_with_multiplier_zero_stands_at_its_offset():

@@ -55,6 +55,15 @@ WARNINGS = {
     'bounds of a continuous joint': (
         robot(A, B, joint('j', 'a', 'b', 'continuous')),
         ('not used', '<limit> lower and upper of a continuous joint: j')),
+    'effort of a mimic joint': (
+        robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
+            'f', 'a', 'c', limit='<limit lower="-1" upper="1" velocity="2" effort="0.1"/>',
+            more='<mimic joint="j"/>')),
+        ('not used', "<limit> effort of a mimic joint, whose torque is its master's: f")),
+    'bounds of a mimic joint beyond its master': (
+        robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
+            'f', 'a', 'c', more='<mimic joint="j" offset="2"/>')),
+        ('no room', 'unlimited in position', 'f (-1 to 1)')),
     'limit of a floating joint': (robot(A, B, joint('j', 'a', 'b', 'floating')),
                                   ('not used', '<limit> of a floating joint: j')),
     'mimic on a fixed joint': (robot(A, B, joint('j', 'a', 'b', 'fixed',

@@ -1,0 +1,137 @@
+"""
+Expressions multiplied out: polynomials in sines, cosines, symbols and square roots.
+
+SymPy's `expand` multiplies a nested expression out before anything in it can cancel, which a
+mechanism with oblique axes makes hopeless. Here each node of the expression becomes a polynomial
+of SymPy's sparse rings, once, and sin^2 = 1 - cos^2 is used after every product.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from kane_dynamics.errors import InputError
+import sympy as sp
+from sympy.polys.rings import ring
+
+MOST_TERMS = 5000  # of a polynomial: beyond that nobody reads it
+
+
+class Polynomials:
+    """
+    Polynomials of expressions that share their generators.
+
+    Parameters
+    ----------
+    expressions : sequence of SymPy expressions
+        All that will be multiplied out.
+
+    """
+
+    def __init__(self, expressions: Sequence[Any]) -> None:
+        """Gather the generators, and the rules that lower their powers."""
+        self.plain = _Trig(expressions)
+        atoms = sorted(self.plain.atoms, key=sp.default_sort_key)
+        self.ring, *generators = ring(atoms, sp.QQ) if atoms else (ring('x', sp.QQ)[0],)
+        self.generators = dict(zip(atoms, generators))
+        self._values: dict[Any, Any] = {}
+        one, place = self.ring.one, {atom: k for k, atom in enumerate(atoms)}
+        self._rules = [(place[atom], one - self.generators[sp.cos(*atom.args)]**2)
+                       for atom in atoms if isinstance(atom, sp.sin)]
+        self._rules += [(place[atom], one * int(atom.base)) for atom in atoms if atom.is_Pow]
+
+    def of(self, expression: Any) -> Any:
+        """
+        Return an expression as a polynomial, in lowest powers of sines and roots.
+
+        Raises
+        ------
+        InputError
+            It has more than `MOST_TERMS` terms.
+
+        """
+        if expression not in self._values:
+            self._values[expression] = self._made(expression)
+        return self._values[expression]
+
+    def by(self, polynomial: Any, variables: Iterable[Any]) -> dict[Any, Any]:
+        """Return the coefficients of a polynomial in some generators, by products of these."""
+        places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
+        found: dict[Any, Any] = {}
+        for powers, coefficient in polynomial.terms():
+            rest = tuple(0 if k in places else power for k, power in enumerate(powers))
+            product = sp.Mul(*(self.ring.symbols[k]**powers[k] for k in places))
+            found.setdefault(product, self.ring.zero)[rest] = coefficient
+        return found
+
+    def _made(self, expression: Any) -> Any:
+        expression = self.plain.form(expression)
+        if expression.is_Rational:
+            return self.ring.one * sp.QQ(expression.p, expression.q)
+        if expression in self.generators:
+            return self.generators[expression]
+        if expression.is_Add:
+            result = self.ring.zero
+            for part in expression.args:
+                result = self._bounded(result + self.of(part))
+            return result
+        factors = ([self.of(expression.base)] * int(expression.exp) if expression.is_Pow
+                   else sorted(map(self.of, expression.args), key=len))
+        result = self.ring.one
+        for factor in factors:
+            result = self._bounded(self._lowered(result * factor))
+        return result
+
+    def _bounded(self, polynomial: Any) -> Any:
+        if len(polynomial) > MOST_TERMS:
+            raise InputError(f'a closed form has more than {MOST_TERMS} terms; valid: fewer '
+                             'joints (--joints), or numbers for symbols (--numbers)')
+        return polynomial
+
+    def _lowered(self, polynomial: Any) -> Any:
+        """Return a polynomial without second powers of sines and roots."""
+        for place, square in self._rules:
+            while any(powers[place] > 1 for powers in polynomial):
+                low, high = self.ring.zero, self.ring.zero
+                for powers, coefficient in polynomial.items():
+                    if powers[place] > 1:
+                        high[(*powers[:place], powers[place] - 2,
+                              *powers[place + 1:])] = coefficient
+                    else:
+                        low[powers] = coefficient
+                polynomial = low + high * square
+        return polynomial
+
+
+class _Trig:
+    """Expressions in the atoms that generate them: trigonometric sums apart, roots of primes."""
+
+    def __init__(self, expressions: Sequence[Any]) -> None:
+        """Gather the atoms."""
+        self.atoms: set[Any] = set()
+        self._forms: dict[Any, Any] = {}
+        waiting, seen = list(expressions), set()
+        while waiting:
+            x = self.form(waiting.pop())
+            if x in seen:
+                continue
+            seen.add(x)
+            if x.is_Add or x.is_Mul:
+                waiting.extend(x.args)
+            elif x.is_Pow and x.exp.is_Integer and x.exp > 0:
+                waiting.append(x.base)
+            elif not x.is_Rational:
+                self.atoms.add(x)
+                if isinstance(x, sp.sin):
+                    self.atoms.add(sp.cos(*x.args))
+
+    def form(self, x: Any) -> Any:
+        """Return a node as a sum or a product of simpler ones, or as it is."""
+        if isinstance(x, sp.sin | sp.cos):
+            if x not in self._forms:  # an offset's own sine and cosine would double the terms
+                offset = x.args[0].as_coeff_Add()[0]
+                self._forms[x] = sp.expand_trig(x) if offset == 0 else x
+            return self._forms[x]
+        if x.is_Pow and x.exp == sp.S.Half and x.base.is_Integer and not x.base.is_prime:
+            return sp.Mul(*(sp.sqrt(p)**k for p, k in sp.factorint(x.base).items()),
+                          evaluate=False)
+        return x

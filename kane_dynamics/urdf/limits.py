@@ -1,0 +1,93 @@
+"""The limits of the coordinates of a URDF: those of their joints and of all that mimic them."""
+
+from collections.abc import Iterable
+import math
+
+from kane_dynamics.model import Limits
+from kane_dynamics.urdf.notices import Notices
+from kane_dynamics.urdf.selection import Selection
+from kane_dynamics.urdf.tree import Mimic, Single, StatedLimits
+
+UNLIMITED = Limits()
+ROUNDING = 1e-9  # relative: a follower's bound so near its master's says the same
+
+
+def coordinate_limits(singles: Iterable[Single], selection: Selection,
+                      notices: Notices) -> dict[str, Limits]:
+    """
+    Return the limits of the free joints among those that move, by name.
+
+    A joint that mimics one at position q stands at ``multiplier * q + offset``, so that its
+    bounds of position and speed are bounds of q too. Its effort is none of a motor that q has:
+    the master's bounds the torque of both together.
+    """
+    limits, followers = {}, []
+    for single in singles:
+        mimic = selection.followers.get(single.name)
+        if mimic is not None:
+            followers.append((single, mimic))
+        elif single.source.kind in ('floating', 'planar'):
+            limits[single.name] = UNLIMITED
+        else:
+            limits[single.name] = _limits(single, notices)
+    for single, mimic in followers:
+        limits[mimic.master] = _led(limits[mimic.master], single, mimic, notices)
+    return limits
+
+
+def _limits(single: Single, notices: Notices) -> Limits:
+    """Return a joint's limits, infinite where nothing sensible is stated; note what is not."""
+    name, stated = single.name, single.source.limits
+    continuous = single.source.kind == 'continuous'
+    if stated is None:
+        if not continuous:
+            notices.no_limit.append(name)
+        return UNLIMITED
+    missing = [key for key in ('velocity', 'effort') if getattr(stated, key) is None]
+    if stated.lower is None and stated.upper is None and not continuous:
+        missing = ['lower', 'upper', *missing]
+    if missing:
+        notices.no_limit.append(f'{name} ({", ".join(missing)})')
+    return _sensible(name, stated, continuous, notices)
+
+
+def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notices) -> Limits:
+    """Return what is stated, infinite where that is not sensible, which is noted."""
+    lower, upper = stated.lower, stated.upper
+    zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
+    if zero:
+        notices.zero_limit.append(f'{name} ({", ".join(zero)})')
+    bounds = (-math.inf, math.inf)
+    if continuous:
+        if lower is not None or upper is not None:
+            notices.not_used('<limit> lower and upper of a continuous joint', name)
+    elif lower is not None or upper is not None:
+        bounds = (lower or 0.0, upper or 0.0)  # URDF: 0 where only the other is stated
+        if bounds[0] >= bounds[1]:
+            notices.bad_limit.append(f'{name} ({bounds[0]:g} to {bounds[1]:g})')
+            bounds = (-math.inf, math.inf)
+    return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
+
+
+def _led(master: Limits, single: Single, mimic: Mimic, notices: Notices) -> Limits:
+    """Return the limits of a master that keep those of its follower too."""
+    if single.source.limits is None:
+        return master
+    own = _sensible(single.name, single.source.limits, single.source.kind == 'continuous',
+                    notices)
+    if own.effort not in (math.inf, master.effort):
+        notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
+                         single.name)
+    lower, upper = sorted((bound - mimic.offset) / mimic.multiplier
+                          for bound in (own.lower, own.upper))
+    lower, upper = -_upper(-master.lower, -lower), _upper(master.upper, upper)
+    if lower >= upper:
+        notices.no_room.append(f'{single.name} ({own.lower:g} to {own.upper:g})')
+        lower, upper = master.lower, master.upper
+    return Limits(lower, upper, _upper(master.velocity, own.velocity / abs(mimic.multiplier)),
+                  master.effort)
+
+
+def _upper(bound: float, other: float) -> float:
+    """Return the lower of two upper bounds, the first where only rounding parts them."""
+    return bound if math.isclose(bound, other, rel_tol=ROUNDING) else min(bound, other)

@@ -1,0 +1,46 @@
+"""Promises of what `doctor` says about a description: the weight that the motors can hold."""
+
+from functools import cache
+import math
+
+from kane_dynamics import ModelBuilder, point_mass, Robot, rod
+from kane_dynamics.examination import examine_model, heaviest
+from kane_dynamics.model import Limits
+import numpy as np
+import pytest
+
+STRETCHED = 9.81 * (0.25 + 0.75 + 1.25 + 1.75)  # N m: four rods of 1 kg and 0.5 m, held level
+
+
+@cache
+def arm(effort):
+    """Return four rods in a vertical plane, of which the first motor is `effort` strong."""
+    builder, at = ModelBuilder(), (0, 0, 0)
+    for k in range(4):
+        builder.body(f'rod{k}', f'rod{k - 1}' if k else 'world', axis=(0, 1, 0), at=at,
+                     matter=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
+                     limits=Limits(-2.5, 2.5, 1.0, effort if k == 0 else math.inf))
+        at = (0.5, 0, 0)
+    return Robot(builder.model())
+
+
+@pytest.mark.parametrize(('share', 'level'), [(0.9999, 'problem'), (1.0001, 'fine')])
+def test_a_motor_that_fails_in_one_posture_of_many_is_found(share, level):
+    robot = arm(share * STRETCHED)
+    found = [finding for finding in examine_model(robot.model, robot, [])
+             if 'hold' in finding.words]
+    assert [finding.level for finding in found] == [level]
+    assert level == 'fine' or "'rod0' (weight up to 39.24, effort 39.236)" in found[0].words
+
+
+@pytest.mark.parametrize(('limits', 'slide', 'expected'), [
+    (Limits(4.0, 5.4), Limits(0.0, 1.0), 9.81 * -math.cos(4.0)),  # beyond half a turn
+    (Limits(), Limits(-0.5, 5.0), 9.81 * 5.0),  # metres are no radians
+    (Limits(1.4, math.inf), Limits(-0.5, 0.5), 9.81 * 0.5),
+    (Limits(), Limits(2.0, math.inf), 9.81 * 3.0)])
+def test_postures_are_tried_up_to_the_limits_and_not_beyond(limits, slide, expected):
+    builder = ModelBuilder()
+    builder.body('turn', axis=(0, 1, 0), limits=limits)
+    builder.body('slide', 'turn', 'prismatic', axis=(1, 0, 0), matter=point_mass(1.0),
+                 limits=slide)
+    np.testing.assert_allclose(heaviest(Robot(builder.model()))[0], expected, rtol=1e-6)
