@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
-import math
 import os
 from typing import Any, NamedTuple
 import zipfile
@@ -34,12 +33,15 @@ def increasing(t: ArrayLike, count: int, what: str) -> Array:
     times = np.asarray(t, dtype=np.float64)
     if times.shape != (count,):
         raise InputError(f'{what} has shape {times.shape}; expected ({count},), one time a row')
-    for k, value in enumerate(times.tolist()):
-        if not math.isfinite(value):
-            raise InputError(f'{what} is {value} in row {k + 1}; expected a finite time, s')
-        if k and value <= times[k - 1]:
-            raise InputError(f'{what} is {value} in row {k + 1}, after {times[k - 1]}; it must '
-                             'increase from row to row')
+    finite = np.isfinite(times)
+    if not finite.all():
+        k = int(np.argmin(finite))
+        raise InputError(f'{what} is {times[k]} in row {k + 1}; expected a finite time, s')
+    rises = np.diff(times) > 0.0
+    if not rises.all():
+        k = int(np.argmin(rises)) + 1
+        raise InputError(f'{what} is {times[k]} in row {k + 1}, after {times[k - 1]}; it must '
+                         'increase from row to row')
     return times
 
 

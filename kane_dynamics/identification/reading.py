@@ -8,9 +8,9 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.bag import is_bag, read_bag
-from kane_dynamics.identification.recording import check_time, NAMES, real, Recording
+from kane_dynamics.identification.recording import NAMES, real, Recording
 from kane_dynamics.model import Array
-from kane_dynamics.trajectory import npz_arrays
+from kane_dynamics.trajectory import increasing, npz_arrays
 import numpy as np
 
 # What a column may be called: `<word>.<joint>`, or `<word><number>` counted from the base.
@@ -127,7 +127,7 @@ def _time(columns: Mapping[str, Any], path: Any) -> Array:
         raise InputError(f"{path}: '{name}' has shape {t.shape}; expected (N,)")
     if len(t) < 3:
         raise InputError(f'{path}: has {len(t)} rows; expected 3 or more')
-    check_time(t, path)
+    increasing(t, len(t), f'{path}: t')
     return t
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.model import Array, freeze
+from kane_dynamics.trajectory import increasing
 import numpy as np
 
 NAMES = ('q', 'u', 'udot', 'tau')
@@ -54,7 +55,7 @@ class Recording:
             if not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
                 raise InputError(f'recording: {name} is not finite in row {row + 1}')
-        check_time(self.t, 'recording')
+        increasing(self.t, len(self.t), 'recording: t')
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -97,15 +98,6 @@ class Recording:
         q, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.tau))
         u = np.gradient(q, mean, axis=0)
         return replace(self, q=q, u=u, udot=np.gradient(u, mean, axis=0), tau=tau)
-
-
-def check_time(t: Array, what: Any) -> None:
-    """Raise InputError if a time is not finite, or none later than the one before."""
-    if not np.isfinite(t).all():
-        raise InputError(f'{what}: t is not finite in row {int(np.argmin(np.isfinite(t))) + 1}')
-    rises = np.diff(t) > 0.0
-    if not rises.all():
-        raise InputError(f'{what}: t does not increase at row {int(np.argmin(rises)) + 2}')
 
 
 def real(value: Any, what: str) -> Array:

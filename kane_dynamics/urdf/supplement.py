@@ -143,14 +143,18 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
     if not isinstance(source, (str, os.PathLike)):
         raise error(f'{what} is {SHORT.repr(source)}; valid: the path of a YAML file, or a dict')
     try:
-        data = yaml.load(Path(source).read_bytes(), _Loader)
+        # `ros2 topic echo` ends what it prints with ---: an empty document, which counts for none.
+        documents = [each for each in yaml.load_all(Path(source).read_bytes(), _Loader)
+                     if each is not None]
     except (OSError, ValueError) as fault:
         reason = fault.strerror if isinstance(fault, OSError) else fault
         raise error(f'{what} {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
                     'file, or a dict') from None
     except (yaml.YAMLError, RecursionError) as fault:
         raise error(f"{what} '{source}' is not valid YAML: {fault}") from None
-    return {} if data is None else data
+    if len(documents) > 1:
+        raise error(f"{what} '{source}' holds {len(documents)} YAML documents; expected one")
+    return documents[0] if documents else {}
 
 
 def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,

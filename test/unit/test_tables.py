@@ -99,3 +99,14 @@ def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
     (tmp_path / 'binary.csv').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(InputError, match='UTF-8'):
         read_states(tmp_path / 'binary.csv', NAMES)
+
+
+def test_a_message_as_ros2_prints_it_is_read_and_two_of_them_are_refused(tmp_path):
+    message = ('joint_names: [j]\npoints:\n- positions: [0.0]\n  time_from_start: {sec: 0}\n'
+               '- positions: [1.0]\n  time_from_start: {sec: 2}\n---\n')
+    path = tmp_path / 'plan.yaml'
+    path.write_text(message)
+    assert read_motion(path, ['j']).duration == 2.0
+    path.write_text(2 * message)
+    with pytest.raises(InputError, match='holds 2 YAML documents; expected one'):
+        read_motion(path, ['j'])
