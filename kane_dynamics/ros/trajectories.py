@@ -88,6 +88,7 @@ def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mappin
     path : TorquePath
         Running.
     data : bytes
+        The message.
     received : int
         When the message came, ns of the system's time; 0 if that is not known.
     values : mapping
