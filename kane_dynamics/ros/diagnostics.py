@@ -16,6 +16,7 @@ class Statistics:
         self.commands = 0
         self.clamped = 0
         self.timeouts = 0
+        self.others = 0  # states of other joints alone
         self.normal_road = 0  # states that were not laid out like an earlier one
         self.dropped: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
@@ -62,6 +63,7 @@ class Statistics:
         values['commands clamped'] = str(self.clamped)
         values['timeouts'] = str(self.timeouts)
         values['states of a new layout'] = str(self.normal_road)
+        values['states of other joints'] = str(self.others)
         values['states dropped'] = str(all_dropped.total())
         for what, counts in (('states dropped', all_dropped), ('rejected', rejected)):
             values.update({f'{what}: {reason}': str(count) for reason, count in counts.items()})

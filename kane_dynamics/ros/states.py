@@ -17,7 +17,7 @@ MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, GARBLED = (
 OLD, FUTURE, DISORDER, NO_CLOCK = (
     'older than state_timeout', 'stamp from the future', 'stamp before the last one',
     'nothing on /clock')
-OTHERS = 'of other joints'  # such as a gripper's own: no fault, and not counted
+OTHERS = 'of other joints'  # such as a gripper's own: no fault, and counted by itself
 MOST_LAYOUTS = 8  # kept at a time: that many publishers may differ
 
 
@@ -220,7 +220,8 @@ class StateReader:
         """Return the entry of each joint, or why there is not one of each."""
         entry = {name: i for i, name in enumerate(names)}
         missing = [joint for joint in self.joints if joint not in entry]
-        if len(missing) == len(self.joints):
+        self.detail = ', '.join(missing)
+        if names and len(missing) == len(self.joints):
             if len(self.others) < MOST_LAYOUTS:
                 self.others.add(tuple(names))
             return OTHERS

@@ -16,7 +16,7 @@ from kane_dynamics.ros.conversion import Array, NANO
 from kane_dynamics.ros.course import Course
 from kane_dynamics.ros.diagnostics import Statistics
 from kane_dynamics.ros.loads import Loads
-from kane_dynamics.ros.states import NO_CLOCK, OTHERS, StateReader, time_fault
+from kane_dynamics.ros.states import MISSING, NO_CLOCK, OTHERS, StateReader, time_fault
 from kane_dynamics.ros.watch import Cycle, Watch
 from kane_dynamics.ros.wrenches import Wrenches
 from rclpy.publisher import Publisher
@@ -153,8 +153,10 @@ class TorquePath:
         fault = reader.read(data, controller.mode is not Mode.GRAVITY_COMPENSATION)
         stamp = reader.stamp or now
         if fault is not None:
-            if fault is not OTHERS:
-                self._drop(fault, reader.detail)
+            if fault is OTHERS and not self.timed_out:
+                self.statistics.others += 1
+            else:  # where no others come, names that are all strange are wrong
+                self._drop(MISSING if fault is OTHERS else fault, reader.detail)
             return
         if not now:  # nothing would ever grow old
             self._drop(NO_CLOCK, 'use_sim_time is set, and no time has come yet')

@@ -100,7 +100,7 @@ def test_zeros_come_when_the_clock_is_exchanged_and_while_a_simulated_one_has_no
 
 
 def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
-    node = start()
+    node = start(state_timeout=60.0)
     client.connect()
     second = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
     node.wait_for('2 publishers on joint_states', 5.0)

@@ -15,7 +15,7 @@ from kane_dynamics.ros import trajectories  # noqa: E402
 from kane_dynamics.ros.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
 from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.states import DISORDER, FUTURE, NO_CLOCK, OLD  # noqa: E402
+from kane_dynamics.ros.states import DISORDER, FUTURE, MISSING, NO_CLOCK, OLD  # noqa: E402
 from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.trajectories import take_trajectory  # noqa: E402
 from kane_dynamics.ros.wrenches import Wrenches  # noqa: E402
@@ -301,9 +301,14 @@ def test_states_of_other_joints_alone_are_no_fault():
     rig = Rig()
     for name in ('left_finger', 'right_finger'):
         rig.path.on_state(serialize_message(JointState(name=[name], position=[0.0])))
-    assert rig.statistics.dropped.total() == 0
+    assert (rig.statistics.dropped.total(), rig.statistics.others) == (0, 2)
     assert rig.path.take_others() == {('left_finger',), ('right_finger',)}
     assert rig.path.take_others() == set()
+    rig.time += NANO
+    rig.path.watch()  # but if nothing else comes, the names are wrong
+    rig.path.on_state(serialize_message(JointState(name=['left_joint1'], position=[0.0])))
+    assert rig.statistics.dropped == {MISSING: 1}
+    assert rig.warnings[-1] == MISSING
 
 
 def test_a_wrench_does_not_outlive_deactivation():
