@@ -108,10 +108,10 @@ def contenders(*more: str) -> Iterator[subprocess.Popen[str]]:
         yield loader
     finally:
         assert loader.stdin is not None
-        loader.stdin.close()  # which ends it
-        for process in running:
-            process.send_signal(signal.SIGINT)
+        loader.stdin.close()  # which ends it, once its last request is answered
         for process in [loader, *running]:
+            if process is not loader:
+                process.send_signal(signal.SIGINT)
             try:
                 process.wait(5.0)
             except subprocess.TimeoutExpired:
