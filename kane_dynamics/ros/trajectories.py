@@ -108,8 +108,8 @@ def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mappin
     course, now = path.course, path.now
     generation = course.generation
     if 0 < received < course.forgotten:
-        raise InputError('it came before the node was activated, its clock or mode changed, or '
-                         'joint states came again')
+        raise InputError('it came before the node was activated, ended its motion, lost its joint '
+                         'states, or changed clock or mode')
     message = read_trajectory(data, values['trajectory.max_points'])
     if not message.points:
         course.forget()
@@ -126,8 +126,8 @@ def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mappin
     if start != now and start + motion.duration * NANO < now:
         raise InputError(f'it ended {(now - start) / NANO - motion.duration:.3f} s ago')
     if not course.follow(motion, start, now, generation):
-        raise InputError('while it was read the node stopped, its clock or mode changed, or joint '
-                         'states stayed away')
+        raise InputError('while it was read the node was stopped, ended its motion, lost its '
+                         'joint states, or changed clock or mode')
     limits = path.controller.robot.limits
     outside = (motion.positions < limits.lower) | (motion.positions > limits.upper)
     beyond = [name for name, points in zip(motion.joint_names, outside.T) if points.any()]
