@@ -15,7 +15,7 @@ RATE = 500.0
 
 
 def drive(joints, seconds):
-    """Return how many states were sent, and how many of them were never answered."""
+    """Print how many states were sent, how many never answered, and the longest hold-up, s."""
     rclpy.init()
     node = rclpy.create_node('driver')
     answered = set()
@@ -42,17 +42,20 @@ def drive(joints, seconds):
         send()
         executor.spin_once(0.1)
     print('ready', flush=True)
-    sent = []
+    sent, held = [], 0.0
     due = time.perf_counter()
     for _ in range(round(seconds * RATE)):
         sent.append(send())
-        due = max(due + 1.0 / RATE, time.perf_counter())  # late is late: no bursts to catch up
+        now = time.perf_counter()
+        held = max(held, now - due)  # one state's, or what else the machine had to do
+        due = max(due + 1.0 / RATE, now)  # late is late: no bursts to catch up
         while (left := due - time.perf_counter()) > 0.0:
             executor.spin_once(left)
     end = time.perf_counter() + 0.5
     while time.perf_counter() < end:
         executor.spin_once(0.1)
-    print(json.dumps({'sent': len(sent), 'unanswered': len(set(sent) - answered)}), flush=True)
+    print(json.dumps({'sent': len(sent), 'unanswered': len(set(sent) - answered),
+                      'held': held}), flush=True)
     rclpy.shutdown()
 
 

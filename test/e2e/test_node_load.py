@@ -18,6 +18,7 @@ ARM = resource_path('urdf', 'fr3.urdf')
 JOINTS = tuple(name for name in load_urdf(ARM).joint_names if 'finger' not in name)
 HOME = [0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8]
 HERE = Path(__file__).parent
+QUEUED = 5  # states that wait for the node before the oldest is lost
 
 
 @pytest.fixture(scope='module')
@@ -39,7 +40,7 @@ def node(module_node, client):
 
 
 def drive(seconds, meanwhile=lambda: None):
-    """Let a driver send states at 500 Hz; return how many, and how many went unanswered."""
+    """Let a driver send states at 500 Hz; return the share unanswered, and how it was held up."""
     path = os.pathsep.join([str(HERE), str(HERE.parents[1]), os.environ.get('PYTHONPATH', '')])
     process = subprocess.Popen([sys.executable, str(HERE / 'driver.py'), str(seconds),
                                 ','.join(JOINTS)], stdout=subprocess.PIPE, text=True,
@@ -51,20 +52,19 @@ def drive(seconds, meanwhile=lambda: None):
     with process.stdout:
         counts = json.loads(process.stdout.readline())
     assert process.wait(10.0) == 0
-    return counts['sent'], counts['unanswered']
+    assert counts['sent'] == 500 * seconds
+    return counts['unanswered'] / counts['sent'], counts['held']
 
 
-def best(share, *arguments):
-    """Return the least share of states unanswered in up to three drives: until one meets this."""
-    # A machine that other work stops for longer than five states last loses some whatever the
-    # node does; a node that loses them does so every time.
-    least = 1.0
+def unanswered(*arguments):
+    """Return the share of states unanswered in a drive during which the machine did not stall."""
+    # Where it held up even the driver for longer than the states that wait in the queue last,
+    # whatever the node does some are lost: that says nothing, and is tried again.
     for _ in range(3):
-        sent, unanswered = drive(*arguments)
-        least = min(least, unanswered / sent)
-        if least <= share:
+        share, held = drive(*arguments)
+        if not share or held < QUEUED / 500.0:
             break
-    return least
+    return share
 
 
 def simulate(node, **fields):
@@ -86,7 +86,7 @@ def test_ten_simulated_seconds_of_a_seven_axis_arm_return_in_under_100_ms(node):
 
 
 def test_no_state_goes_unanswered_while_idle(node):
-    assert best(0.0, 10.0, lambda: time.sleep(0.1)) == 0.0
+    assert unanswered(10.0, lambda: time.sleep(0.1)) == 0.0
 
 
 def test_at_most_two_percent_go_unanswered_beside_simulations_back_to_back(node):
@@ -98,7 +98,7 @@ def test_at_most_two_percent_go_unanswered_beside_simulations_back_to_back(node)
         simulate(node)
         requests += 1
 
-    assert best(0.02, 10.0, request) <= 0.02
+    assert unanswered(10.0, request) <= 0.02
     assert requests > 50
 
 
@@ -114,7 +114,7 @@ def test_a_thousand_points_asked_for_and_ten_thousand_sent_do_not_stall_the_torq
 
     ask()
     node.follow(points)
-    assert best(0.02, 5.0, ask) <= 0.02
+    assert unanswered(5.0, ask) <= 0.02
     assert asked > 10
 
 
