@@ -113,6 +113,26 @@ def wait_until(condition, timeout=10.0):
     return holds
 
 
+class Stall:
+    """Measures, while a block runs, for how long the machine kept a thread from going on."""
+
+    def __enter__(self):
+        self.longest, self._ended = 0.0, threading.Event()
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+        return self
+
+    def _look(self):
+        before = time.perf_counter()
+        while not self._ended.wait(0.005):
+            now = time.perf_counter()
+            self.longest, before = max(self.longest, now - before), now
+
+    def __exit__(self, *error):
+        self._ended.set()
+        self._thread.join()
+
+
 class Client(Node):
     """Publishes joint states, keeps what comes back, and calls services."""
 

@@ -2,7 +2,7 @@
 
 import time
 
-from graph import DEEP, model, Process, URDF, wait_until
+from graph import DEEP, model, Process, Stall, URDF, wait_until
 from kane_dynamics import Robot
 import numpy as np
 import pytest
@@ -122,13 +122,13 @@ def test_the_timeout_is_simulated_time_in_slow_and_in_fast_motion(pair, speed):
     time.sleep(0.6)
     assert pair.zeros() == 0, 'between two states lie 0.1 s of ours, 5 ms of theirs'
     assert len(pair.states) > count
-    # The timeout, the watchdog's fifth of it, a period before and after; and 0.1 s of ours, which
-    # a busy machine may stretch now and then.
+    # The timeout, the watchdog's fifth of it, a period before and after; and 0.1 s of ours.
     longest = 2.0 * PERIOD + 1.2 * timeout + 0.1 * speed
     for _ in range(3):
-        silence = pair.silence_before_zeros()
+        with Stall() as stall:
+            silence = pair.silence_before_zeros()
         assert silence > timeout
-        if silence <= longest:
+        if silence <= longest or stall.longest < 0.04:  # a stall of that says nothing of the node
             break
         pair.answered(3)
     assert silence <= longest
