@@ -1,15 +1,18 @@
 """
 Which speeds are independent and which constraint rows are: found once, at sample postures.
 
-Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out
-and carries no force; one that contradicts others is an error.
+Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out;
+one that contradicts others is an error. What is found holds where it was looked for: calls and
+simulations watch it (`conditioning`), and choose again where a motion needs it.
 """
 
 from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints import (Constraint, DependentSpeeds, PointVelocity,
+                                                 Prescribed)
+from kane_dynamics.mechanics.constraints.conditioning import pivots, rank, RANK, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Array, Model
 import numpy as np
@@ -17,13 +20,13 @@ import numpy as np
 CLOSED = 1e-11  # m or rad: a gap this small is closed
 ITERATIONS = 100
 STRIDE = 0.5  # rad or m: longest step of the search for a closed posture
-RANK = 1e-9  # relative size at which a singular value counts as zero
 STARTS = 12  # postures from which closing is tried
 SAMPLES = 4  # closed postures at which the structure is looked at
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
-               independent: Sequence[str] | None = None) -> Mechanism:
+               independent: Sequence[str] | None = None, configuration: Any = None
+               ) -> Mechanism:
     """
     Return the mechanism with its independent speeds and rows chosen.
 
@@ -37,37 +40,60 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
         What holds.
     independent : sequence of str, optional
         Names of the speeds to take as independent; the best conditioned by default.
+    configuration : (n_q,) array_like, optional
+        Where to look, rad or m; closed, or nearly. By default places within the joints' limits
+        are tried.
 
     Raises
     ------
     ConstraintError
         A constraint names what the model does not have, the constraints contradict each other,
-        cannot be met in any posture found, leave no freedom; Y is singular; or `independent`
-        does not fit.
+        cannot be met in any posture found, leave no freedom and are not driven either; Y is
+        singular; or `independent` does not fit.
 
     """
     everything = Mechanism(model, speeds, constraints)
+    start = np.zeros(model.n) if configuration is None else np.asarray(configuration)
     for constraint in everything.constraints:
         try:
-            constraint.rows(everything.posture(np.zeros(model.n)))
+            constraint.rows(everything.posture(start))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
-    samples = [_velocity_rows(everything, q) for q in _closed_postures(everything)]
+    places = (_closed_postures(everything) if configuration is None
+              else _postures_near(everything, start))
+    samples = [_velocity_rows(everything, q) for q in places]
     if not everything.labels and independent is None:
         return everything
-    ranks = [_rank(C) for C, _ in samples]
+    sizes = _row_sizes(everything, places)
+    ranks = [rank(C) for C, _ in samples]
     m = max(ranks)
     samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
-    kept = sorted(_pivots(samples[0][0].T, m))
+    kept = sorted(pivots(samples[0][0].T, m))
     _check_consistent(everything, samples, kept)
-    if m == model.n:
+    if m == model.n and not any(_driven(constraint) for constraint in constraints):
         raise ConstraintError(f'{m} independent constraint rows leave no freedom to '
                               f'{model.n} speeds: {", ".join(everything.labels)}')
     if independent is None:
         free = _best_free([C[kept] for C, _ in samples])
     else:
         free = _given_free(everything, independent, [C[kept] for C, _ in samples])
-    return Mechanism(model, speeds, constraints, free, kept)
+    return Mechanism(model, speeds, constraints, free, kept, sizes)
+
+
+def _driven(constraint: Constraint) -> bool:
+    """Tell whether a constraint may prescribe a motion other than rest."""
+    if isinstance(constraint, PointVelocity):
+        return callable(constraint.value) or constraint.value != 0.0
+    return isinstance(constraint, Prescribed | DependentSpeeds)
+
+
+def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
+    """Return the largest size, in units of the mechanism, of any row like each at the places."""
+    found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
+                    for q in places], axis=0)
+    kinds = list(zip(mechanism.owners, mechanism.turning))
+    return [max((float(size) for size, kind in zip(found, kinds) if kind == own), default=0.0)
+            or 1.0 for own in kinds]
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
@@ -141,6 +167,29 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
     return found
 
 
+def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
+    """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
+    if q.shape != (mechanism.model.n,) or not np.isfinite(q).all():
+        raise ConstraintError(f'configuration is {q.tolist()}; expected {mechanism.model.n} '
+                              f'finite numbers: {", ".join(mechanism.model.coordinate_names)}')
+    closed = closed_posture(mechanism, q)
+    moved = np.abs(closed - q) / mechanism.units
+    worst = int(np.argmax(moved))
+    if moved[worst] > STRIDE:
+        raise ConstraintError(
+            f"configuration: closing its loops moves '{mechanism.model.coordinate_names[worst]}' "
+            f'by {abs(closed - q)[worst]:.3g} rad or m; expected a configuration that is closed '
+            'to within a small correction, so that it stays on its branch')
+    found, rng = [closed], np.random.default_rng(0)
+    for _ in range(SAMPLES - 1):
+        try:
+            found.append(closed_posture(mechanism, closed + 0.05 * mechanism.units * rng.uniform(
+                -1.0, 1.0, len(q))))
+        except ConstraintError:
+            continue
+    return found
+
+
 def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
     """Return C and d of C u = d, the constraints in terms of all speeds."""
     here = mechanism.posture(q)
@@ -152,25 +201,6 @@ def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
                               'rates there')
     C: Array = np.linalg.solve(Y.T, np.array(rows.J, dtype=np.float64).T).T.astype(np.float64)
     return C, np.array(rows.b, dtype=np.float64) + C @ Z
-
-
-def _rank(C: Array) -> int:
-    size = np.linalg.svd(C, compute_uv=False)
-    return int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
-
-
-def _pivots(C: Array, count: int) -> list[int]:
-    """Return the columns that Gram-Schmidt with pivoting takes first."""
-    rest = C.copy()
-    taken: list[int] = []
-    for _ in range(count):
-        size = np.linalg.norm(rest, axis=0)
-        size[taken] = -1.0
-        k = int(np.argmax(size > (1.0 - 1e-9) * size.max()))  # ties: the first
-        taken.append(k)
-        direction = rest[:, k] / np.linalg.norm(rest[:, k])
-        rest = rest - np.outer(direction, direction @ rest)
-    return taken
 
 
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
@@ -194,7 +224,7 @@ def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
 def _best_free(rows: list[Array]) -> list[int]:
     """Return the independent speeds that leave the dependent ones best determined."""
     count, n = rows[0].shape
-    choices = [sorted(_pivots(C, count)) for C in rows]
+    choices = [sorted(pivots(C, count)) for C in rows]
     best = max(choices, key=lambda dependent: _conditioning(rows, dependent))
     return [r for r in range(n) if r not in best]
 

@@ -45,9 +45,10 @@ def directory() -> Path | None:
 @cache
 def _source_stamp() -> str:
     """Identify the version of the code that makes kernels, edits to a checkout included."""
-    package = Path(__file__).resolve().parent.parent
-    files = sorted(path for part in ('native', 'mechanics', 'sweep', '.')
-                   for path in (package / part).glob('*.py'))
+    package = Path(__file__).resolve().parents[2]
+    files = sorted(path for part in ('native', 'mechanics', 'model', 'control', 'robot',
+                                     'simulation', 'sweep')
+                   for path in (package / part).rglob('*.py'))
     status = [(str(path.relative_to(package)), path.stat()) for path in files]
     return repr([(name, s.st_size, s.st_mtime_ns) for name, s in status])
 
