@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
                                                               described, figure, LIMITS,
@@ -19,7 +20,6 @@ from kane_dynamics.mechanics.constraints.conditioning import (best_choice, const
                                                               WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.model.model import Array
 import numpy as np
 
 SINGULAR = 1e7  # a figure that costs seven of sixteen digits: calls refuse a larger one

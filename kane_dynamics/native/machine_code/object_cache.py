@@ -16,7 +16,7 @@ from pathlib import Path
 import stat
 import tempfile
 
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 
 MAGIC = b'kane_dynamics object 1\n'
 MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB
@@ -46,9 +46,7 @@ def directory() -> Path | None:
 def _source_stamp() -> str:
     """Identify the version of the code that makes kernels, edits to a checkout included."""
     package = Path(__file__).resolve().parents[2]
-    files = sorted(path for part in ('native', 'mechanics', 'model', 'control', 'robot',
-                                     'simulation', 'sweep')
-                   for path in (package / part).rglob('*.py'))
+    files = sorted(package.rglob('*.py'))  # at any depth: a module moves, its rank does not matter
     status = [(str(path.relative_to(package)), path.stat()) for path in files]
     return repr([(name, s.st_size, s.st_mtime_ns) for name, s in status])
 
@@ -56,7 +54,7 @@ def _source_stamp() -> str:
 def key(*parts: str) -> str:
     """Return the name under which code made from these parts, by this version, here, is kept."""
     digest = hashlib.sha256()
-    for part in (*parts, _source_stamp(), llvm_assembler.fingerprint()):
+    for part in (*parts, _source_stamp(), llvm.fingerprint()):
         digest.update(f'{len(part)}:{part}'.encode())
     return digest.hexdigest()
 
