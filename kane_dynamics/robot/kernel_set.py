@@ -16,7 +16,7 @@ from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
-                                            QUANTITIES, Quantity, Sizes)
+                                            QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse is not written out
