@@ -93,8 +93,9 @@ def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
     found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
                     for q in places], axis=0)
     kinds = list(zip(mechanism.owners, mechanism.turning))
-    return [max((float(size) for size, kind in zip(found, kinds) if kind == own), default=0.0)
-            or 1.0 for own in kinds]
+    largest = [max(float(size) for size, kind in zip(found, kinds) if kind == own)
+               for own in kinds]
+    return [size if size > RANK * max(largest) else 1.0 for size in largest]
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
