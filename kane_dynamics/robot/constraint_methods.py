@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
+from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture, followed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.dispatch import Dispatch
@@ -19,6 +19,8 @@ class ConstraintMethods(Dispatch):
 
     Without these, u = q' and the torques of the joints are tau.
     """
+
+    _choices: dict[str, Any]
 
     @property
     def mechanism(self) -> Mechanism:
@@ -147,6 +149,9 @@ class ConstraintMethods(Dispatch):
         """
         Return the posture near q, (n_q,), at which all conditions on positions are met.
 
+        Of a robot that was given a `configuration`, with coordinates fixed, it is the one on the
+        branch of that configuration, from where the fixed ones go to their values in small steps.
+
         Parameters
         ----------
         q : (n_q,) array_like
@@ -162,6 +167,9 @@ class ConstraintMethods(Dispatch):
             None is found; names the constraint with the largest remaining gap.
 
         """
+        start = self._choices.get('configuration')
+        if start is not None and len(fixed):
+            return followed_posture(self.mechanism, start, q, t=t, fixed=fixed)
         return closed_posture(self.mechanism, q, t=t, fixed=fixed)
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:

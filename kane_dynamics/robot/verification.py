@@ -103,7 +103,7 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     M = np.array([torque(u, unit) - bias for unit in np.eye(robot.n)]).T
     pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
              'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
-    if np.linalg.cond(M) < 1e12:
+    if robot.n and np.linalg.cond(M) < 1e12:
         pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias, tau)
     return pairs
 
