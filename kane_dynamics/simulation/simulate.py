@@ -20,7 +20,7 @@ from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.speed_switching import SwitchingInput
-from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.step_kernels import margin_count, state_names
 from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.simulation.torque_input import torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
@@ -250,7 +250,8 @@ def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
             raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
                              '(m or rad): start from robot.closed_posture(q0)')
     time = np.full((*q.shape[:-1], 1 if robot.equations.timed else 0), t0)
-    return np.concatenate([q, u, time], axis=-1)
+    margins = np.ones((*q.shape[:-1], margin_count(robot)))
+    return np.concatenate([q, u, time, margins], axis=-1)
 
 
 def _watched(robot: Robot) -> JointLimits:

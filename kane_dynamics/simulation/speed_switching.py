@@ -1,8 +1,8 @@
 """
 Simulations of constrained robots: their conditioning is watched, and other speeds taken in time.
 
-Every native step ends in numbers that are not finite where its state is not to be trusted
-(`mechanics.constraints.conditioning`). What is wrong is then found out in Python: independent
+Every native step ends in margins, which are positive where its state may be trusted
+(`mechanics.constraints.conditioning`). Where they are not, what is wrong is found out in Python: independent
 speeds or rows that come to depend on each other are replaced by the best ones, and the simulation
 goes on from the last good state; anything else is an error that says what happened. Near a
 singularity of all choices every step is looked at.
@@ -16,7 +16,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
                                                               described, figure, LIMITS,
-                                                              singular_error, SINGULAR, stacked,
+                                                              MARGINS, singular_error, SINGULAR, stacked,
                                                               WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
@@ -43,6 +43,13 @@ class Phase:
 
     robot: Robot
     limit: float
+
+
+def trusted(states: Array) -> Any:
+    """Tell which states, (..., size), are finite and end in positive margins; the first is."""
+    good = np.isfinite(states).all(axis=-1) & (states[..., -MARGINS:] > 0.0).all(axis=-1)
+    good[..., 0] = True
+    return good
 
 
 class SwitchingInput:
@@ -73,6 +80,7 @@ class SwitchingInput:
         mechanism = self._mechanism(source.robot)
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
         self._phases = [Phase(source.robot, self._usual)] * count
+        self._elsewhere: set[int] = set()  # simulations in another phase than the first
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
@@ -84,29 +92,29 @@ class SwitchingInput:
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """Fill in the states after each step; as `TorqueInput.advance`."""
+        every = list(range(len(buffer)))
         groups: dict[tuple[int, float], list[int]] = {}
-        for i, phase in enumerate(self._phases):
-            groups.setdefault((id(phase.robot), phase.limit), []).append(i)
+        for i in every if self._elsewhere else []:
+            groups.setdefault((id(self._phases[i].robot), self._phases[i].limit), []).append(i)
         extremes = None
-        for places in groups.values():
+        for places in list(groups.values()) or [every]:
             source = self._source_of(places)
-            if len(groups) == 1:
+            if len(places) == len(buffer):
                 extremes = source.advance(buffer, done, single)
             else:
                 part = np.ascontiguousarray(buffer[places])
                 source.advance(part, done, False)
                 buffer[places] = part
-        resumed = False
-        for i in range(len(buffer)):
-            good = np.isfinite(buffer[i]).all(axis=1)
-            if good.all():
+        good = trusted(buffer)
+        whole = good.all(axis=1)
+        for i in sorted(self._elsewhere):
+            if whole[i]:
                 self._look_closely(i, buffer[i], done)
-            else:
-                self._resume(i, buffer[i], int(np.argmin(good)), done)
-                resumed = True
+        for i in np.flatnonzero(~whole).tolist():
+            self._resume(i, buffer[i], int(np.argmin(good[i])), done)
         if single:
             return None
-        if resumed or extremes is None:
+        if extremes is None or not whole.all():
             extremes = buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
         return extremes
 
@@ -138,7 +146,7 @@ class SwitchingInput:
                 local = np.empty((1, min(piece, last - start) + 1, rows.shape[1]))
                 local[0, 0] = state
                 self._source_of([i]).advance(local, done + start, True)
-                good = np.isfinite(local[0]).all(axis=1)
+                good = trusted(local[0])
                 reached = len(good) - 1 if good.all() else int(np.argmin(good)) - 1
                 self._look_closely(i, local[0, :reached + 1], done + start)
                 rows[start + 1:start + reached + 1] = local[0, 1:reached + 1]
@@ -188,7 +196,7 @@ class SwitchingInput:
                 raise singular_error(mechanism, stack, q_next, t_next, where, u)
             if GAIN * best.figure < now:
                 return self._changed(i, state, best, done)
-            self._phases[i] = Phase(phase.robot, ROOM * now)
+            self._enter(i, Phase(phase.robot, ROOM * now))
             return state
         worst = int(np.argmax(np.abs(stack.gap)))
         if np.linalg.norm(stack.gap) > STEP_RESIDUAL and worst in mechanism.kept:
@@ -220,12 +228,16 @@ class SwitchingInput:
             q, t).speed_rows(new.speed_names))
         state = state.copy()
         state[old.n_q:old.n_q + old.n] = Y @ old.joint_rates(q, u, **at) + Z
-        self._phases[i] = Phase(new, max(self._usual, ROOM * choice.figure))
+        self._enter(i, Phase(new, max(self._usual, ROOM * choice.figure)))
         self._history[i].append((done, new))
         if new.speed_names != old.speed_names:
             self.changes.append(SpeedChange(t, old.speed_names, new.speed_names,
                                             None if self._single else i))
         return state
+
+    def _enter(self, i: int, phase: Phase) -> None:
+        self._phases[i] = phase
+        self._elsewhere.add(i)
 
     def _next(self, i: int, state: Array, done: int) -> Array:
         """Return the configuration one step on, before loops are closed, in plain numbers."""
@@ -238,10 +250,11 @@ class SwitchingInput:
         tau = table[min(done, len(table) - 1)]
 
         def rates(x: Any, given: Any) -> Any:
-            time = x[n_q + n:]
+            time = x[n_q + n:len(x) - MARGINS]
             found = equations.state_rates(x[:n_q], x[n_q:n_q + n], tau, wrench, block,
                                           time[0] if len(time) else 0.0, self.robot.speed_names)
-            return np.array([*found, *(1.0 for _ in time)], dtype=np.float64)
+            return np.array([*found, *(1.0 for _ in time), *[0.0] * MARGINS],
+                            dtype=np.float64)
         with np.errstate(all='ignore'):
             try:
                 after = runge_kutta_4(rates, state, (tau, tau, tau), self.step)

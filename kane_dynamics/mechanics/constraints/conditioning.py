@@ -24,6 +24,7 @@ SINGULAR = 1e7  # a figure that costs seven of sixteen digits: calls refuse a la
 WELL_CHOSEN = 8.0  # figure, relative to sqrt(n_q), up to which speeds are kept in a simulation
 RANK = 1e-9  # relative size of a singular value that counts as zero
 LIMITS = 4  # numbers that `margins` compares with
+MARGINS = 3  # numbers that it returns at most
 
 
 def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
