@@ -234,7 +234,7 @@ class KernelSet:
             result = method(*values, **time)
             if limits is None or not equations.watched or name in UNWATCHED:
                 return result
-            return guarded(result, equations.margins(given['q'], time.get('t', 0.0), limits))
+            return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
         inputs = self._inputs(quantity)
         names = [key for key, _ in inputs]

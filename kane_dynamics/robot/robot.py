@@ -21,7 +21,7 @@ from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import JointLimits, Parameters
-from kane_dynamics.robot.speed_sets import EXCESS, limits_of, SpeedSets
+from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.verification import verified
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
@@ -119,7 +119,7 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         else:
             mechanism = choose_independent(model, speeds, constraints, independent, configuration)
             self.parameters = Parameters(model, tree.payload_frame, LIMITS)
-            self.parameters.block[-LIMITS:] = limits_of(SINGULAR, None, EXCESS)
+            self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
             self.parameters.closure_tolerance = closure_tolerance
             self.speed_sets = SpeedSets(
                 mechanism, partial(ConstrainedEquations, tree, actuated=actuated,

@@ -1,11 +1,11 @@
 """
 Simulations of constrained robots: their conditioning is watched, and other speeds taken in time.
 
-Every native step ends in margins, which are positive where its state may be trusted
-(`mechanics.constraints.conditioning`). Where they are not, what is wrong is found out in Python: independent
-speeds or rows that come to depend on each other are replaced by the best ones, and the simulation
-goes on from the last good state; anything else is an error that says what happened. Near a
-singularity of all choices every step is looked at.
+Every native step ends in a margin, which is positive where its state may be trusted
+(`mechanics.constraints.conditioning`). Where it is not, what is wrong is found out in Python:
+independent speeds or rows that come to depend on each other are replaced by the best ones, and the
+simulation goes on from the last good state; anything else is an error that says what happened.
+Near a singularity of all choices every step is looked at.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,16 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
-                                                              described, figure, LIMITS,
-                                                              MARGINS, singular_error, SINGULAR, stacked,
-                                                              WELL_CHOSEN)
+                                                              described, EXCESS, figure, LIMITS,
+                                                              SHARE, singular_error, SINGULAR,
+                                                              stacked, WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.speed_sets import EXCESS, left_out_error, limits_of
+from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
@@ -46,8 +47,8 @@ class Phase:
 
 
 def trusted(states: Array) -> Any:
-    """Tell which states, (..., size), are finite and end in positive margins; the first is."""
-    good = np.isfinite(states).all(axis=-1) & (states[..., -MARGINS:] > 0.0).all(axis=-1)
+    """Tell which states, (..., size), are finite and end in a positive margin; the first is."""
+    good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
     good[..., 0] = True
     return good
 
@@ -90,6 +91,11 @@ class SwitchingInput:
     def _mechanism(robot: Robot) -> Mechanism:
         return robot.mechanism
 
+    @staticmethod
+    def _equations(robot: Robot) -> ConstrainedEquations:
+        assert isinstance(robot.equations, ConstrainedEquations)
+        return robot.equations
+
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """Fill in the states after each step; as `TorqueInput.advance`."""
         every = list(range(len(buffer)))
@@ -124,7 +130,7 @@ class SwitchingInput:
         key = id(phase.robot), phase.limit
         if key not in self._sources:
             constants = self._source.constants.copy()
-            constants[-LIMITS:] = limits_of(phase.limit, (STEP_RESIDUAL, STEP_RESIDUAL), EXCESS)
+            constants[-LIMITS:] = limits_of(phase.limit, STEP_RESIDUAL)
             kernel = step_kernel(phase.robot, False, self._integrator, self.robot.speed_names)
             self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
                                              self._source.start)
@@ -190,7 +196,7 @@ class SwitchingInput:
         if not np.isfinite(stack.J).all():
             raise self._diverged(i, done + 1)
         now = figure(mechanism, stack, mechanism.free, mechanism.kept)
-        if now > phase.limit:
+        if now > SHARE * phase.limit:
             best = self._preferred(stack)
             if best.figure >= SINGULAR:
                 raise singular_error(mechanism, stack, q_next, t_next, where, u)
@@ -199,13 +205,13 @@ class SwitchingInput:
             self._enter(i, Phase(phase.robot, ROOM * now))
             return state
         worst = int(np.argmax(np.abs(stack.gap)))
-        if np.linalg.norm(stack.gap) > STEP_RESIDUAL and worst in mechanism.kept:
+        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL and worst in mechanism.kept:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
                 f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
                 f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}: shorten the step')
-        left_out_error(mechanism, stack, q_next, t_next, EXCESS, where)
-        if np.linalg.norm(stack.gap) > STEP_RESIDUAL:
+        left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
+        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
                 f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
@@ -250,10 +256,10 @@ class SwitchingInput:
         tau = table[min(done, len(table) - 1)]
 
         def rates(x: Any, given: Any) -> Any:
-            time = x[n_q + n:len(x) - MARGINS]
+            time = x[n_q + n:-1]
             found = equations.state_rates(x[:n_q], x[n_q:n_q + n], tau, wrench, block,
                                           time[0] if len(time) else 0.0, self.robot.speed_names)
-            return np.array([*found, *(1.0 for _ in time), *[0.0] * MARGINS],
+            return np.array([*found, *(1.0 for _ in time), 0.0],
                             dtype=np.float64)
         with np.errstate(all='ignore'):
             try:
@@ -317,7 +323,7 @@ class SwitchingInput:
     def _rows_kernel(self) -> Kernel:
         """Return the kernel of all rows of speeds and constraints, (n_q + m, n_q), by q and t."""
         robot = self.robot
-        mechanism, equations = self._mechanism(robot), robot.equations
+        mechanism, equations = self._mechanism(robot), self._equations(robot)
         inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
         shape = robot.n_q + len(mechanism.labels), robot.n_q
 
@@ -343,7 +349,7 @@ class SwitchingInput:
 
     def _in_asked(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's own speeds and their rates, (2, n) or (K, 2, n)."""
-        names, equations = self.robot.speed_names, robot.equations
+        names, equations = self.robot.speed_names, self._equations(robot)
         arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
                      Argument('udot', (robot.n,))]
         return self._extra(robot, 'other_speeds', arguments, (2, len(names)), lambda q, u, udot, t:
@@ -351,7 +357,7 @@ class SwitchingInput:
 
     def _tau_from(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
         """Return what amounts to forces dual to the user's own speeds."""
-        names, equations = self.robot.speed_names, robot.equations
+        names, equations = self.robot.speed_names, self._equations(robot)
         return self._extra(robot, 'tau_from', [Argument('q', (robot.n_q,)),
                                                Argument('tau', (len(names),))], (robot.n,),
                            lambda q, tau, t: equations.tau_from(names, q, tau, t), (q, tau), t)
@@ -386,7 +392,7 @@ class SwitchingInput:
             u, udot, energy, forces and residuals of constraints.
 
         """
-        groups: dict[int, tuple[Robot, list[tuple[int, int]]]] = {}
+        groups: dict[int, tuple[Robot, list[tuple[int, slice]]]] = {}
         for i, history in enumerate(self._history):
             begins = np.searchsorted(kept, [step for step, _ in history], side='right')
             for (_, robot), first, last in zip(history, begins, [*begins[1:], len(kept)]):

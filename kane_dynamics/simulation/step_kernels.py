@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.conditioning import LIMITS, MARGINS
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import speed_places
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -61,8 +61,8 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
     constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
 
-    The state of a constrained robot ends in `conditioning.margins`, whose limits are the last of
-    the constants: what follows a margin that is not positive is not to be trusted.
+    The state of a constrained robot ends in `conditioning.margin`, whose limits are the last of
+    the constants: a state is not to be trusted from where that is not positive.
 
     Raises
     ------
@@ -89,17 +89,16 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Name the entries of a state: q, u, the time where the robot depends on it, margins."""
+    """Name the entries of a state: q, u, the time where the robot depends on it, the margin."""
     return (*robot.coordinate_names, *robot.speed_names,
             *(['time'] if robot.equations.timed else []),
-            *(f'margin {k}' for k in range(margin_count(robot))))
+            *['margin'] * margin_count(robot))
 
 
 def margin_count(robot: Robot) -> int:
-    """Return how many entries of a state tell whether it is to be trusted."""
+    """Return how many entries of a state, one or none, tell whether it is to be trusted."""
     equations = robot.equations
-    watched = isinstance(equations, ConstrainedEquations) and equations.watched
-    return MARGINS if watched else 0
+    return int(isinstance(equations, ConstrainedEquations) and equations.watched)
 
 
 def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
@@ -116,26 +115,26 @@ def _program(robot: Robot, name: str, feedback: bool,
     motion = _state_program(robot, dual_to)
     law = kernels.feedback_program() if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
+    margins = margin_count(robot)
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
 
         def rates(x: Any, given: Any) -> Any:
-            q, u, time = np.split(x[:len(x) - margin_count(robot)], [n_q, n_q + n])
+            q, u, time = np.split(x[:len(x) - margins], [n_q, n_q + n])
             tau = given
             if law is not None:  # the law of control.Controller
                 tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
             found = call(motion, q, u, tau, *wrench, *time, parameters)
             return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
-                             *[0.0] * margin_count(robot)])
+                             *[0.0] * margins])
         moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
         after = runge_kutta_4(rates, state, moments, h[0])
-        if isinstance(equations, ConstrainedEquations) and equations.watched:
-            at = [after[:n_q], after[n_q + n] if equations.timed else 0.0]
-            margins = equations.margins(*at, constants[-LIMITS:])
-            after[:n_q] = equations.closer(*at)
-            # Entries of their own, which no next step reads: to wait for them would cost time.
-            after[len(after) - MARGINS:] = [*margins, *[1.0] * (MARGINS - len(margins))]
+        if isinstance(equations, ConstrainedEquations):
+            q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
+            if equations.watched:  # an entry that no next step reads: to wait would cost time
+                after[-1] = equations.margin(q, t, constants[-LIMITS:])
+            after[:n_q] = equations.closer(q, t)
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 

@@ -30,8 +30,8 @@ def settled(robot, q0, u0):
         try:
             run = simulate(robot, q0, u0, DURATION, step=step, sample=0.25)
         except ConstraintError as error:
-            if step == STEPS[-1] or 'shorten the step' not in str(error) and (
-                    'shorter steps' not in str(error)):
+            if step == STEPS[-1] or ('shorten the step' not in str(error) and (
+                    'shorter steps' not in str(error))):
                 raise
             before = None
             continue

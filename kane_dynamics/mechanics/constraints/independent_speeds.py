@@ -55,7 +55,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
 
     """
     everything = Mechanism(model, speeds, constraints)
-    start = np.zeros(model.n) if configuration is None else np.asarray(configuration)
+    start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
             constraint.rows(everything.posture(start))
@@ -224,11 +224,21 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
     return found
 
 
+def _checked(mechanism: Mechanism, configuration: Any) -> Array:
+    """Return a configuration as an array; ConstraintError unless it is one."""
+    names = mechanism.model.coordinate_names
+    try:
+        q = np.array(configuration, dtype=np.float64)
+    except (TypeError, ValueError):
+        q = np.array(np.nan)
+    if q.shape != (len(names),) or not np.isfinite(q).all():
+        raise ConstraintError(f'configuration is {configuration!r}; expected {len(names)} finite '
+                              f'numbers: {", ".join(names)}')
+    return q
+
+
 def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
     """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
-    if q.shape != (mechanism.model.n,) or not np.isfinite(q).all():
-        raise ConstraintError(f'configuration is {q.tolist()}; expected {mechanism.model.n} '
-                              f'finite numbers: {", ".join(mechanism.model.coordinate_names)}')
     closed = closed_posture(mechanism, q)
     moved = np.abs(closed - q) / mechanism.units
     worst = int(np.argmax(moved))

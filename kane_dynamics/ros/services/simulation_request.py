@@ -20,6 +20,7 @@ import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
 GAP = 0.01   # m or rad, by which encoders and tolerances may miss a closed loop
+MOST_CHANGES = 20  # of independent speeds, told in an answer
 ROWS = 100   # points of the answer, about, where a request leaves the sample period open
 
 
@@ -64,10 +65,10 @@ def closed(robot: Robot, q: Array) -> Array:
     """
     if not robot.constraint_names:
         return q
-    gap = np.nan_to_num(np.abs(robot.constraint_gap(q)))
-    if gap.max() > GAP:
-        raise InputError(f"position misses '{robot.constraint_names[int(gap.argmax())]}' by "
-                         f'{gap.max():.3g} m or rad; valid: at most {GAP:g}')
+    residual = np.nan_to_num(np.abs(robot.constraint_residual(q)))
+    if residual.max() > GAP:
+        raise InputError(f"position misses '{robot.constraint_names[int(residual.argmax())]}' by "
+                         f'{residual.max():.3g} m or rad; valid: at most {GAP:g}')
     return robot.closed_posture(q, fixed=robot.speed_names)
 
 
@@ -185,7 +186,8 @@ class SimulationRequest:
         except InputError as error:
             raise error if doubt is None else InputError(f'{error}: {doubt}') from None
         wall_time = time.perf_counter() - began
-        response.message = doubt or ''
+        changes = [str(change) for change in trajectory.speed_changes[:MOST_CHANGES]]
+        response.message = '; '.join([*([] if doubt is None else [doubt]), *changes])
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)
