@@ -11,7 +11,7 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
@@ -198,16 +198,14 @@ class KernelSet:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
-        instead = self._instead
-        reason: Reason | None = None
-        if instead is not None:
-            def reason(state: dict[str, Array]) -> Kernel | None:
-                other = instead(state)
-                if other is None or other is self:
-                    return None
-                return other.quantity(name) if same is None else same(other)
+
+        def another(state: dict[str, Array]) -> Kernel | None:
+            other = None if self._instead is None else self._instead(state)
+            if other is None or other is self:
+                return None
+            return other.quantity(name) if same is None else same(other)
         return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size), reason)
+                      self._parameters, quantity.shape(size), another)
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations

@@ -7,7 +7,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
                                                               figure, scaled_rows, SHARE,
-                                                              singular_error, SINGULAR, Stack,
+                                                              SINGULAR, singular_error, Stack,
                                                               stacked)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism

@@ -16,7 +16,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
                                                               described, EXCESS, figure, LIMITS,
-                                                              SHARE, singular_error, SINGULAR,
+                                                              SHARE, SINGULAR, singular_error,
                                                               stacked, WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism

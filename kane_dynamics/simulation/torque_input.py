@@ -99,7 +99,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     states : int or None
         Number of simulations; None for a single one.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `step_kernels.INTEGRATORS`.
+    start : float
+        Time at the first step's beginning, s.
 
     Raises
     ------
@@ -113,9 +115,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                            np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
+                           np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                        np.concatenate([[step], block]), _table(robot, torque, count, states),
+                       np.concatenate([[step], block]), _table(robot, torque, count, states),
                        start)
 
 

@@ -222,7 +222,7 @@ def pivots(C: Array, count: int) -> list[int]:
     return taken
 
 
-def rank(C: Array) -> int:
+def rank_of(C: Array) -> int:
     """Return the number of singular values that are not zero beside the largest."""
     size = np.linalg.svd(C, compute_uv=False)
     return int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300))) if len(size) else 0

@@ -13,7 +13,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints import (Constraint, DependentSpeeds, PointVelocity,
                                                  Prescribed)
-from kane_dynamics.mechanics.constraints.conditioning import pivots, rank, RANK, stacked
+from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -67,7 +67,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     if not everything.labels and independent is None:
         return everything
     sizes = _row_sizes(everything, places)
-    ranks = [rank(C) for C, _ in samples]
+    ranks = [rank_of(C) for C, _ in samples]
     m = max(ranks)
     samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
     kept = sorted(pivots(samples[0][0].T, m))
