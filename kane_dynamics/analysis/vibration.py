@@ -79,6 +79,6 @@ def stiffness_matrix(robot: Robot, q: Array) -> Array:
     rows = []
     for unit in np.eye(n):
         value = energies.potential_energy(model, seeded(q, unit, 0, n),
-                                        gravity=robot.parameters.gravity)
+                                          gravity=robot.parameters.gravity)
         rows.append(lifted(value, n).gradient_rate)
     return np.array(rows)

@@ -132,7 +132,8 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
     return ' '.join(parts)
 
 
-def fit_base(data: RegressionRows, model: Model, speeds: Array, *, weighted: bool = True) -> BaseFit:
+def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
+             weighted: bool = True) -> BaseFit:
     """
     Return base parameters by least squares.
 

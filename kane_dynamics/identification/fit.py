@@ -112,7 +112,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     weight : float, optional
         Of the prior; chosen by leaving stretches of the first half out if not given.
     standstill : float
-        RegressionRows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
+        Rows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
         in the errors reported all rows count.
     progress : callable
         Called with the share of the work that is done.

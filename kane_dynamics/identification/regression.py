@@ -62,7 +62,7 @@ class RegressionRows:
         middle = len(self.recording) // 2
         chosen = slice(middle, None) if second else slice(0, middle)
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
-                    self.Y[chosen], self.moving[chosen])
+                              self.Y[chosen], self.moving[chosen])
 
 
 def without_losses(model: Model) -> Model:
@@ -84,7 +84,7 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
     Y = robot.regressor(*state)
     rigid = Y @ robot.inertial_parameters
     return RegressionRows(recording, rigid, robot.inverse_dynamics(*state) - rigid, Y,
-                np.abs(recording.u) > standstill)
+                          np.abs(recording.u) > standstill)
 
 
 def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
@@ -181,7 +181,8 @@ def full_regressor(data: RegressionRows, speeds: Array) -> Array:
     return X
 
 
-def compressed(data: RegressionRows, speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
+def compressed(data: RegressionRows,
+               speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
     """
     Return per-joint equations R x = z with the normal equations of all rows that count.
 
@@ -192,7 +193,7 @@ def compressed(data: RegressionRows, speeds: Array) -> tuple[list[tuple[Array, A
     floor : (n,) array
         The sum of squares that no x can take away.
     counts : (n,) array
-        RegressionRows in each.
+        Rows in each.
 
     """
     X = full_regressor(data, speeds)

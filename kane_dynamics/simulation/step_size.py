@@ -37,7 +37,7 @@ def longest_step(robot: Robot, q: Any) -> LongestStep:
     The equations are linearised about rest at a posture, x' = J x. A step h multiplies the part
     of x that belongs to an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
     the eigenvalue, and no R may be larger than 1 in size (Hairer & Wanner, Solving Ordinary
-    Differential TreeEquations II, section IV.2). Smoothed Coulomb friction decides most often: the
+    Differential Equations II, section IV.2). Smoothed Coulomb friction decides most often: the
     slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
     Parameters

@@ -118,7 +118,7 @@ class Trial:
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
-        """Return the kernel of a state's total energy, J, from state, row of `PlantParameters`, shared."""
+        """Return the kernel of a state's total energy, J."""
         return self._kernel('trial_energy', self._energy, ('state', 'plant', 'shared'), ())
 
     def shared(self, step: float) -> Array:

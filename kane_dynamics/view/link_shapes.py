@@ -44,8 +44,8 @@ def size(model: Model, q: Array) -> float:
     return float(np.linalg.norm(high - low)) or 1.0
 
 
-def link_shapes(model: Model, visuals: Sequence[Visual], thickness: float
-          ) -> list[tuple[int, Visual]]:
+def link_shapes(model: Model, visuals: Sequence[Visual],
+                thickness: float) -> list[tuple[int, Visual]]:
     """
     Return (body, shape in its axes) pairs; rods stand for bodies that look like nothing.
 

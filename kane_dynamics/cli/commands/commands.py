@@ -161,7 +161,8 @@ def identify(options: Namespace) -> None:
     if options.base_parameters:
         data, printed = identify_command.run_base(options, model), identify_command.print_base
     elif options.payload:
-        data, printed = identify_command.run_payload(options, model), identify_command.print_payload
+        data = identify_command.run_payload(options, model)
+        printed = identify_command.print_payload
     else:
         data = identify_command.run(options, source_of(options), model)
         printed = identify_command.print_data
@@ -191,7 +192,7 @@ def feasible(options: Namespace) -> int:
     plot = pictures.plotter(options)  # before the work
     model, robot = load(options, payload_frame=options.payload_frame)
     data, asked = feasible_command.run(options, robot,
-                                  read_motion(options.trajectory, robot.joint_names))
+                                       read_motion(options.trajectory, robot.joint_names))
     if plot is not None:
         plot.plot_demand(asked, options.plot, prismatic=model.sliding)
         data['files'].append(options.plot)

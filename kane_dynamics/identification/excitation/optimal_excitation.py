@@ -113,7 +113,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     """
     _check(duration, harmonics, periods, seed, starts, share)
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share, velocity,
-                    acceleration, floor, floor_frames)
+                             acceleration, floor, floor_frames)
     rng = np.random.default_rng(seed)
     found = []
     for k in range(starts):

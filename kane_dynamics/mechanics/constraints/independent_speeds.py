@@ -23,7 +23,7 @@ SAMPLES = 4  # closed postures at which the structure is looked at
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
-               independent: Sequence[str] | None = None) -> Mechanism:
+                       independent: Sequence[str] | None = None) -> Mechanism:
     """
     Return the mechanism with its independent speeds and rows chosen.
 

@@ -60,7 +60,8 @@ class PointVelocity:
         d = self.direction if self.axes is None else here.pose(self.axes)[0] @ self.direction
         J = relative_partials(here, self.frame, self.relative_to)
         b = self.value(here.t) if callable(self.value) else self.value
-        return ConstraintRows(np.array([d @ (J[3:] if self.angular else J[:3])]), np.array([b]), (None,))
+        row = d @ (J[3:] if self.angular else J[:3])
+        return ConstraintRows(np.array([row]), np.array([b]), (None,))
 
 
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
@@ -124,7 +125,8 @@ class Rolling:
         v = J[:3] + np.array([cross(column, r) for column in J[3:].T]).T
         directions = (*across(self.normal), self.normal)
         gap = self.normal @ (centre + r) - self.height
-        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3), (None, None, gap))
+        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
+                              (None, None, gap))
 
 
 @dataclass(frozen=True, eq=False)

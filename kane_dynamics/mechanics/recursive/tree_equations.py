@@ -94,7 +94,7 @@ class TreeEquations:
     def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return inverse dynamics without friction, (n,)."""
         rigid = inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, u, udot,
-                                           parameters[:3])
+                                                  parameters[:3])
         return (rigid + self.armature(udot) + self.spring_force(q)
                 - self.external_force(q, wrench))
 
@@ -104,8 +104,8 @@ class TreeEquations:
 
     def gravity_force(self, q: Any, parameters: Any) -> Any:
         """Return the torque that holds gravity alone, (n,)."""
-        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros, self.zeros,
-                                          parameters[:3])
+        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros,
+                                                 self.zeros, parameters[:3])
 
     def mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return M with armature, (n, n)."""
@@ -167,8 +167,8 @@ class TreeEquations:
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
         pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        found = joint_reactions.joint_reactions(self._loaded(self._raw_links, parameters), q, u, udot,
-                                          parameters[:3], pushes)
+        links = self._loaded(self._raw_links, parameters)
+        found = joint_reactions.joint_reactions(links, q, u, udot, parameters[:3], pushes)
         return np.array(found).reshape(len(found), 6)
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
@@ -200,7 +200,8 @@ class TreeEquations:
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
-        return inverse_dynamics.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+        links = self.links(parameters)
+        return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
 
     def frame_pose(self, frame: Frame, q: Any) -> Any:
         """Return the homogeneous transformation frame to world, (4, 4)."""
@@ -278,7 +279,8 @@ class TreeEquations:
         total = self.zeros
         if wrench is not None:
             for frame, pushed in zip(self.wrench_frames, wrench):
-                total = total + frame_kinematics.partial_velocities(self._links, frame, q).T @ pushed
+                partials = frame_kinematics.partial_velocities(self._links, frame, q)
+                total = total + partials.T @ pushed
         return total
 
     @property
