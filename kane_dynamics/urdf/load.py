@@ -72,8 +72,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
 
     """
     text = read_source(source)
-    options = {'base': base, 'tip': tip, 'joints': joints, 'locked': locked, 'drop': drop,
-               'gravity': gravity, 'strict': strict}
+    options: dict[str, Any] = {'base': base, 'tip': tip, 'joints': joints, 'locked': locked,
+                               'drop': drop, 'gravity': gravity, 'strict': strict}
     name = model_cache.key(text, supplement, options)
     found = None if name is None else model_cache.load(name)
     if found is None:

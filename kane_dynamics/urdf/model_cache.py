@@ -5,7 +5,7 @@ JSON holds numbers exactly and runs no code when it is read. Every record is an 
 key, the name of its class; an array is one with its shape and its numbers.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
 import hashlib
@@ -21,8 +21,9 @@ from kane_dynamics.model.beam import Beam, Deflection
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
 import numpy as np
 
-RECORDS = {record.__name__: record
-           for record in (Beam, Body, Deflection, Frame, Inertial, Joint, Limits, Model)}
+RECORDS: dict[str, Callable[..., Any]] = {
+    record.__name__: record
+    for record in (Beam, Body, Deflection, Frame, Inertial, Joint, Limits, Model)}
 
 
 def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
@@ -86,7 +87,7 @@ def load(name: str) -> tuple[Model, list[str]] | None:
         model, warnings = json.loads(content, object_hook=_record)
     except (ArithmeticError, LookupError, ModelError, TypeError, ValueError):
         return None
-    return model, warnings
+    return (model, warnings) if isinstance(model, Model) else None
 
 
 def store(name: str, model: Model, warnings: list[str]) -> None:

@@ -2,18 +2,23 @@
 
 import multiprocessing
 import os
+from pathlib import Path
+import shutil
 import subprocess
 import sys
 
+import kane_dynamics
 from kane_dynamics import Robot
 from kane_dynamics._util import disk_cache
 from kane_dynamics.robot import kernel_set
+import mechanisms
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
 
 MODEL = random_model(8, 3)
 STATE = random_state(MODEL, 0)
+HELPERS = Path(mechanisms.__file__).parent
 
 
 @pytest.fixture
@@ -137,7 +142,7 @@ def test_interpreters_that_start_together_on_nothing_agree_and_leave_whole_files
     program = """
 import sys
 from kane_dynamics import Robot
-from kane_dynamics.native import cache
+from kane_dynamics._util import disk_cache
 from mechanisms import random_model, random_state
 disk_cache.MOST_BYTES = int(sys.argv[1])
 model = random_model(8, 3)
@@ -151,3 +156,30 @@ sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes(
     assert [process.returncode for process in running] == [0] * 4
     assert results == {torque().tobytes().hex()}
     assert all(disk_cache.load(name) is not None for name in os.listdir(place))
+
+
+@pytest.mark.parametrize('source', ['mechanics/constraints/position_constraints.py',
+                                    'native/backends/llvm_scalar.py', 'robot/kernel_set.py'])
+def test_an_edit_of_a_source_at_any_depth_compiles_afresh(place, tmp_path, source):
+    copy = tmp_path / 'checkout' / 'kane_dynamics'
+    shutil.copytree(Path(kane_dynamics.__file__).parent, copy,
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    program = """
+import numpy as np
+from kane_dynamics import Coupling, Robot
+from mechanisms import random_model
+coupling = Coupling('joint2', {'joint0': 1.0})
+Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
+"""
+
+    def kept():
+        subprocess.run([sys.executable, '-c', program], cwd=copy.parent, check=True, timeout=60,
+                       env={**os.environ, 'PYTHONPATH': f'{copy.parent}:{HELPERS}'})
+        return set(os.listdir(place))
+    first = kept()
+    assert kept() == first
+    status = (copy / source).stat()
+    text = (copy / source).read_text('utf-8')
+    (copy / source).write_text(text.replace('.', ',', 1), 'utf-8')  # in its docstring
+    os.utime(copy / source, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert len(kept() - first) >= len(first)
