@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_fit import (covariance_of, load_deviations,
                                                               PayloadRegressor)
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, checked
 import numpy as np
 from numpy.typing import ArrayLike

@@ -14,8 +14,9 @@ and exact differentiation gives the numbers. No function is shared with `kane`, 
 import math
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
-from kane_dynamics.model.model import Array, Joint, Model, WORLD
+from kane_dynamics.model.model import Joint, Model, WORLD
 import numpy as np
 
 
