@@ -174,7 +174,8 @@ Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
 
     def kept():
         subprocess.run([sys.executable, '-c', program], cwd=copy.parent, check=True, timeout=60,
-                       env={**os.environ, 'PYTHONPATH': f'{copy.parent}:{HELPERS}'})
+                       env={**os.environ, 'PYTHONPATH': f'{copy.parent}:{HELPERS}',
+                            'PYTHONDONTWRITEBYTECODE': '1'})
         return set(os.listdir(place))
     first = kept()
     assert kept() == first
