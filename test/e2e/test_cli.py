@@ -390,11 +390,16 @@ def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
 
 @pytest.mark.parametrize('words', [['--help'], ['torque', '--help'], ['torque', 'missing.urdf']])
 def test_a_command_imports_no_other_commands_libraries(words):
-    program = ("import sys; from kane_dynamics.cli import main\n"
-               "try: main(sys.argv[1:])\n"
-               "except SystemExit: pass\n"
-               "print(*(m for m in sys.modules if m in {'scipy', 'yaml', 'yourdfpy', 'pyarrow', "
-               "'kane_dynamics.identification', 'kane_dynamics.sweep'}))")
+    program = """
+import sys
+from kane_dynamics.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+print(*(name for name in sys.modules if name in {
+    'scipy', 'yaml', 'yourdfpy', 'pyarrow', 'kane_dynamics.identification', 'kane_dynamics.sweep'}))
+"""
     done = subprocess.run([sys.executable, '-c', program, *words], check=True, timeout=60,
                           capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == ''

@@ -66,6 +66,7 @@ compile_simulation(robot, 'rk4', 'external_force', 'body_torques')
 robot.copy(), robot.copy()
 print(time.process_time() - begin)
 """
+
     def seconds():
         done = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
                               text=True, timeout=100, env={
