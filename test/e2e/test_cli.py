@@ -398,7 +398,8 @@ try:
 except SystemExit:
     pass
 print(*(name for name in sys.modules if name in {
-    'scipy', 'yaml', 'yourdfpy', 'pyarrow', 'kane_dynamics.identification', 'kane_dynamics.sweep'}))
+    'scipy', 'yaml', 'yourdfpy', 'pyarrow', 'kane_dynamics.identification',
+    'kane_dynamics.sweep'}))
 """
     done = subprocess.run([sys.executable, '-c', program, *words], check=True, timeout=60,
                           capture_output=True, text=True)
