@@ -22,7 +22,6 @@ from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import JointLimits, Parameters
-from kane_dynamics.robot.verification import verified
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
 
@@ -201,6 +200,7 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             An error is larger than 1e-9: names the quantity and the error.
 
         """
+        from kane_dynamics.robot.verification import verified  # and with it the definition
         return verified(self, states)
 
     def operation_count(self) -> dict[str, OperationCount]:
