@@ -1,4 +1,4 @@
-"""The words of the repository: the field's standard terms, summaries that say what a thing does."""
+"""The words of the repository: standard terms, summaries that say what a thing is or does."""
 
 import ast
 import io
@@ -54,17 +54,19 @@ def tracked(*endings):
 
 
 def prose(path):
-    """Return (line number, text) of what a person reads in a file: all, or comments and strings."""
+    """Return numbered lines of what a person reads in a file: all, or comments and strings."""
     text = path.read_text(encoding='utf-8')
     if path.suffix != '.py':
         return list(enumerate(text.splitlines(), 1))
     found = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type in (tokenize.COMMENT, tokenize.STRING, getattr(tokenize, 'FSTRING_MIDDLE', -1)):
+        if token.type in TEXT:
             found += enumerate(token.string.split('\n'), token.start[0])
     return found
 
 
+# An f-string is one token before Python 3.12 and several from there on.
+TEXT = {tokenize.COMMENT, tokenize.STRING, getattr(tokenize, 'FSTRING_MIDDLE', tokenize.STRING)}
 FILES = [path for path in tracked('.py', '.md', '.rst', '.yaml', '.msg', '.srv', '.action')
          if path.name != 'test_language.py']
 
@@ -74,7 +76,8 @@ def test_the_terms_are_those_of_the_field(folder):
     found = []
     for path in FILES:
         if path.relative_to(ROOT).parts[0] == folder:
-            found += [f'{path.relative_to(ROOT)}:{number}: {match[0]}' for number, line in prose(path)
+            found += [f'{path.relative_to(ROOT)}:{number}: {match[0]}'
+                      for number, line in prose(path)
                       for match in WORDS.finditer(NAMES.sub('', line))]
     assert found == []
 
@@ -82,7 +85,8 @@ def test_the_terms_are_those_of_the_field(folder):
 def test_summaries_say_what_a_thing_is_or_does():
     found = []
     for path in FILES:
-        if path.suffix != '.py' or path.relative_to(ROOT).parts[0] not in ('kane_dynamics', 'examples'):
+        folder = path.relative_to(ROOT).parts[0]
+        if path.suffix != '.py' or folder not in ('kane_dynamics', 'examples'):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
