@@ -51,6 +51,15 @@ class SpeedSets:
                                            partial(self.instead, mechanism))
         return self._made[choice]
 
+    def with_parameters(self, parameters: Parameters) -> 'SpeedSets':
+        """Return the same kernels on other parameters."""
+        other = SpeedSets(self.asked, self._equations, self._key, parameters)
+        other._made = {choice: kernels.with_parameters(
+            parameters.block, partial(other.instead, kernels.equations.mechanism))
+            for choice, kernels in self._made.items()
+            if isinstance(kernels.equations, ConstrainedEquations)}
+        return other
+
     def instead(self, own: Mechanism, state: dict[str, Array]) -> KernelSet | None:
         """
         Return the kernels that answer where the robot's own do not, or None.
