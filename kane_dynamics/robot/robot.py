@@ -147,16 +147,14 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
 
         It shares the parameters; its u and tau are those of the other speeds.
         """
-        if self.speed_sets is None:
-            raise InputError('this robot has no constraints among which to choose')
+        assert self.speed_sets is not None  # a robot without constraints has but one choice
         kernels = self.speed_sets.kernels(free, kept)
         if kernels is self.kernels:
             return self
         other = object.__new__(type(self))
-        names = kernels.equations.speed_names
-        other.__dict__.update({name: self.__dict__[name] for name in (
-            '_options', 'model', 'friction', 'speed_sets', 'parameters')})
-        other._choices = {**self._choices, 'independent': names}
+        for name in ('_options', 'model', 'friction', 'speed_sets', 'parameters'):
+            setattr(other, name, getattr(self, name))
+        other._choices = {**self._choices, 'independent': kernels.equations.speed_names}
         other.kernels, other.equations, other._entries = kernels, kernels.equations, {}
         return other
 
@@ -174,9 +172,8 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         if self.speed_sets is None:
             other.kernels = self.kernels.with_parameters(other.parameters.block)
         else:
-            mechanism = self.mechanism
             other.speed_sets = self.speed_sets.with_parameters(other.parameters)
-            other.kernels = other.speed_sets.kernels(mechanism.free, mechanism.kept)
+            other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
             other.equations = other.kernels.equations
         other._entries = {}
         return other

@@ -13,7 +13,7 @@ import time
 from typing import Any
 import warnings
 
-from kane_dynamics._util.checks import positive_time
+from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.native.runtime.kernel import Argument, checked
@@ -106,7 +106,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
 
     """
-    starts = _starts(robot, q0, u0, t0 := _time(t0))
+    starts = _starts(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
@@ -132,27 +132,12 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
-        tau = (source.torques(kept, q, u) if not watched else
-               np.ascontiguousarray(np.broadcast_to(source.torque[:, np.minimum(
-                   kept, source.torque.shape[1] - 1)], u.shape)))
-    t = t0 + kept * np.float64(step)
-    found = source.results(kept, states, tau) if watched else _derived(robot, t, q, u, tau)
-    arrays = {'q': q, 'u': u, 'tau': tau, **found}
-    return Trajectory(t, **{name: x[0] if single else x for name, x in arrays.items()},
+        tau = source.torques(kept, q, u)
+    arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
+    return Trajectory(t0 + kept * np.float64(step), **{name: x[0] if single else x for name, x in arrays.items()},
                       joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
                       speed_changes=tuple(source.changes) if watched else ())
-
-
-def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str, Array]:
-    """Return what follows from the kept states, (N, K, ...) arrays."""
-    shape = q.shape[:2]
-    at: dict[str, Any] = {'t': np.tile(t, shape[0])} if robot.equations.timed else {}
-    q, u, tau = (x.reshape(-1, x.shape[2]) for x in (q, u, tau))
-    found = {'udot': robot.forward_dynamics(q, u, tau, **at),
-             'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
-                                axis=1)}
-    return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
 
 
 def _run_native(source: Any, starts: Array, single: bool, count: int, every: int,
@@ -283,16 +268,6 @@ def _vector(robot: Robot, name: str, value: Any) -> Array:
     if array.ndim != 1:
         raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
     return array
-
-
-def _time(value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f't0 is {value!r}; expected a finite time in s')
-    return number
 
 
 def _whole(name: str, value: float, step: float, most: int) -> int:

@@ -20,6 +20,7 @@ from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.asked_speeds import tau_from
 import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
@@ -197,9 +198,10 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
         *moment, parameters = rest[len(wrench):]
+        t = moment[0][()] if moment else 0.0
+        tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
         return equations.state_rates(q, u, tau, rest[0] if wrench else None,
-                                     parameters[:-LIMITS], moment[0][()] if moment else 0.0,
-                                     dual_to)
+                                     parameters[:-LIMITS], t)
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
         ('parameters', robot.parameters.block.shape)])

@@ -69,6 +69,18 @@ class TorqueInput:
         table = self.torque[:, done:] if steps else self.torque
         return table, table.strides[0] * states, table.strides[1] * steps
 
+    def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
+        """Return what follows from kept states (N, K, size) and torques (N, K, n)."""
+        robot, shape = self.robot, states.shape[:2]
+        q, u = (np.ascontiguousarray(x).reshape(-1, x.shape[2]) for x in np.split(
+            states, [robot.n_q, robot.n_q + robot.n], axis=2)[:2])
+        times = np.tile(self.start + kept * np.float64(self.step), shape[0])
+        at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
+        found = {'udot': robot.forward_dynamics(q, u, tau.reshape(u.shape), **at),
+                 'energy': np.stack([robot.kinetic_energy(q, u, **at),
+                                     robot.potential_energy(q)], axis=1)}
+        return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
+
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""
         torque = self.torque

@@ -32,9 +32,10 @@ def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
     """Return the squared figure of a system, (n_q, n_q), from its inverse, over any scalar."""
     reciprocal = 1.0 / mechanism.units
     total: Any = 0.0
-    for r in range(len(S)):
-        size = mechanism.system_sizes[r]
-        size_2 = _square(S[r] * mechanism.units) if size is None else size * size
+    n = mechanism.n
+    for r in range(len(S)):  # a speed is its own size
+        size_2 = (_square(S[r] * mechanism.units) if r < n else
+                  mechanism.sizes[mechanism.kept[r - n]]**2)
         total = total + size_2 * _square(inverse[:, r] * reciprocal)
     return total
 

@@ -171,11 +171,11 @@ def test_the_longest_step_counts_springs_under_constraints():
     assert longest.step == pytest.approx(np.sqrt(8.0) / np.sqrt(1e6 * (10.0 + 1.0 / 1.125)),
                                          rel=1e-3)
     assert longest.name == 'mass'
-    for share, grows in ((0.97, False), (1.05, True)):
+    for share, grows in ((0.97, False), (1.08, True)):
         step = share * longest.step
         with warnings.catch_warnings():
             warnings.simplefilter('error' if not grows else 'ignore', ModelWarning)
-            run = simulate(robot, [0.0, 1e-6, 0.0], [0.0, 0.0], 400 * step, step=step,
+            run = simulate(robot, [0.0, 1e-6, 0.0], [0.0, 0.0], 30 * step, step=step,
                            sample=step)
         assert (np.abs(run.q[:, 1]).max() > 1e-4) == grows
 
@@ -184,8 +184,8 @@ def test_a_closed_loop_of_stiff_beams_sets_a_step():
     def steps(stiffness):
         b = ModelBuilder('flexible')
         b.body('crank', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
-        b.beam('coupler', 'crank', FlexibleLink(0.9, 2.0, stiffness, (2, 0)), axis=(0, -1, 0),
-               at=(0.3, 0, 0))
+        b.beam('coupler', 'crank', FlexibleLink(0.9, 2.0, stiffness, (2, 0), up=(0, 0, 1)),
+               axis=(0, -1, 0), at=(0.3, 0, 0))
         b.body('rocker', 'coupler/tip', axis=(0, -1, 0), matter=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
         b.frame('end', 'rocker', at=(0.7, 0, 0))
         b.frame('ground', 'world', at=(1, 0, 0))
