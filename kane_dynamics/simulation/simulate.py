@@ -134,7 +134,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if not callable(torque):
         tau = source.torques(kept, q, u)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
-    return Trajectory(t0 + kept * np.float64(step), **{name: x[0] if single else x for name, x in arrays.items()},
+    arrays = {name: x[0] if single else x for name, x in arrays.items()}
+    return Trajectory(t0 + kept * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
                       speed_changes=tuple(source.changes) if watched else ())

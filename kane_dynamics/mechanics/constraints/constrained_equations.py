@@ -55,6 +55,7 @@ class ConstrainedEquations:
                  redundant: str = 'minimum_norm') -> None:
         """Keep the parts."""
         self._redundant = redundant
+        self.watched = bool(mechanism.labels)  # by calls and simulations
         self.tree, self.mechanism = tree, mechanism
         self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n
         self.speed_names = mechanism.speed_names
@@ -72,11 +73,6 @@ class ConstrainedEquations:
             raise ConstraintError(f'actuated names {len(places)} joints; {self.n} independent '
                                   f'speeds ({", ".join(self.speed_names)}) need as many')
         return places
-
-    @property
-    def watched(self) -> bool:
-        """Tell whether there are constraints whose state calls and simulations watch."""
-        return bool(self.mechanism.labels)
 
     @property
     def unsupported(self) -> tuple[str, ...]:
