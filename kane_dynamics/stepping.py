@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from kane_dynamics.energy_balance import compile_balance
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.mechanics.equations import Equations
@@ -37,6 +38,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
     robot.compile(*loop_kernels(robot))
     for feedback in (False, True)[:1 if robot.constraint_names else 2]:
         step_kernel(robot, feedback, integrator)
+    compile_balance(robot)
     for name in loop_kernels(robot):
         if name in AFTERWARDS:
             robot.kernels.quantity(name).compile_lanes()

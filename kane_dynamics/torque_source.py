@@ -67,6 +67,27 @@ class TorqueSource:
         table = self.torque[:, done:] if steps else self.torque
         return table, table.strides[0] * states, table.strides[1] * steps
 
+    def acting(self, buffer: Array, done: int) -> tuple[Array, bool]:
+        """
+        Return the torques of the steps of a buffer that `advance` has filled in.
+
+        Returns
+        -------
+        array
+            Held during each step, (1 or N, 1 or K, n); or at every state, (N, K + 1, n).
+        bool
+            Whether they are at every state: of a law that is evaluated continuously.
+
+        """
+        steps = buffer.shape[1] - 1
+        if isinstance(self.torque, ComputedTorque):
+            n = self.robot.n
+            q, u = (np.ascontiguousarray(buffer[:, :, part])
+                    for part in (slice(0, n), slice(n, 2 * n)))
+            return self.torques(done + np.arange(steps + 1), q, u), True
+        few = self.torque.shape[1] == 1
+        return self.torque if few else self.torque[:, done:done + steps], False
+
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""
         torque = self.torque

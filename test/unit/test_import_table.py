@@ -28,7 +28,7 @@ TABLE = (
     'constrained dynamics frame_motion',
     'export',
     'robot',
-    'quasi_static',
+    'energy_balance quasi_static',
     'contact control observer power stability stepping trajectory',
     'limit_watch torque_source',
     'examination feasibility identification simulation sweep vibration view',
