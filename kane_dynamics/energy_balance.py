@@ -9,9 +9,12 @@ Energy and dissipation of all states of a chunk are one call of a SIMD kernel, w
 step can be checked.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from kane_dynamics.mechanics.constrained import ConstrainedEquations
+from kane_dynamics.mechanics.mechanism import Mechanism
 from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Argument, Kernel
@@ -23,7 +26,23 @@ import numpy as np
 RELATIVE = 1e-3  # of the energy that the motion has turned over
 ROUNDING = 1e-9  # of the energy itself
 TERMS = 3  # results of the energy kernel: kinetic, potential, power of friction
-PAST = 3  # states whose terms are kept for differences across chunks
+MANY_ROWS, FEW_ROWS = 32, 4  # looked at first in a chunk of one simulation, of many
+SKIP = 8  # steps from one state that is looked at to the next, where those do not suffice
+
+Law = Callable[[Array], Array]
+_DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
+
+
+class Seen(NamedTuple):
+    """The balance at some states: (rows, N) arrays."""
+
+    error: Array
+    allowed: Array
+    unresolved: Array
+    worked: Array
+    fastest: Array
+    low: Array
+    high: Array
 
 
 class EnergyBalance:
@@ -68,14 +87,15 @@ class EnergyBalance:
 
     def restart(self, states: Array) -> None:
         """Go on from other states: what moved them there is no part of the balance."""
-        terms = self._terms(states[:, None])
-        self._past = terms[:, :0]
-        self._fastest = terms[:, 0, 0].copy()
-        self._low, self._high = terms[:, 0, 1].copy(), terms[:, 0, 1].copy()
+        self._fastest, self._low, _ = self._terms(states[:, None])[:, 0]
+        self._high = self._low
 
-    def look(self, states: Array, done: int, tau: Array, smooth: bool = False) -> None:
+    def look(self, states: Array, done: int, tau: Array | Law) -> None:
         """
         Take further steps into the balance.
+
+        A few states of a chunk tell whether its balance closes well; where that is not clear,
+        all are looked at.
 
         Parameters
         ----------
@@ -83,102 +103,117 @@ class EnergyBalance:
             After `done` steps, and after each of the K next ones; C-contiguous.
         done : int
             Steps before these.
-        tau : (1 or N, 1 or K, n) array
-            Torques held during each of the K steps; or, where `smooth`, (N, K + 1, n): those at
-            the states, of a law that is evaluated continuously.
-        smooth : bool
-            See `tau`.
+        tau : (1 or N, 1 or K, n) array, or callable
+            Torques held during each of the K steps; or, of a law that is evaluated continuously,
+            a function of row numbers that returns the torques at these rows of `states`,
+            (N, rows, n).
 
         """
+        count = states.shape[1] - 1
+        changing = not callable(tau) and tau.shape[1] > 1
+        most = FEW_ROWS if len(states) > 1 else MANY_ROWS
+        skips = sorted({-(-count // most), min(SKIP, count)}, reverse=True)
         with np.errstate(over='ignore', invalid='ignore'):
-            self._look(states, done, tau, smooth)
+            for skip in () if changing and self._driven else skips:
+                seen = self._balance(states, np.append(np.arange(0, count, skip), count), tau)
+                if (np.abs(seen.error) <= 0.5 * seen.allowed).all():
+                    self._keep(seen)
+                    return
+            seen = self._balance(states, np.arange(count + 1), tau, unresolved=True)
+            missed = ~(np.abs(seen.error) <= seen.allowed)
+        new = np.flatnonzero(np.isinf(self.began) & missed.any(axis=0))
+        first = np.argmax(missed[:, new], axis=0)
+        self.began[new] = (done + 1 + first) * self._step
+        self.expected[new] = seen.allowed[first, new]
+        self._keep(seen)
 
-    def _look(self, states: Array, done: int, tau: Array, smooth: bool) -> None:
-        h, steps = self._step, states.shape[1] - 1
-        terms = self._terms(states)
-        kinetic, potential, loss = np.moveaxis(terms, 2, 0)
-        n_q, n = self.robot.n_q, self.robot.n
-        u = states[:, :, n_q:n_q + n]
-        power, driven = -loss, 0.0
-        if smooth:
-            power = power + np.einsum('nkj,nkj->nk', tau, u)
-            work = np.zeros(power[:, 1:].shape)
-        elif self._tree:  # u = q': exact, whatever the step
-            work = np.einsum('nkj,nkj->nk', *np.broadcast_arrays(
-                tau, np.diff(states[:, :, :n], axis=1)))
-        else:
-            work = (0.5 * h) * np.einsum('nkj,nkj->nk', *np.broadcast_arrays(
-                tau, u[:, 1:] + u[:, :-1]))
-            if self._driven is not None:
-                ends = self._driven_power(states, np.broadcast_to(
-                    tau, (len(states), steps, n)))
-                work += (0.5 * h) * (ends[0] + ends[1])
-                driven = np.concatenate([ends[0][:, :1], ends[1]], axis=1)
-        passive = (0.5 * h) * (power[:, 1:] + power[:, :-1])
-        total = kinetic + potential
-        error = self.error[:, None] + (total[:, 1:] - total[:, :1]) - np.cumsum(
-            work + passive, axis=1)
-        unresolved = self._unresolved[:, None] + np.cumsum(
-            self._error_of_quadrature(terms, power + driven, u, tau, smooth), axis=1)
-        worked = self._worked[:, None] + np.cumsum(np.abs(work) + np.abs(passive), axis=1)
-        fastest, low, high = (accumulate(np.concatenate([before[:, None], rows[:, 1:]], axis=1),
-                                         axis=1)[:, 1:] for accumulate, before, rows in (
-            (np.maximum.accumulate, self._fastest, kinetic),
-            (np.minimum.accumulate, self._low, potential),
-            (np.maximum.accumulate, self._high, potential)))
-        allowed = (RELATIVE * (fastest + (high - low) + worked) + unresolved
+    def _keep(self, seen: 'Seen') -> None:
+        """Take what has been seen for granted."""
+        self.worst = np.maximum(self.worst, np.abs(seen.error).max(axis=0))
+        (self.error, _, self._unresolved, self._worked, self._fastest, self._low,
+         self._high) = (part[-1] for part in seen)
+
+    def _balance(self, states: Array, rows: Array, tau: Array | Law,
+                 unresolved: bool = False) -> 'Seen':
+        """Return the balance at some rows of states, the first apart, which is known."""
+        chosen = states if len(rows) == states.shape[1] else states[:, rows]
+        kinetic, potential, loss = self._terms(chosen)
+        h = (self._step * np.diff(rows))[:, None]
+        power, work = -loss, self._work(states, chosen, rows, tau)
+        given = power
+        if callable(tau):
+            n_q, n = self.robot.n_q, self.robot.n
+            given = power = power + _dot(tau(rows), chosen[:, :, n_q:n_q + n])
+        elif self._driven is not None:
+            before, after = self._driven_power(chosen, tau)
+            work = work + 0.5 * h * (before + after)
+            given = power + np.concatenate([before[:1], after])
+        passive = 0.5 * h * (power[1:] + power[:-1])
+        energy = kinetic + potential
+        error = self.error + (energy[1:] - energy[:1]) - np.cumsum(work + passive, axis=0)
+        worked = self._worked + np.cumsum(np.abs(work) + np.abs(passive), axis=0)
+        doubt = self._unresolved + np.zeros(error.shape)
+        if unresolved:
+            doubt = doubt + np.cumsum(self._uncertain(chosen, given, potential, tau), axis=0)
+        fastest = np.maximum(np.maximum.accumulate(kinetic[1:], axis=0), self._fastest)
+        low = np.minimum(np.minimum.accumulate(potential[1:], axis=0), self._low)
+        high = np.maximum(np.maximum.accumulate(potential[1:], axis=0), self._high)
+        allowed = (RELATIVE * (fastest + (high - low) + worked) + doubt
                    + ROUNDING * (fastest + np.maximum(np.abs(low), np.abs(high))))
-        size = np.abs(error)
-        missed = ~(size <= allowed)
-        first = np.where(missed.any(axis=1), (done + 1 + np.argmax(missed, axis=1)) * h, np.inf)
-        new = np.isinf(self.began) & np.isfinite(first)
-        self.began[new] = first[new]
-        self.expected[new] = allowed[new, np.argmax(missed[new], axis=1)]
-        self.worst = np.maximum(self.worst, size.max(axis=1))
-        self.error = error[:, -1]
-        self._unresolved, self._worked = unresolved[:, -1], worked[:, -1]
-        self._fastest, self._low, self._high = fastest[:, -1], low[:, -1], high[:, -1]
+        return Seen(error, allowed, doubt, worked, fastest, low, high)
 
-    def _error_of_quadrature(self, terms: Array, power: Array, u: Array, tau: Array,
-                             smooth: bool) -> Array:
-        """Return how far the work of each step is uncertain, (N, K), J."""
-        steps = power.shape[1] - 1
-        rows = np.stack([power, terms[:, :, 1]], axis=2)
-        before = self._past
-        whole = np.concatenate([before, rows], axis=1) if before.shape[1] else rows
-        self._past = whole[:, -PAST - 1:-1]
-        found = self._step * _differences(whole[:, :, 0], 2)[:, -steps:]
+    def _work(self, states: Array, chosen: Array, rows: Array, tau: Array | Law) -> Any:
+        """Return the work of held torques between rows, (rows - 1, N) or 0, J."""
+        if callable(tau) or not tau.any():
+            return 0.0
+        n_q, n = self.robot.n_q, self.robot.n
+        part = slice(0, n) if self._tree else slice(n_q, n_q + n)
+        held = tau.shape[1] == 1
+        x = (chosen if held else states)[:, :, part]
+        if self._tree:  # u = q': exact, whatever the step
+            turned = x[:, 1:] - x[:, :-1]
+        else:
+            h = self._step * (np.diff(rows)[:, None] if held else 1.0)
+            turned = 0.5 * h * (x[:, 1:] + x[:, :-1])
+        work = _dot(tau, turned)
+        return work if len(work) == len(rows) - 1 else np.add.reduceat(work, rows[:-1], axis=0)
+
+    def _uncertain(self, states: Array, power: Array, potential: Array,
+                   tau: Array | Law) -> Array:
+        """Return how far the work of each step is uncertain, (K, N), J."""
+        found = self._step * _differences(power, 2)
         if self._damped:
-            found = found + 2.0 * _differences(whole[:, :, 1], 3)[:, -steps:]
-        if not (smooth or self._tree):
-            bend = _differences(u, 2)
-            found = found + self._step * np.einsum(
-                'nkj,nkj->nk', *np.broadcast_arrays(np.abs(tau), bend))
+            found = found + 2.0 * _differences(potential, 3)
+        if not (callable(tau) or self._tree):
+            n_q, n = self.robot.n_q, self.robot.n
+            turning = _differences(states[:, :, n_q:n_q + n].swapaxes(0, 1), 2)
+            found = found + self._step * _dot(np.abs(tau), turning.swapaxes(0, 1))
         return found
 
     def _terms(self, states: Array) -> Array:
-        """Return kinetic and potential energy and power of friction, (N, K, 3)."""
+        """Return kinetic and potential energy and power of friction, (3, K, N)."""
         found = np.empty((*states.shape[:2], TERMS))
-        parameters = self._kernel.parameters
-        rows = np.ascontiguousarray(states).reshape(-1, states.shape[2])
+        rows = np.ascontiguousarray(states)
         march(self._kernel.lane_address, [
-            Strided(rows.ctypes.data, rows.strides[0]), Strided(parameters.ctypes.data),
-            Strided(found.ctypes.data, 8 * TERMS)], len(rows))
-        return found
+            Strided(rows.ctypes.data, 8 * rows.shape[2]),
+            Strided(self._kernel.parameters.ctypes.data),
+            Strided(found.ctypes.data, 8 * TERMS)], found.size // TERMS)
+        return np.ascontiguousarray(found.T)
 
     def _driven_power(self, states: Array, tau: Array) -> Array:
-        """Return the power of moving constraints at both ends of each step, (2, N, K)."""
+        """Return the power of moving constraints at both ends of each interval, (2, K, N)."""
         kernel = self._driven
         assert kernel is not None
-        given = np.ascontiguousarray(tau).reshape(-1, tau.shape[2])
-        found = np.empty((2, len(given)))
+        shape = (len(states), states.shape[1] - 1)
+        given = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
+        found = np.empty((2, *shape))
         for part, end in zip((states[:, :-1], states[:, 1:]), found):
-            rows = np.ascontiguousarray(part).reshape(-1, states.shape[2])
+            rows = np.ascontiguousarray(part)
             march(kernel.lane_address, [
-                Strided(rows.ctypes.data, rows.strides[0]),
-                Strided(given.ctypes.data, given.strides[0]),
-                Strided(kernel.parameters.ctypes.data), Strided(end.ctypes.data, 8)], len(rows))
-        return found.reshape(2, *tau.shape[:2])
+                *(Strided(x.ctypes.data, 8 * x.shape[2]) for x in (rows, given)),
+                Strided(kernel.parameters.ctypes.data), Strided(end.ctypes.data, 8)],
+                shape[0] * shape[1])
+        return found.swapaxes(1, 2)
 
     def warning(self, single: bool, cause: str | None = None) -> str | None:
         """
@@ -249,6 +284,8 @@ def driven_kernel(robot: Robot) -> Kernel | None:
 def _driven(robot: Robot) -> bool:
     """Tell whether speeds or constraints prescribe rates: joints then move at u = 0."""
     mechanism = robot.mechanism
+    if mechanism in _DRIVEN:
+        return _DRIVEN[mechanism]
     found: list[bool] = []
 
     def given(state: Any) -> Any:
@@ -257,7 +294,8 @@ def _driven(robot: Robot) -> bool:
         found.extend(not is_zero(x) for x in right)
         return right
     trace_program('given_rates', given, [('state', (_size(robot),))])
-    return any(found)
+    _DRIVEN[mechanism] = any(found)
+    return _DRIVEN[mechanism]
 
 
 def _size(robot: Robot) -> int:
@@ -275,17 +313,20 @@ def _kernel(robot: Robot, name: str, function: Any, shape: tuple[int, ...],
                                robot.parameters.block, shape)
 
 
+def _dot(a: Array, b: Array) -> Array:
+    """Return the scalar products of the last axes of (1 or N, 1 or K, n) arrays, (K, N)."""
+    found: Array = np.einsum('nkj,nkj->kn', *np.broadcast_arrays(a, b))
+    return found
+
+
 def _differences(rows: Array, order: int) -> Array:
     """
-    Return sizes of differences of that order for every interval along axis 1.
+    Return sizes of differences of that order for every interval along the first axis.
 
     An interval has the largest of the differences that it is part of; where there are too few
     rows, a lower order's.
     """
-    order = min(order, rows.shape[1] - 1)
-    found = np.abs(np.diff(rows, order, axis=1))
-    width = [(0, 0)] * rows.ndim
-    width[1] = (order - 1, order - 1)
-    padded = np.pad(found, width)
-    intervals = rows.shape[1] - 1
-    return np.max([padded[:, k:k + intervals] for k in range(order)], axis=0)
+    order = min(order, len(rows) - 1)
+    found = np.abs(np.diff(rows, order, axis=0))
+    padded = np.pad(found, [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1))
+    return np.max([padded[k:k + len(rows) - 1] for k in range(order)], axis=0)

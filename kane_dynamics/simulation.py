@@ -169,7 +169,7 @@ def _run_native(source: TorqueSource, starts: Array, single: bool, count: int, e
         _finite(robot, buffer, done, source.step, single)
         watch.look(buffer[:, 1:], (done + np.arange(1, chunk + 1)) * np.float64(source.step),
                    extremes)
-        balance.look(buffer, done, *source.acting(buffer, done))
+        balance.look(buffer, done, source.acting(buffer, done))
         here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
         states[:, here] = buffer[:, kept[here] - done]
         starts = buffer[:, -1].copy()

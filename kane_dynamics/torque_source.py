@@ -1,5 +1,6 @@
 """Where a simulation's torques come from, as the native step reads them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,26 +68,28 @@ class TorqueSource:
         table = self.torque[:, done:] if steps else self.torque
         return table, table.strides[0] * states, table.strides[1] * steps
 
-    def acting(self, buffer: Array, done: int) -> tuple[Array, bool]:
+    def acting(self, buffer: Array, done: int) -> Array | Callable[[Array], Array]:
         """
         Return the torques of the steps of a buffer that `advance` has filled in.
 
         Returns
         -------
-        array
-            Held during each step, (1 or N, 1 or K, n); or at every state, (N, K + 1, n).
-        bool
-            Whether they are at every state: of a law that is evaluated continuously.
+        (1 or N, 1 or K, n) array, or callable
+            Held during each step; or, of a law that is evaluated continuously, a function of row
+            numbers of the buffer that returns the torques there.
 
         """
-        steps = buffer.shape[1] - 1
         if isinstance(self.torque, ComputedTorque):
             n = self.robot.n
-            q, u = (np.ascontiguousarray(buffer[:, :, part])
-                    for part in (slice(0, n), slice(n, 2 * n)))
-            return self.torques(done + np.arange(steps + 1), q, u), True
-        few = self.torque.shape[1] == 1
-        return self.torque if few else self.torque[:, done:done + steps], False
+
+            def at(rows: Array) -> Array:
+                q, u = (np.ascontiguousarray(buffer[:, rows, part])
+                        for part in (slice(0, n), slice(n, 2 * n)))
+                return self.torques(done + rows, q, u)
+            return at
+        steps = buffer.shape[1] - 1
+        table: Array = self.torque
+        return table if table.shape[1] == 1 else table[:, done:done + steps]
 
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""

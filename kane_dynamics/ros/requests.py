@@ -185,7 +185,7 @@ class Simulation:
         except InputError as error:
             raise error if doubt is None else InputError(f'{error}: {doubt}') from None
         wall_time = time.perf_counter() - began
-        response.message = doubt or ''
+        response.message = '\n'.join(trajectory.warnings)
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)
