@@ -77,16 +77,14 @@ class EnergyBalance:
         """Compile the kernels."""
         self.robot, self._step = robot, step
         self._kernel = energy_kernel(robot)
+        self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
-        self._damped = integrator != 'rk4'  # springs' high frequencies die out by design
+        self._damped = integrator != 'rk4' and any(  # high frequencies die out by design
+            body.beam is not None or body.joint.stiffness for body in robot.model.bodies)
         self._tree = not isinstance(robot.equations, ConstrainedEquations)
         N = len(states)
         self.began = np.full(N, np.inf)
         self.error, self.worst, self.expected, self._unresolved, self._worked = np.zeros((5, N))
-        self.restart(states)
-
-    def restart(self, states: Array) -> None:
-        """Go on from other states: what moved them there is no part of the balance."""
         self._fastest, self._low, _ = self._terms(states[:, None])[:, 0]
         self._high = self._low
 
@@ -196,7 +194,7 @@ class EnergyBalance:
         rows = np.ascontiguousarray(states)
         march(self._kernel.lane_address, [
             Strided(rows.ctypes.data, 8 * rows.shape[2]),
-            Strided(self._kernel.parameters.ctypes.data),
+            Strided(self._parameters.ctypes.data),
             Strided(found.ctypes.data, 8 * TERMS)], found.size // TERMS)
         return np.ascontiguousarray(found.T)
 
@@ -211,7 +209,7 @@ class EnergyBalance:
             rows = np.ascontiguousarray(part)
             march(kernel.lane_address, [
                 *(Strided(x.ctypes.data, 8 * x.shape[2]) for x in (rows, given)),
-                Strided(kernel.parameters.ctypes.data), Strided(end.ctypes.data, 8)],
+                Strided(self._parameters.ctypes.data), Strided(end.ctypes.data, 8)],
                 shape[0] * shape[1])
         return found.swapaxes(1, 2)
 
@@ -251,13 +249,12 @@ def compile_balance(robot: Robot) -> None:
 def energy_kernel(robot: Robot) -> Kernel:
     """Return the kernel of kinetic energy, potential energy and power of friction, (3,)."""
     equations, n_q, n = robot.equations, robot.n_q, robot.n
-    constrained = isinstance(equations, ConstrainedEquations)
+    constrained = equations if isinstance(equations, ConstrainedEquations) else None
+    tree = equations.tree if isinstance(equations, ConstrainedEquations) else equations
 
     def terms(state: Any, parameters: Any) -> Any:
         q, u, time = np.split(state, [n_q, n_q + n])
-        tree, rates = equations, u
-        if constrained:
-            tree, rates = equations.tree, equations.joint_rates(q, u, *time)
+        rates = u if constrained is None else constrained.joint_rates(q, u, *time)
         return [tree.kinetic_energy(q, rates, parameters),
                 tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
     return _kernel(robot, 'energy_terms', terms, (TERMS,))
@@ -329,4 +326,5 @@ def _differences(rows: Array, order: int) -> Array:
     order = min(order, len(rows) - 1)
     found = np.abs(np.diff(rows, order, axis=0))
     padded = np.pad(found, [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1))
-    return np.max([padded[k:k + len(rows) - 1] for k in range(order)], axis=0)
+    largest: Array = np.max([padded[k:k + len(rows) - 1] for k in range(order)], axis=0)
+    return largest

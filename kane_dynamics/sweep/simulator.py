@@ -163,8 +163,8 @@ class Simulator:
                 seen[1:3] = np.minimum(low, now), np.maximum(high, now)
                 gained = (now - start).T @ [1.0, 1.0, -1.0]
                 turned = seen[2][0] + (seen[2] - seen[1])[1:].sum(axis=0)
-                share = np.abs(gained) / (relative * turned + ROUNDING * np.abs(seen[2]).max(axis=0)
-                                          + TINY)
+                share = np.abs(gained) / (relative * turned + TINY + ROUNDING * np.abs(
+                    seen[2]).max(axis=0))
                 seen[3] = np.maximum(worst, np.where(np.isfinite(share), share, np.inf))
             return np.array([gained, seen[3]])
         return look

@@ -3,6 +3,7 @@
 from kane_dynamics.model import Array
 from kane_dynamics.quasi_static import QuasiStatic
 from kane_dynamics.robot import Robot
+from kane_dynamics.ros.plant.energy import EnergyCheck
 from kane_dynamics.ros.plant.stops import pushed_back
 from kane_dynamics.ros.wrenches import WrenchFrames
 from kane_dynamics.stability import step_warning
@@ -53,6 +54,8 @@ class SimulatedArm:
         Steps in which a stop was hit or leant on.
     clamped : int
         Steps in which a motor was asked for more than its limit.
+    energy : EnergyCheck
+        Of what happens between stops.
 
     """
 
@@ -76,6 +79,7 @@ class SimulatedArm:
         kernel = step_kernel(robot, False, integrator)
         self._constants = kernel.parameters
         self._constants[0] = step
+        self.energy = EnergyCheck(robot, step, integrator)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
         inverse_mass = robot.kernels.quantity('inverse_mass_matrix')
@@ -97,6 +101,8 @@ class SimulatedArm:
 
     def use_parameters(self) -> None:
         """Step from now on with gravity and payload as the robot's parameters are."""
+        self.energy.close()
+        self.energy.restart(self._state)
         self._constants[1:] = self.robot.parameters.block
 
     def put(self, q: Array) -> None:
@@ -105,6 +111,7 @@ class SimulatedArm:
         if self._bending is not None:
             self._q[len(self.q):] = self._bending.modes(q, self.u, self.u)
         self.wrenches.clear()
+        self.energy.restart(self._state)
 
     def step(self, torque: Array) -> None:
         """
@@ -130,6 +137,7 @@ class SimulatedArm:
             self._total[0] += self._external()
         self._advance()
         self._state[:] = self._next
+        self.energy.add(self._total[0], self._state)
         if (self.q < self.lower).any() or (self.q > self.upper).any():
             self._stop()
 
@@ -146,6 +154,7 @@ class SimulatedArm:
         Both through the mass matrix: a joint that is merely put back would have carried the
         others along in a fall that never was.
         """
+        self.energy.close()
         q, W = self._q, self._inverse_mass()
         nearer = np.where(self._upper - q < q - self._lower, self._upper, self._lower)
         side = np.where(nearer == self._upper, 1.0, -1.0) * np.isfinite(nearer)
@@ -154,4 +163,5 @@ class SimulatedArm:
         np.clip(q, self._lower, self._upper, out=q)
         side = np.where(q >= self._upper, 1.0, np.where(q <= self._lower, -1.0, 0.0))
         self._u[:] = pushed_back(self._u, side, W)
+        self.energy.restart(self._state)
         self.blows += 1

@@ -55,7 +55,7 @@ class PlantNode(Node):
         self._warn = ThrottledWarning(log)
         self.rejected: Counter[str] = Counter()
         self.received = 0
-        self.failure = ''
+        self.failure = self._imbalance = ''
         self.paused: bool = values['start_paused']
         robot = self._load()
         self.plant = Plant(robot, values)
@@ -225,6 +225,10 @@ class PlantNode(Node):
             time.time_ns() if self._clock_out is None else self._now(), NANO)
         self._diagnostics.publish(message)
         self.pace.worst = 0
+        if (warning := self.plant.arm.energy.warning) != self._imbalance:
+            self._imbalance = warning
+            if warning:
+                self.get_logger().warning(warning)
         if self._clock_out is not None and (clocks := self.count_publishers('/clock')) > 1:
             self._warn('clock', f'{clocks} publishers on /clock; one at most may have '
                        'publish_clock')

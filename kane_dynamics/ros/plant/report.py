@@ -36,6 +36,8 @@ def report(node: Reporting, speed: float) -> DiagnosticStatus:
     elif plant.late:
         level = DiagnosticStatus.WARN
         message += f', no command for {plant.silence:.2f} s'
+    elif plant.arm.energy.warning:
+        level, message = DiagnosticStatus.WARN, f'{message}; {plant.arm.energy.warning}'
     if not node.failure and pace.worst > pace.period:
         level = max(level, DiagnosticStatus.WARN)
         message += f', up to {pace.worst * 1e-6:.1f} ms late'
@@ -46,6 +48,7 @@ def report(node: Reporting, speed: float) -> DiagnosticStatus:
         'skipped to catch up': f'{pace.skipped:.3f} s', 'commands': str(node.received),
         'command timeouts': str(plant.timeouts), 'steps clamped': str(plant.arm.clamped),
         'steps at stops': str(plant.arm.blows),
+        'energy balance': plant.arm.energy.warning or 'closes',
         'at a stop': ', '.join(plant.arm.at_stops) or 'none',
         'pushed': ', '.join(plant.arm.wrenches) or 'none',
         'joint states lost on request': str(plant.states.lost),
