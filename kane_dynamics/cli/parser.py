@@ -107,7 +107,10 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
                      help='the source; the header goes beside it')
     sub.add_argument('--kernel', nargs='+', default=DEFAULT_KERNELS, metavar='NAME',
-                     help=f'default: {" ".join(DEFAULT_KERNELS)}')
+                     help='also frame_pose:LINK, jacobian:LINK; default: '
+                          + ' '.join(DEFAULT_KERNELS))
+    sub.add_argument('--float32', action='store_true', help='single precision')
+    sub.add_argument('--no-self-test', action='store_true', help='leave the self-test out')
     sub.add_argument('--wrench-frames', nargs='+', default=(), metavar='LINK',
                      help='links on which the environment may push')
     sub.add_argument('--payload-frame', metavar='LINK', help='link that carries a payload')

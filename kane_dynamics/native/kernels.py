@@ -140,6 +140,10 @@ class Kernel:
             return llvm.Code(cache.fetch(cache.key(self.name, key, kind),
                                          lambda: llvm.assemble(text())))
 
+    def traced(self) -> Program:
+        """Trace the program."""
+        return self._program()
+
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],
                              [largest(a.name) for a in self.arguments], self.shape)
