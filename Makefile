@@ -96,7 +96,7 @@ $(VENV)/.bench: $(VENV)/.dependencies
 	@touch $@
 
 # All of them run, then any failure counts.
-BENCHMARKS ?= benchmarks/report.py benchmarks/node_latency.py
+BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/node_latency.py
 BENCH_ARGS ?=
 
 bench: install $(VENV)/.bench

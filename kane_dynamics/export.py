@@ -258,7 +258,8 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
         defaults = {'parameters': 'default_parameters', 'wrench': 'no_wrench'}
         inputs = dict(kernel.program.inputs)
         texts += ['', c_functions(kernel.program, kernel.symbol,
-                                  {k: v for k, v in defaults.items() if k in inputs}, precision)]
+                                  {k: v for k, v in defaults.items() if k in inputs}, precision,
+                                  f'{prefix.upper()}_VERSIONS')]
     lines += ['', elementary_functions(prefix.upper(), precision,
                                        {name for name in ('sin_cos', 'tanh_each')
                                         if any(f'{name}(' in text for text in texts)})]

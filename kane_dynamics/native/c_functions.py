@@ -73,22 +73,46 @@ HEAD = """\
 #else
 #define @UPPER@_PLAIN 0
 #endif
+/* On x86 with glibc, gcc (but for -std=c99) adds a version for processors with AVX and FMA, chosen at start. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__) \\
+    && !defined(__STRICT_ANSI__) && !defined(@UPPER@_PORTABLE)
+#define @UPPER@_VERSIONS __attribute__((target_clones("fma", "default")))
+#else
+#define @UPPER@_VERSIONS
+#endif
+#ifdef __GNUC__
+#define @UPPER@_INLINE static inline __attribute__((always_inline))
+#define @UPPER@_APART static __attribute__((noinline, cold, unused))
+#else
+#define @UPPER@_INLINE static inline
+#define @UPPER@_APART static
+#endif
 """
 
 TEXTS = {'sin_cos': """\
-static inline void sin_cos(const @real@ *x, int count, @real@ *s, @real@ *c)
+@UPPER@_APART void sin_cos_plain(const @real@ *x, int count, @real@ *s, @real@ *c)
 {
     int k;
+    for (k = 0; k < count; ++k) {
 #ifdef @UPPER@_SINCOS
-    for (k = 0; k < count; ++k) @UPPER@_SINCOS(x[k], &s[k], &c[k]);
+        @UPPER@_SINCOS(x[k], &s[k], &c[k]);
 #else
-    int plain = @UPPER@_PLAIN;
-    for (k = 0; k < count; ++k) plain |= !(fabs@f@(x[k]) < @most@);
-    if (plain) {
-        for (k = 0; k < count; ++k) {
-            s[k] = sin@f@(x[k]);
-            c[k] = cos@f@(x[k]);
-        }
+        s[k] = sin@f@(x[k]);
+        c[k] = cos@f@(x[k]);
+#endif
+    }
+}
+
+@UPPER@_INLINE void sin_cos(const @real@ *x, int count, @real@ *s, @real@ *c)
+{
+    int k, plain = @UPPER@_PLAIN;
+    @real@ size = @zero@;
+#ifdef @UPPER@_SINCOS
+    plain = 1;
+#endif
+    for (k = 0; k < count; ++k) size += fabs@f@(x[k]);
+    if (plain || !(size < @most@)) {
+        sin_cos_plain(x, count, s, c);
         return;
     }
     for (k = 0; k < count; ++k) {
@@ -97,34 +121,42 @@ static inline void sin_cos(const @real@ *x, int count, @real@ *s, @real@ *c)
         const @real@ quadrant = turns - @four@ * whole; /* -2, -1, 0, 1 or 2 */
         const @real@ r = ((x[k] - turns * @part0@) - turns * @part1@) - turns * @part2@;
         const @real@ z = r * r;
+        const @real@ zz = z * z;
         const @real@ sine = r + r * z * (@sine@);
-        const @real@ cosine = (@one@ - @half@ * z) + z * z * (@cosine@);
+        const @real@ cosine = (@one@ - @half@ * z) + zz * (@cosine@);
         const @real@ odd = quadrant * quadrant; /* 1 where sine and cosine change places */
         const @real@ first = odd == @one@ ? cosine : sine;
         const @real@ second = odd == @one@ ? sine : cosine;
-        s[k] = quadrant == @zero@ || quadrant == @one@ ? first : -first;
-        c[k] = quadrant == @zero@ || quadrant == -@one@ ? second : -second;
+        s[k] = fabs@f@(@two@ * quadrant - @one@) < @two@ ? first : -first;
+        c[k] = fabs@f@(@two@ * quadrant + @one@) < @two@ ? second : -second;
     }
-#endif
 }
 """, 'tanh_each': """\
-static inline void tanh_each(const @real@ *x, int count, @real@ *y)
+@UPPER@_APART void tanh_plain(const @real@ *x, int count, @real@ *y)
 {
     int k;
 #ifdef @UPPER@_TANH
     for (k = 0; k < count; ++k) y[k] = @UPPER@_TANH(x[k]);
 #else
-    if (@UPPER@_PLAIN) {
-        for (k = 0; k < count; ++k) y[k] = tanh@f@(x[k]);
-        return;
-    }
+    for (k = 0; k < count; ++k) y[k] = tanh@f@(x[k]);
+#endif
+}
+
+@UPPER@_INLINE void tanh_each(const @real@ *x, int count, @real@ *y)
+{
+    int k;
+#if @UPPER@_PLAIN || defined(@UPPER@_TANH)
+    tanh_plain(x, count, y);
+    return;
+#endif
     for (k = 0; k < count; ++k) { /* E / (E + 2) with E = exp(2 |x|) - 1; NaN stays NaN */
         const @real@ size = fabs@f@(x[k]);
         const @real@ twice = @two@ * (size > @saturated@ ? @saturated@ : size);
         const @real@ shifted = twice * @log2e@ + @round@;
         const @real@ powers = shifted - @round@;
         const @real@ r = (twice - powers * @ln2high@) - powers * @ln2low@;
-        const @real@ small = r + r * r * (@exp@);
+        const @real@ z = r * r;
+        const @real@ small = r + z * (@exp@);
         union { @real@ number; @integer@ bits; } power;
         @real@ e;
         power.number = shifted;
@@ -133,7 +165,6 @@ static inline void tanh_each(const @real@ *x, int count, @real@ *y)
         e = e / (e + @two@);
         y[k] = x[k] < @zero@ ? -e : e;
     }
-#endif
 }
 """}
 
@@ -148,10 +179,14 @@ def literal(value: float, precision: Precision) -> str:
 
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
     """Return those C functions of sines, cosines and tanh; macros begin with `upper`."""
-    def horner(coefficients: tuple[float, ...], variable: str) -> str:
-        text = literal(coefficients[-1], precision)
-        for coefficient in reversed(coefficients[:-1]):
-            text = f'{literal(coefficient, precision)} + {variable} * ({text})'
+    def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
+        """Sum c_k x^k by pairs, which are shorter chains than Horner's."""
+        texts = [literal(c, precision) for c in coefficients]
+        pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
+        pairs += texts[-1:] if len(texts) % 2 else []
+        text = pairs.pop()
+        while pairs:
+            text = f'({pairs.pop()}) + {square} * ({text})'
         return text
     sine, cosine, exp = (table[:count] for table, count in zip((SIN, COS, EXP), precision.terms))
     high = 6.93147180369123816490e-01 if not precision.suffix else 0.693359375
@@ -164,8 +199,8 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
                    else math.log(2.0) - high)}
     words = {'UPPER': upper, 'real': precision.c, 'f': precision.suffix,
              'integer': precision.integer, 'bias': str(precision.bias),
-             'mantissa': str(precision.mantissa), 'sine': horner(sine, 'z'),
-             'cosine': horner(cosine, 'z'), 'exp': horner(exp, 'r'),
+             'mantissa': str(precision.mantissa), 'sine': polynomial(sine, 'z', 'zz'),
+             'cosine': polynomial(cosine, 'z', 'zz'), 'exp': polynomial(exp, 'r', 'z'),
              **{name: literal(value, precision) for name, value in numbers.items()}}
     text = '\n'.join([HEAD, *(TEXTS[name] for name in sorted(names))]) if names else ''
     for name, word in words.items():

@@ -9,6 +9,7 @@ from kane_dynamics.native.expression import Expr
 from kane_dynamics.native.program import operands, Program, size_of
 import numpy as np
 
+ABREAST = 4  # elementary functions that are evaluated together
 ELEMENTARY = ('sin', 'cos', 'tanh')
 ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
 
@@ -92,6 +93,7 @@ class _Function:
             chosen = [node for node in early if node.op in kinds]
             angles = list(dict.fromkeys(node.args[0] for node in chosen))
             if angles:
+                angles = _abreast(angles)
                 self._elementary(function, angles, results)
                 for node in chosen:
                     array = results[kinds.index(node.op)]
@@ -145,6 +147,19 @@ class _Function:
                        f'    {self.prefix}_{callee.name}({", ".join([*given, f"r{i}"])});']
 
 
+def _abreast(angles: list[Expr]) -> list[Expr]:
+    """
+    Return angles with some repeated, so that they fill registers.
+
+    The last register holds the last angles, which lie side by side in memory as the others do:
+    one that is pieced together would wait for its pieces to be stored.
+    """
+    missing = -len(angles) % ABREAST
+    if len(angles) < ABREAST:
+        return [*angles, *angles[-1:] * missing]
+    return [*angles[:len(angles) + missing - ABREAST], *angles[-ABREAST:]]
+
+
 def prototype(program: Program, name: str, precision: Precision) -> str:
     """Return the head of a program's function: its inputs, then the result it writes."""
     inputs = [f'const {precision.c} *{argument}' for argument, _ in program.inputs]
@@ -152,7 +167,7 @@ def prototype(program: Program, name: str, precision: Precision) -> str:
 
 
 def c_functions(program: Program, name: str, defaults: Mapping[str, str],
-                precision: Precision) -> str:
+                precision: Precision, versions: str) -> str:
     """
     Return a program as the C function `name`, and what it calls as static functions before it.
 
@@ -166,6 +181,8 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str],
         C arrays that stand in for the inputs of these names when NULL is passed.
     precision : Precision
         Of the arithmetic.
+    versions : str
+        What is written before the function for compilers that make versions of it.
 
     Raises
     ------
@@ -174,10 +191,12 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str],
 
     """
     main = _Function(program, name, precision)
-    heads = [f'{prototype(program, name, precision)}\n{{']
+    given = ', '.join([*(argument for argument, _ in program.inputs), 'result'])
+    heads = [f'{versions}\nstatic {prototype(program, f"{name}_body", precision)}\n{{']
     heads += [f'    if ({argument} == NULL) {argument} = {array};'
               for argument, array in defaults.items()]
-    texts = ['\n'.join([*heads, *main.lines, '}'])]
+    texts = ['\n'.join([*heads, *main.lines, '}', '', prototype(program, name, precision), '{',
+                        f'    {name}_body({given});', '}'])]
     pending, known = list(main.callees), set()
     while pending:
         callee = pending.pop(0)
