@@ -1,4 +1,4 @@
-"""Exported C, compiled by gcc -O3, against the native kernels: every state in turn, turn by turn."""
+"""Exported C, compiled by gcc -O3, against the native kernels, turn by turn."""
 
 from collections.abc import Callable
 import ctypes
@@ -61,8 +61,9 @@ def races(folder: Path) -> list[tuple[str, str, list[float]]]:
             address.restype = ctypes.c_void_p
 
             def loop(code: object, result: np.ndarray,
-                     given: list[np.ndarray] = given) -> Callable[[], None]:
-                blocks = [*given, robot.parameters.block, result]
+                     given: list[np.ndarray] = given,
+                     parameters: np.ndarray = robot.parameters.block) -> Callable[[], None]:
+                blocks = [*given, parameters, result]
                 rows = [x.ctypes.data for x in blocks]
                 strides = [*(x.strides[0] for x in given), 0, result.strides[0]]
                 return lambda: repeat(code, rows, strides, STATES)

@@ -195,7 +195,7 @@ class Robot(Dynamics, FrameMotion, Constrained):
         Write kernels as C99 that needs libm alone: a source, and a header that documents it.
 
         The parameters of now are its defaults. `<stem>_self_test()` compares every function with
-        results of this library. Sines and cosines are computed by own code that compilers vectorise;
+        results of this library. Sines and cosines are computed by code that compilers vectorise;
         ``-D'<STEM>_SINCOS(x, s, c)=...'`` puts another function in their place, such as one of
         the processor's vendor.
 

@@ -239,7 +239,7 @@ def test_poses_and_jacobians_of_frames_are_among_the_kernels(tmp_path):
         np.testing.assert_allclose(got, expected, atol=1e-14)
     with pytest.raises(InputError, match=r"'nose'.*tool0"):
         robot.export_c(tmp_path / 'arm.c', ['jacobian:nose'])
-    with pytest.raises(InputError, match=r"no kernel 'jacobians:tool0'; valid: .*jacobian:<frame>"):
+    with pytest.raises(InputError, match=r"no kernel 'jacobians:tool0'.*jacobian:<frame>"):
         robot.export_c(tmp_path / 'arm.c', ['jacobians:tool0'])
 
 
