@@ -11,9 +11,9 @@ import time
 import warnings
 
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.export import DEFAULT_KERNELS
-from kane_dynamics.native.support import repeat
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.robot.export_c import DEFAULT_KERNELS
 import numpy as np
 
 TURNS = 400

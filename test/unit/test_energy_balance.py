@@ -4,12 +4,12 @@ from functools import partial
 import warnings
 
 from kane_dynamics import (absolute_rates, ComputedTorque, Coupling, FlexibleLink, Inertial,
-                           knife_edge, load_urdf, ModelBuilder, Motion, Prescribed, rod, Robot,
+                           knife_edge, load_urdf, ModelBuilder, Motion, Prescribed, Robot, rod,
                            simulate)
-from kane_dynamics.energy_balance import EnergyBalance
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ModelWarning
-from kane_dynamics.mechanics.speeds import Speeds
-from kane_dynamics.resources import resource_path
+from kane_dynamics.mechanics.constraints.speeds import Speeds
+from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 from mechanisms import random_model
 import numpy as np
@@ -151,7 +151,7 @@ def test_a_saved_trajectory_keeps_its_warnings(tmp_path):
 
 def test_the_simulated_arm_tells_it_and_stops_are_no_alarm():
     pytest.importorskip('rclpy')
-    from kane_dynamics.ros.plant.arm import SimulatedArm
+    from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
     for step, said in ((1e-3, False), (0.1, True)):
         arm = SimulatedArm(Robot(load_urdf(URDF)), step)
         arm.u[:] = [8.0, -9.0]
