@@ -11,26 +11,20 @@ step can be checked.
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
-from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
-from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_kernels import driven_kernel, energy_kernel, TERMS
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy that the motion has turned over
 ROUNDING = 1e-9  # of the energy itself
-TERMS = 3  # results of the energy kernel: kinetic, potential, power of friction
 MANY_ROWS, FEW_ROWS = 32, 4  # looked at first in a chunk of one simulation, of many
 SKIP = 8  # steps from one state that is looked at to the next, where those do not suffice
 
 Law = Callable[[Array], Array]
-_DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
 
 
 class Seen(NamedTuple):
@@ -174,7 +168,8 @@ class EnergyBalance:
             h = self._step * (np.diff(rows)[:, None] if held else 1.0)
             turned = 0.5 * h * (x[:, 1:] + x[:, :-1])
         work = _dot(tau, turned)
-        return work if len(work) == len(rows) - 1 else np.add.reduceat(work, rows[:-1], axis=0)
+        return work if len(work) == len(rows) - 1 else np.add.reduceat(
+            work, rows[:-1].tolist(), axis=0)
 
     def _uncertain(self, states: Array, power: Array, potential: Array,
                    tau: Array | Law) -> Array:
@@ -237,77 +232,6 @@ class EnergyBalance:
                 f'the work done, by up to {self.worst[k]:.3g} J{more}; expected at most '
                 f'{self.expected[k]:.3g} J at that time with a step of {self._step:g} s. The '
                 f'motion is wrong from there on. {remedy}')
-
-
-def compile_balance(robot: Robot) -> None:
-    """Compile what `EnergyBalance` calls."""
-    for kernel in (energy_kernel(robot), driven_kernel(robot)):
-        if kernel is not None:
-            kernel.compile_lanes()
-
-
-def energy_kernel(robot: Robot) -> Kernel:
-    """Return the kernel of kinetic energy, potential energy and power of friction, (3,)."""
-    equations, n_q, n = robot.equations, robot.n_q, robot.n
-    constrained = equations if isinstance(equations, ConstrainedEquations) else None
-    tree = equations.tree if isinstance(equations, ConstrainedEquations) else equations
-
-    def terms(state: Any, parameters: Any) -> Any:
-        q, u, time = np.split(state, [n_q, n_q + n])
-        rates = u if constrained is None else constrained.joint_rates(q, u, *time)
-        return [tree.kinetic_energy(q, rates, parameters),
-                tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
-    return _kernel(robot, 'energy_terms', terms, (TERMS,))
-
-
-def driven_kernel(robot: Robot) -> Kernel | None:
-    """
-    Return the kernel of the power of all joint forces beyond that of tau, W; None if it is zero.
-
-    A constraint or a speed that prescribes a motion does work: q' = T u + X, and the forces f of
-    the joints have the power f . q' = tau . u + f . X.
-    """
-    equations, n_q, n = robot.equations, robot.n_q, robot.n
-    if not isinstance(equations, ConstrainedEquations) or not _driven(robot):
-        return None
-
-    def power(state: Any, tau: Any, parameters: Any) -> Any:
-        q, u, time = np.split(state, [n_q, n_q + n])
-        force = equations.actual_joint_forces(q, u, tau, parameters, *time)
-        return force @ equations.joint_rates(q, u, *time) - tau @ u
-    return _kernel(robot, 'driven_power', power, (), ('tau', (n,)))
-
-
-def _driven(robot: Robot) -> bool:
-    """Tell whether speeds or constraints prescribe rates: joints then move at u = 0."""
-    mechanism = robot.mechanism
-    if mechanism in _DRIVEN:
-        return _DRIVEN[mechanism]
-    found: list[bool] = []
-
-    def given(state: Any) -> Any:
-        q, _, time = np.split(state, [robot.n_q, robot.n_q + robot.n])
-        right = mechanism.system(mechanism.posture(q, *time))[1]
-        found.extend(not is_zero(x) for x in right)
-        return right
-    trace_program('given_rates', given, [('state', (_size(robot),))])
-    _DRIVEN[mechanism] = any(found)
-    return _DRIVEN[mechanism]
-
-
-def _size(robot: Robot) -> int:
-    return robot.n_q + robot.n + robot.equations.timed
-
-
-def _kernel(robot: Robot, name: str, function: Any, shape: tuple[int, ...],
-            *more: tuple[str, tuple[int, ...]]) -> Kernel:
-    inputs = [('state', (_size(robot),)), *more]
-
-    def traced() -> Program:
-        return trace_program(name, function,
-                             [*inputs, ('parameters', robot.parameters.block.shape)])
-    return robot.kernels.extra(name, traced, [Argument(*x) for x in inputs],
-                               robot.parameters.block, shape)
 
 
 def _dot(a: Array, b: Array) -> Array:

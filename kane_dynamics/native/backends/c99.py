@@ -5,8 +5,8 @@ import re
 
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends.c99_math import literal, Precision
-from kane_dynamics.native.tracing.expression import Expr
-from kane_dynamics.native.tracing.program import operands, Program, size_of
+from kane_dynamics.native.tracing.expression import Expr, operands
+from kane_dynamics.native.tracing.program import Program, size_of
 import numpy as np
 
 ABREAST = 4  # elementary functions that are evaluated together

@@ -197,7 +197,8 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
         elif node.op == 'output':
             found = known[node.args[0].index][node.args[1]]
         else:
-            found = NUMPY.get(node.op, getattr(np, node.op, None))(*map(of, node.args))
+            function = NUMPY.get(node.op) or getattr(np, node.op)
+            found = function(*map(of, node.args))
         known[node.index] = found
     return np.array([of(x) for x in program.outputs], dtype=dtype).reshape(program.shape)
 

@@ -1,6 +1,6 @@
 """The energy balance of the simulated arm, checked in blocks of steps."""
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 import numpy as np
