@@ -11,7 +11,7 @@ from kane_dynamics.errors import ModelWarning
 from kane_dynamics.mechanics.constraints.speeds import Speeds
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
-from helpers.mechanisms import random_model
+from mechanisms import random_model
 import numpy as np
 import pytest
 
