@@ -67,7 +67,9 @@ class Child:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        self._reader.join(timeout=1.0)
+        self._reader.join(timeout=5.0)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
 
 
 class Waiting:

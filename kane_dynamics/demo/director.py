@@ -8,13 +8,10 @@ held against what the node's simulate service had predicted.
 """
 
 from argparse import ArgumentParser
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import random
-import signal
-import subprocess
 import sys
 import time
 from typing import Any

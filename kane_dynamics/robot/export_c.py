@@ -230,8 +230,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
     lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
              f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry a joint,',
              'in the order above. A result may overlay an argument. Nothing is allocated, no',
-             'state is kept: any thread may call anything at any time. Arguments are not checked.', '',
-             'parameters: gravity, the acceleration of free fall, m/s^2']
+             'state is kept: any thread may call anything at any time. Arguments are not',
+             'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
     lines += [] if robot.equations.payload_frame is None else [
         '  then the payload, in its frame: mass, mass x centre of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
