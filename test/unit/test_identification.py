@@ -4,12 +4,14 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from kane_dynamics import Inertial, InputError, load_urdf, ModelError, Robot
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
+                           Robot)
 from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
                                           friction_speeds, identify, read_recording, Recording,
                                           rows)
 from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.equations import compressed, full_regressor, stacked
+from kane_dynamics.identification.equations import (compressed, fit_friction, full_regressor,
+                                                    LOWEST, Rows, stacked)
 from kane_dynamics.identification.files import written
 from kane_dynamics.identification.physical import physical
 from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
@@ -102,6 +104,49 @@ def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_pa
     _, *state = exciting(6, 7, duration=0.2)
     tau = Robot(found.model).inverse_dynamics(*state)
     assert np.abs(Robot(again).inverse_dynamics(*state) - tau).max() < 1e-12 * np.abs(tau).max()
+
+
+@pytest.mark.parametrize(('factor', 'share'), [(1.2, 1.0), (1e-4, None)])
+def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
+    """The identified URDF has the identified dynamics, and MuJoCo and `load_urdf` take it."""
+    mujoco = pytest.importorskip('mujoco')
+    hand = URDF.with_name('human_hand.urdf')
+    names = load_urdf(hand).joint_names
+    chosen = names[:2]
+    given = load_urdf(hand, joints=chosen)
+    found = replace(given, bodies=tuple(replace(body, inertial=Inertial.from_pseudo_inertia(
+        factor * body.inertial.pseudo_inertia)) for body in given.bodies))
+    if share is None:
+        with pytest.warns(ModelWarning, match='behind locked joints: heavier'):
+            urdf, _ = written(hand, found)
+    else:
+        urdf, _ = written(hand, found)
+    _, *state = exciting(2, 7, duration=0.2)
+    tau = Robot(found, friction=False).inverse_dynamics(*state)
+    again = Robot(load_urdf(urdf, joints=chosen), friction=False).inverse_dynamics(*state)
+    assert np.abs(again - tau).max() < 1e-12 * np.abs(tau).max()
+    whole = load_urdf(urdf)
+    assert whole.joint_names == names
+    originals = {body.name: body.inertial.mass for body in load_urdf(hand).bodies}
+    for body in whole.bodies:
+        assert body.inertial.mass > 0.0
+        assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
+        if share and body.name not in {moving.name for moving in found.bodies}:
+            assert body.inertial.mass == pytest.approx(originals[body.name])
+    Robot(whole).forward_dynamics(*np.zeros((3, len(names))))
+    assert mujoco.MjModel.from_xml_string(urdf).nv == len(names)
+
+
+def test_bounded_friction_is_never_below_its_bound():
+    """The solver leaves bounds by rounding; a damping of -1e-16 makes no model."""
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        u = rng.normal(size=(200, 1))
+        tau = -0.3 * u + 0.1 * rng.normal(size=u.shape)
+        still = Recording(np.arange(200.0), u, u, 0.1 * rng.normal(size=u.shape), tau)
+        data = Rows(still, *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)), np.abs(u) > 0.0)
+        x, _ = fit_friction(data, 0, 0.05)
+        assert (x >= LOWEST).all(), seed
 
 
 def test_identified_arm_predicts_what_it_has_not_seen():
