@@ -123,6 +123,8 @@ def _parser() -> argparse.ArgumentParser:
     sub = command('identify', commands.identify, 'Friction and inertials from a recording')
     _add_model(sub)
     _add_recording(sub)
+    sub.add_argument('--as-recorded', action='store_true',
+                     help='fit a recording that does not fit the model, too')
     sub.add_argument('--friction-only', action='store_true',
                      help='leave the inertials as they are')
     sub.add_argument('--unbounded', action='store_true',
@@ -201,7 +203,9 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
     parser.add_argument('--topic', help='of the joint states in a bag (default: its only one)')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
-                        help='filter q and tau without delay, and make u and udot from q')
+                        help='filter q, tau and measured u without delay, and derive the rest')
+    parser.add_argument('--resample', type=float, metavar='HZ',
+                        help='evenly spaced rows (default: with --cutoff as many as there are)')
 
 
 def _add_model(sub: argparse.ArgumentParser) -> None:
