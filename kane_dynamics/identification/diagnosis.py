@@ -172,7 +172,7 @@ def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
             as_measured = left.copy()
             as_measured[own] *= repair.factor
             fall = float(np.log(errors / as_measured).sum())
-            if (fall > repair.needed and (as_measured[own] <= errors[own]).all()
+            if (fall > repair.needed and (as_measured[own] <= 1.01 * errors[own]).all()
                     and (best is None or fall > best[0] + 1e-3)):
                 best = fall, repair, left
         if best is None:
