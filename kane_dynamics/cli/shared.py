@@ -10,8 +10,8 @@ from typing import Any
 import warnings
 
 from kane_dynamics.errors import ModelWarning
-from kane_dynamics.model import Model
-from kane_dynamics.robot import Robot
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial, wraps
 from typing import ParamSpec, TypeVar
 
-from kane_dynamics.extras import extra
+from kane_dynamics._util.optional_imports import extra
 
 P = ParamSpec('P')
 R = TypeVar('R')

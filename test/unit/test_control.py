@@ -2,11 +2,11 @@
 
 from types import SimpleNamespace
 
-from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
+from kane_dynamics.control.controller import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Body, Inertial, Joint, Limits, Model
-from kane_dynamics.motion import Motion
-from kane_dynamics.robot import Robot
+from kane_dynamics.model.model import Body, Inertial, Joint, Limits, Model
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 import pytest
 

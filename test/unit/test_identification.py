@@ -6,17 +6,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
 
-from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning,
-                           Robot)
-from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
-                                          friction_speeds, identify, read_recording, Recording,
-                                          rows)
-from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.equations import (compressed, fit_friction, full_regressor,
-                                                    LOWEST, Rows, stacked)
-from kane_dynamics.identification.files import written
-from kane_dynamics.identification.physical import physical
-from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
+from kane_dynamics import Inertial, InputError, load_urdf, ModelError, ModelWarning, Robot
+from kane_dynamics.identification import (base_parameters, base_speeds, fit_base, friction_speeds,
+                                          identify, read_recording, Recording, rows)
+from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification.physical_consistency import physical
+from kane_dynamics.identification.regression import (compressed, fit_friction, full_regressor,
+                                                     LOWEST, RegressionRows, stacked)
+from kane_dynamics.identification.result_files import written
+from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 import numpy as np
 import pytest
 from recordings import exciting, from_mujoco, present, quiet, real, simulated
@@ -155,7 +153,7 @@ def test_bounded_friction_is_never_below_its_bound():
         u = rng.normal(size=(200, 1))
         tau = -0.3 * u + 0.1 * rng.normal(size=u.shape)
         still = Recording(np.arange(200.0), u, u, 0.1 * rng.normal(size=u.shape), tau)
-        data = Rows(still, *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)), np.abs(u) > 0.0)
+        data = RegressionRows(still, *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)), np.abs(u) > 0.0)
         x, _ = fit_friction(data, 0, 0.05)
         assert (x >= LOWEST).all(), seed
 
@@ -223,7 +221,7 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     A, b = stacked(equations, np.full(6, 0.5))
     prior = [body.inertial for body in wrong().bodies]
     direct = physical(A, b, prior, 6, 100.0)
-    monkeypatch.setattr('kane_dynamics.identification.physical._unconstrained', lambda *_: None)
+    monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained', lambda *_: None)
     program = physical(A, b, prior, 6, 100.0)
     misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)
@@ -297,7 +295,7 @@ def test_filter_neither_delays_nor_weakens_slow_motion():
 
 
 def test_uneven_rows_are_resampled_and_a_measured_speed_needs_one_derivative():
-    """Rows 2 to 8 ms apart, encoders with noise: the arm is found as if they were even."""
+    """RegressionRows 2 to 8 ms apart, encoders with noise: the arm is found as if they were even."""
     t, q, u, udot = exciting(2, 8, rate=1000.0)
     rng = np.random.default_rng(9)
     kept = np.cumsum(rng.integers(1, 9, len(t)))

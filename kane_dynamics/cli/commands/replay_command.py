@@ -1,0 +1,62 @@
+"""The command `replay`: torques along a recording, beside those that were measured."""
+
+from argparse import Namespace
+from typing import Any
+
+from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.tables import write_states
+from kane_dynamics.identification.recordings.diagnosis import refuse
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.model.model import Array
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+
+def run(options: Namespace, robot: Robot, recording: Recording) -> dict[str, Any]:
+    """Compare, write what --out asks for, and return the result as plain data."""
+    data = compared(robot, recording)
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, recording.t, {
+                'q': recording.q, 'u': recording.u, 'udot': recording.udot,
+                'tau': data['computed']}, robot.joint_names)
+    return {**data, 'files': [path for path in (options.out, options.plot) if path]}
+
+
+def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
+    """
+    Return computed torques, their difference from the measured ones, and what that tells.
+
+    Raises
+    ------
+    InputError
+        Positions, speeds and times contradict each other.
+
+    """
+    remarks = [finding.words for finding in refuse(robot.model, recording, ('impossible',))]
+    tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
+    error = recording.tau - tau
+    return {'joint_names': list(robot.joint_names), 'rows': len(recording), 't': recording.t,
+            'computed': tau, 'measured': recording.tau, 'rms_measured': rms(recording.tau),
+            'rms_error': rms(error), 'mean_error': error.mean(axis=0),
+            'largest_error': np.abs(error).max(axis=0),
+            'remarks': remarks}
+
+
+def rms(values: Array) -> Array:
+    """Return the root mean square of each column."""
+    result: Array = np.sqrt(np.mean(values * values, axis=0))
+    return result
+
+
+def print_comparison(data: dict[str, Any]) -> None:
+    """Print what `run` returned."""
+    print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
+    inspect_command.print_table(
+        ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
+        zip(data['joint_names'], data['rms_measured'], data['rms_error'], data['mean_error'],
+            data['largest_error'], strict=True))
+    for remark in data['remarks']:
+        print(f'\nremark: {remark}')
+    for path in data['files']:
+        print(f'wrote {path}')

@@ -1,0 +1,146 @@
+"""What estimated external torques say: whether something unexpected pushes, and how at the tip."""
+
+from typing import NamedTuple
+
+from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+class CollisionDetector:
+    """
+    Tells from estimated external torques whether something unexpected pushes.
+
+    The flag rises when one joint's torque has stayed beyond its threshold for `confirm`, and falls
+    when all have stayed below `release` of theirs for `clear`: neither a single bad sample nor a
+    torque near the threshold makes it flicker.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+    threshold : float or (n,) array_like
+        N m or N. It must exceed what the model lacks: friction above all.
+    confirm, clear : float
+        s; zero: at once.
+    release : float
+        Share of the threshold, 0 to 1.
+
+    Attributes
+    ----------
+    collision : bool
+        The flag.
+    joint : str or None
+        The joint that raised the flag: of those beyond for long enough, the one that was furthest
+        beyond in proportion.
+    beyond : tuple of str
+        All joints that are now beyond their thresholds. A push on a link loads only the joints
+        between it and the base, so the touched link is that of the outermost of them or a later
+        one.
+
+    Raises
+    ------
+    InputError
+        Names the argument, the joint and the value.
+
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], threshold: ArrayLike, *,
+                 confirm: float = 0.005, release: float = 0.5, clear: float = 0.2) -> None:
+        self._names = tuple(joint_names)
+        self.reset()
+        self.tune(threshold, confirm=confirm, release=release, clear=clear)
+
+    def tune(self, threshold: ArrayLike, *, confirm: float, release: float,
+             clear: float) -> None:
+        """Change thresholds and times; the flag stays as it is."""
+        thresholds = per_joint(threshold, 'threshold', self._names, finite=False).tolist()
+        for name, value in zip(self._names, thresholds):
+            if value == 0.0:
+                raise InputError(f"threshold of joint '{name}' is 0; expected a positive number")
+        for what, time in (('confirm', confirm), ('clear', clear)):
+            if not time >= 0.0:
+                raise InputError(f'{what} is {time}; expected a time in s, not negative')
+        if not 0.0 < release <= 1.0:
+            raise InputError(f'release is {release}; expected a share, more than 0, at most 1')
+        self._thresholds, self._release = thresholds, release
+        self._confirm, self._clear = confirm, clear
+
+    def reset(self) -> None:
+        """Lower the flag and forget how long torques have been where they are."""
+        self.collision = False
+        self.joint: str | None = None
+        self.beyond: tuple[str, ...] = ()
+        self._since: list[float | None] = [None] * len(self._names)  # beyond the threshold
+        self._calm: float | None = None  # since when all are below their release
+
+    def update(self, t: float, torque: Array) -> bool:
+        """
+        Take the torques, (n,), of time t, s; return whether the flag has changed.
+
+        Where the time jumps back, what had lasted begins anew.
+        """
+        shares = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
+        self._since = [None if not share > 1.0 else t if since is None or t < since else since
+                       for share, since in zip(shares, self._since)]
+        self.beyond = tuple(name for name, since in zip(self._names, self._since)
+                            if since is not None)
+        if not self.collision:
+            confirmed = [(share, name) for share, since, name in zip(
+                shares, self._since, self._names)
+                if since is not None and t - since >= self._confirm]
+            if confirmed:
+                self.collision, self.joint, self._calm = True, max(confirmed)[1], None
+            return self.collision
+        if max(shares) >= self._release:
+            self._calm = None
+            return False
+        self._calm = t if self._calm is None or t < self._calm else self._calm
+        if t - self._calm >= self._clear:
+            self.collision, self.joint, self._calm = False, None, None
+        return not self.collision
+
+
+class FrameWrench(NamedTuple):
+    """
+    A wrench that explains external torques, (6,): force then moment, N and N m, world axes.
+
+    `seen` is the number of its six directions that the torques determine; along the others, those
+    that the arm's posture does not feel, it is zero. `rest` is what of the torques no wrench at
+    the frame explains, (n,), N m or N: large where the push is elsewhere.
+    """
+
+    wrench: Array
+    seen: int
+    rest: Array
+
+
+def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.3,
+                 damping: float = 0.05) -> FrameWrench:
+    """
+    Return the wrench at a frame that explains external torques best: least squares of ``J^T w``.
+
+    Where the arm is singular, or has fewer than six joints, some wrenches load structure alone and
+    no torque shows them. Their directions are taken out smoothly: with singular values s of J^T,
+    1/s becomes ``s / damping^2`` below the damping. So a wrench near a singularity comes out too
+    small, never huge.
+
+    Parameters
+    ----------
+    partial_velocities : (6, n) array
+        J of the frame, linear then angular, world axes.
+    torque : (n,) array
+        Of `MomentumObserver`, N m or N.
+    length : float
+        m; a moment of 1 N m counts like a force of 1 / length.
+    damping : float
+        Largest torque, N m for a force of 1 N, so m, of a direction that counts as unseen.
+
+    """
+    scale = np.array([1.0, 1.0, 1.0, length, length, length])
+    columns = partial_velocities.T * scale  # (n, 6): torques of scaled directions
+    left, s, right = np.linalg.svd(columns, full_matrices=False)
+    inverse = np.where(s >= damping, 1.0 / np.maximum(s, damping), s / damping**2)
+    scaled = right.T @ (inverse * (left.T @ torque))
+    return FrameWrench(scaled * scale, int((s >= damping).sum()), torque - columns @ scaled)

@@ -1,0 +1,153 @@
+"""
+Inertial parameters that some distribution of mass could have, by semidefinite programming.
+
+A body's parameters are physical if and only if its pseudo-inertia P is positive semidefinite
+(Wensing, Kim & Slotine, RA-L 3 (2018)). What torques cannot tell is settled by nearness to the
+model that one began with: with P0 = L L^T and P = L (1 + Z) L^T the distance is |Z|^2, the second
+order of the Riemannian distance between P and P0 and as free of the choice of frame and units as
+that is (Lee, Wensing & Park, IEEE T-RO 36 (2020)). Z also scales the program: 1 + Z >= 0. Where
+that holds at the minimum without it, least squares with bounds on friction are enough.
+"""
+
+from collections.abc import Sequence
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.regression import LOWEST, triangle
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.recursive.regressor import ENTRIES
+from kane_dynamics.model.model import Array, Inertial
+import numpy as np
+
+SMALLEST = 1e-4  # eigenvalue of 1 + Z: no body comes nearer to impossible than that
+FLOOR = 1e-6  # of P0's eigenvalues, relative to the largest: thin and massless bodies get some
+MASSLESS = 1e-3  # kg m^2 and kg, where P0 is zero
+# An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
+SYMMETRIC = np.array([(np.outer(e, f) + np.outer(f, e)) / (2.0 if r == s else np.sqrt(2.0))
+                      for r, e in enumerate(np.eye(4)) for s, f in enumerate(np.eye(4)[:r + 1])])
+
+
+def parameters_of(P: Array) -> Array:
+    """Return the ten parameters of a pseudo-inertia (4, 4), or of any symmetric matrix."""
+    about_origin = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
+    return np.array([P[3, 3], *P[:3, 3], *(about_origin[r, s] for r, s in ENTRIES)])
+
+
+def pseudo_inertia_of(parameters: Array) -> Array:
+    """Return the pseudo-inertia (4, 4) of ten parameters."""
+    inertia = np.empty((3, 3))
+    for (r, s), value in zip(ENTRIES, parameters[4:], strict=True):
+        inertia[r, s] = inertia[s, r] = value
+    first = parameters[1:4, None]
+    return np.block([[0.5 * np.trace(inertia) * np.eye(3) - inertia, first],
+                     [first.T, parameters[:1, None]]])
+
+
+def prior_metric(prior: Inertial) -> Array:
+    """Return G, (10, 10): the distance |Z|^2 of parameters p from the prior's is dp G dp."""
+    inverse = np.linalg.inv(_root(prior.pseudo_inertia))
+    Z = np.column_stack([(inverse @ pseudo_inertia_of(unit) @ inverse.T).ravel()
+                         for unit in np.eye(10)])
+    return np.asarray(Z.T @ Z)
+
+
+def prior_parameters(prior: Inertial) -> Array:
+    """Return the ten parameters from which distance counts: the prior's, thin bodies lifted."""
+    L = _root(prior.pseudo_inertia)
+    return parameters_of(L @ L.T)
+
+
+def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight: float
+             ) -> Array:
+    """
+    Return the x that minimises |A x - b|^2 + weight * sum |Z|^2 with every body physical.
+
+    Parameters
+    ----------
+    A, b : (m, 10 bodies + 4 joints), (m,) arrays
+        Equations; each divided by its standard deviation.
+    prior : sequence of Inertial
+        The bodies to begin with, and to stay near to.
+    joints : int
+        How many joints have friction and armature among the unknowns, none of them negative but
+        for offsets.
+    weight : float
+        Positive: how much nearness to the prior counts.
+
+    Raises
+    ------
+    InputError
+        The solver finds no optimum; says what it reports.
+
+    """
+    roots = [_root(inertial.pseudo_inertia) for inertial in prior]
+    size, lowest = 10 * len(prior), np.tile(LOWEST, joints)
+    changes = [np.column_stack([parameters_of(L @ unit @ L.T) for unit in SYMMETRIC])
+               for L in roots]
+    start = np.concatenate([parameters_of(L @ L.T) for L in roots])
+    by_Z = [A[:, 10 * k:10 * k + 10] @ change for k, change in enumerate(changes)]
+    nearness = np.hstack([np.sqrt(weight) * np.eye(size), np.zeros((size, 4 * joints + 1))])
+    R = triangle(np.vstack([
+        np.column_stack([*by_Z, A[:, size:], b - A[:, :size] @ start]), nearness]))
+    x = _unconstrained(R, len(prior), lowest)
+    if x is None:
+        x = _constrained(R, len(prior), lowest)
+    moved = [change @ z for change, z in zip(changes, x[:size].reshape(-1, 10), strict=True)]
+    return np.concatenate([start + np.concatenate(moved), np.maximum(x[size:], lowest)])
+
+
+def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
+    """
+    Return the minimum without regard to the bodies, None if one of them is not physical then.
+
+    R has the equations' last column on the right of those of Z, body by body, and of the losses,
+    whose bounds are `lowest`. The problem is convex: where this is physical it is the answer, and
+    more accurate than that of an interior point method, which stops short where data and prior
+    differ much in weight.
+    """
+    lengths = np.linalg.norm(R[:, :-1], axis=0)
+    lengths[lengths == 0.0] = 1.0
+    bounds = np.concatenate([np.full(10 * bodies, -np.inf), lowest])
+    found = scientific('scipy.optimize').lsq_linear(R[:, :-1] / lengths, R[:, -1], method='bvls',
+                                                    bounds=(bounds, np.inf))
+    x = found.x / lengths
+    Z = x[:10 * bodies].reshape(-1, 10)
+    least = np.linalg.eigvalsh(np.eye(4) + np.tensordot(Z, SYMMETRIC, axes=1)).min()
+    return x if found.success and least >= SMALLEST else None
+
+
+def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
+    """
+    Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
+
+    The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the cones.
+    The basis of Z is the one in which Clarabel writes a semidefinite matrix.
+    """
+    clarabel, sparse = scientific('clarabel'), scientific('scipy.sparse')
+    rows, size, count = len(R), 10 * bodies, R.shape[1] - 1
+    R = R / max(float(np.linalg.norm(R[:, -1])), 1e-12)
+    scale = np.ones(count)
+    scale[size:] = np.maximum(np.linalg.norm(R[:, size:-1], axis=0), 1e-12)
+    by_x = R[:, :-1] / scale
+    bounded = size + np.flatnonzero(np.isfinite(lowest))
+    A = sparse.bmat([[by_x, -sparse.eye(rows)],
+                     [-sparse.eye(count, format='csr')[bounded], None],
+                     [-sparse.eye(size, count), None]], format='csc')
+    identity = np.array([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC])
+    above = np.concatenate([R[:, -1], np.zeros(len(bounded)), np.tile(identity, bodies)])
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(len(bounded)),
+             *[clarabel.PSDTriangleConeT(4)] * bodies]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)], format='csc')
+    found = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings).solve()
+    if str(found.status) != 'Solved':
+        raise InputError(f'no physical parameters found: the solver reports {found.status}')
+    return np.asarray(found.x[:count]) / scale
+
+
+def _root(P: Array) -> Array:
+    """Return L with L L^T = P, its eigenvalues lifted off zero."""
+    values, vectors = np.linalg.eigh(P)
+    top = float(values[-1])
+    return np.asarray(vectors * np.sqrt(np.maximum(values, FLOOR * top if top > 0.0
+                                                   else MASSLESS)))

@@ -1,0 +1,164 @@
+"""Recordings of an arm in motion, and their filter."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.model.model import Array, freeze
+from kane_dynamics.simulation.trajectory import increasing
+import numpy as np
+
+NAMES = ('q', 'u', 'udot', 'tau')
+EVEN = 0.02  # relative: steps of time that differ by less count as equal
+ORDER = 4  # of the Butterworth filter, before it runs both ways
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    Joint states and torques over time.
+
+    Attributes
+    ----------
+    t : (N,) array
+        s, increasing.
+    q, u, udot : (N, n) arrays
+        Positions, speeds and accelerations; rad or m, s.
+    tau : (N, n) array
+        Measured torques, N m or N.
+    derived : tuple of str
+        Which of 'u' and 'udot' were not measured, but are differences of q or u.
+
+    Raises
+    ------
+    InputError
+        The shapes differ, something is no number or not finite, or the time does not increase.
+
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+    tau: Array
+    derived: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together."""
+        for name in ('t', *NAMES):
+            freeze(self, name, real(getattr(self, name), f'recording: {name}'))
+        if self.t.ndim != 1 or self.tau.ndim != 2:
+            raise InputError(f'recording: t and tau have shapes {self.t.shape} and '
+                             f'{self.tau.shape}; expected (N,) and (N, n)')
+        for name in NAMES:
+            value = getattr(self, name)
+            if value.shape != (len(self.t), self.tau.shape[1]):
+                raise InputError(f'recording: {name} has shape {value.shape}; expected '
+                                 f'({len(self.t)}, {self.tau.shape[1]})')
+            if not np.isfinite(value).all():
+                row = int(np.argwhere(~np.isfinite(value))[0, 0])
+                raise InputError(f'recording: {name} is not finite in row {row + 1}')
+        increasing(self.t, len(self.t), 'recording: t')
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.t)
+
+    def rows(self, chosen: slice) -> 'Recording':
+        """Return some of the rows."""
+        return replace(self, **{name: getattr(self, name)[chosen] for name in ('t', *NAMES)})
+
+    @property
+    def uneven(self) -> bool:
+        """Return whether the steps of time differ by more than 2 % from their mean."""
+        step = np.diff(self.t)
+        return bool(np.abs(step - step.mean()).max() > EVEN * step.mean())
+
+    def resampled(self, rate: float | None = None) -> 'Recording':
+        """
+        Return evenly spaced rows, by cubic splines through the given ones.
+
+        Parameters
+        ----------
+        rate : float, optional
+            Rows a second; by default as many rows as there are.
+
+        Raises
+        ------
+        InputError
+            The rate is not positive and finite, or leaves fewer than 3 rows.
+
+        """
+        duration = float(self.t[-1] - self.t[0])
+        if rate is not None and not 2.0 / duration <= rate < np.inf:
+            raise InputError(f'rate is {rate:g} Hz; expected a finite number, {2.0 / duration:g} '
+                             f'or more for a recording of {duration:g} s')
+        count = len(self) if rate is None else int(duration * rate + 1e-9) + 1
+        t = (np.linspace(self.t[0], self.t[-1], count) if rate is None
+             else self.t[0] + np.arange(count) / rate)
+        spline = scientific('scipy.interpolate').CubicSpline
+        return replace(self, t=t, **{name: spline(self.t, getattr(self, name))(t)
+                                     for name in NAMES})
+
+    def filtered(self, cutoff: float) -> 'Recording':
+        """
+        Return what was measured low-passed without delay, with the rates of that.
+
+        A Butterworth filter of order 4 runs forth and back over q, tau and, where they were
+        measured, u. Speeds that were not become central differences of the filtered q, and udot
+        those of u: deriving once amplifies noise less than twice. Uneven rows are resampled first.
+
+        Parameters
+        ----------
+        cutoff : float
+            Hz, below half the sampling rate: several times the fastest motion.
+
+        Raises
+        ------
+        InputError
+            The cutoff is out of range, or the rows are too few.
+
+        """
+        if self.uneven:
+            return self.resampled().filtered(cutoff)
+        mean = float(np.diff(self.t).mean())
+        if not 0.0 < cutoff < 0.5 / mean:
+            raise InputError(f'cutoff is {cutoff:g} Hz; expected above 0, below half the sampling '
+                             f'rate, {0.5 / mean:g} Hz')
+        signal = scientific('scipy.signal')
+        sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
+        if len(self) <= 6 * ORDER:
+            raise InputError(f'recording: {len(self)} rows; a filter needs more than {6 * ORDER}')
+        q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u, self.tau))
+        if 'u' in self.derived:
+            u = np.gradient(q, mean, axis=0)
+        return replace(self, q=q, u=u, udot=np.gradient(u, mean, axis=0), tau=tau,
+                       derived=tuple({*self.derived, 'udot'}))
+
+    def acceleration_noise(self) -> Array:
+        """
+        Return the share of each joint's accelerations that is noise, (n,), from 0 to about 1.
+
+        A smooth signal hardly leaves the parabola through its neighbours: what five rows leave of
+        a least-squares one is noise, of which they keep 18 of 35 parts. NaN where a joint has no
+        acceleration.
+        """
+        if len(self) < 5:
+            return np.full(self.tau.shape[1], np.nan)
+        left = sum(weight * self.udot[k:len(self) - 4 + k]
+                   for k, weight in enumerate(np.array([3.0, -12.0, 18.0, -12.0, 3.0]) / 35.0))
+        with np.errstate(invalid='ignore'):
+            return np.asarray(np.sqrt(np.mean(left**2, axis=0) * 35.0 / 18.0
+                                      / np.mean(self.udot**2, axis=0)))
+
+
+def real(value: Any, what: str) -> Array:
+    """Return real numbers as an array of float64; InputError names what is none."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise InputError(f'{what} is not a rectangular array') from None
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{what} has dtype {array.dtype}; expected real numbers')
+    return array.astype(np.float64, copy=False)

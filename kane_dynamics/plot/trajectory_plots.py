@@ -1,0 +1,114 @@
+"""Motions over time and in the phase plane."""
+
+from collections.abc import Collection
+from itertools import cycle
+from typing import Any
+
+from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, INK, legend_below, LINES,
+                                      ORANGE, Path, RED, SKY, styled, THIN, time_axis, unit)
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import Trajectory
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+_MARGIN = 0.06  # of a panel's span, beyond motion and limits
+
+
+def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
+                    prismatic: Collection[str] = (), title: str = 'Simulated motion') -> Figure:
+    """
+    Draw positions, speeds, torques and energies of a simulation over time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What to draw.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    prismatic : collection of str
+        Names of the joints that slide, whose units are m and N.
+    title : str
+        Above the picture.
+
+    """
+    joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
+    lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
+        (color, dash) for dash in ('-', '--', ':') for color in LINES)))
+    shown: dict[str, Any] = {}
+    with styled(10.0, 9.0, title, path) as figure:
+        panels = figure.subplots(4, 1, sharex=True)
+        for axes, rows, what, names in zip(
+                panels, (trajectory.q, trajectory.u, trajectory.tau),
+                ('Position', 'Speed', 'Torque'), (joints, speeds, speeds), strict=False):
+            for name, row in zip(names, np.asarray(rows).T, strict=True):
+                color, dash = lines[name]
+                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash)
+            axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
+        figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
+                      alignment='left', ncols=1 + len(shown) // 32)
+        kinetic, potential = np.asarray(trajectory.energy).T
+        draw(panels[3], trajectory.t, {
+            'kinetic': (kinetic, ORANGE, '-'), 'potential': (potential, SKY, '-'),
+            'total': (kinetic + potential, INK, '--')})
+        panels[3].set_ylabel('Energy\n[J]')
+        above(panels[3], 3)
+        time_axis(panels)
+    return figure
+
+
+def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
+               title: str = 'Phase portrait') -> Figure:
+    """
+    Draw each joint's speed over its position, with the limits of both.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose joints.
+    trajectory : Trajectory
+        A single motion of this robot.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    title : str
+        Above the picture.
+
+    Raises
+    ------
+    InputError
+        The trajectory holds several motions, or is of other joints.
+
+    """
+    trajectory.require(robot, 'plot_phase')
+    rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(
+        trajectory.q, trajectory.u, t=trajectory.t)
+    names, limits = robot.joint_names, robot.limits
+    columns = min(len(names), 1 if len(names) == 1 else 2 if len(names) < 5 else 4)
+    with styled(max(3.0 * columns, 6.0), 1.3 + 2.7 * -(-len(names) // columns), title, path
+                ) as figure:
+        panels = grid(figure, len(names), columns, share_x=False)
+        for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
+            q, u = trajectory.q[:, i], rates[:, i]
+            axes.plot(q, u, color=BLUE, label='motion')
+            axes.plot(q[:1], u[:1], 'o', color=BLUE, markersize=6.0, label='start')
+            axes.plot(q[-1:], u[-1:], 's', color=ORANGE, markersize=6.0, label='end')
+            _bounded(axes, 'x', q, limits.lower[i], limits.upper[i])
+            _bounded(axes, 'y', u, -limits.velocity[i], limits.velocity[i])
+            axes.set_title(name)
+            axes.set_xlabel(f'Position [{unit("Position", [name], robot.model.sliding)}]')
+            axes.set_ylabel(f'Speed [{unit("Speed", [name], robot.model.sliding)}]')
+        legend_below(figure, panels)
+    return figure
+
+
+def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
+    """Show values and finite limits along 'x' or 'y': lines, and grey beyond them."""
+    bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
+    reach = [*bounds, values.min(), values.max()]
+    margin = _MARGIN * (max(reach) - min(reach)) or 1.0
+    ends = (min(reach) - margin, max(reach) + margin)
+    (axes.set_xlim if along == 'x' else axes.set_ylim)(*ends)
+    line, span = (axes.axvline, axes.axvspan) if along == 'x' else (axes.axhline, axes.axhspan)
+    for bound in bounds:
+        line(bound, color=RED, linewidth=THIN, linestyle='--', label='limit')
+        span(bound, ends[0] if bound == lower else ends[1], color=GREY, alpha=0.18, linewidth=0.0)
