@@ -2,16 +2,16 @@
 
 from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds, BaseFit,
                                                          BaseParameters, fit_base)
-from kane_dynamics.identification.recordings.diagnosis import diagnose, Finding
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
+from kane_dynamics.identification.recordings.diagnosis import diagnose, Finding
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import friction_speeds, rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Finding', 'Identification', 'Payload',
            'PayloadEstimator', 'Recording', 'base_parameters', 'base_speeds', 'diagnose',
-           'excite', 'fit_base', 'friction_speeds', 'identify', 'identify_payload', 'read_recording',
-           'rows']
+           'excite', 'fit_base', 'friction_speeds', 'identify', 'identify_payload',
+           'read_recording', 'rows']

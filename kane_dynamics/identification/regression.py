@@ -17,10 +17,12 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.solvers import scientific
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +70,7 @@ class RegressionRows:
     def part(self, chosen: slice) -> 'RegressionRows':
         """Return some consecutive rows."""
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
-                    self.Y[chosen], self.moving[chosen])
+                              self.Y[chosen], self.moving[chosen])
 
     @cached_property
     def stretches(self) -> list['RegressionRows']:
@@ -117,7 +119,7 @@ class Factor:
 
     def with_coulomb(self, speed: float, columns: int) -> Array:
         """Return R of all columns, that of Coulomb friction at `speed` put in its place."""
-        slip = np.tanh(self.u / speed)
+        slip = coulomb(self.u, speed)
         along = np.zeros(self.Q.shape[1])
         for _ in range(2):  # the second time takes away the rounding of the first
             share = self.Q.T @ slip
@@ -149,13 +151,13 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
     Y = robot.regressor(*state)
     rigid = Y @ robot.inertial_parameters
     return RegressionRows(recording, rigid, robot.inverse_dynamics(*state) - rigid, Y,
-                np.abs(recording.u) > standstill)
+                          np.abs(recording.u) > standstill)
 
 
 def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
     """Return what unit damping, friction, armature and offset ask of a joint, (N, 4)."""
     u = recording.u[:, joint]
-    return np.column_stack([u, np.tanh(u / speed), recording.udot[:, joint], np.ones(len(u))])
+    return np.column_stack([u, coulomb(u, speed), recording.udot[:, joint], np.ones(len(u))])
 
 
 def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array = LOWEST
@@ -260,7 +262,8 @@ def full_regressor(data: RegressionRows, speeds: Array) -> Array:
     return X
 
 
-def compressed(data: RegressionRows, speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
+def compressed(data: RegressionRows,
+               speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
     """
     Return per-joint equations R x = z with the normal equations of all rows that count.
 
@@ -271,7 +274,7 @@ def compressed(data: RegressionRows, speeds: Array) -> tuple[list[tuple[Array, A
     floor : (n,) array
         The sum of squares that no x can take away.
     counts : (n,) array
-        RegressionRows in each.
+        Rows in each.
 
     """
     columns = data.Y.shape[2] + 4 * data.Y.shape[1]

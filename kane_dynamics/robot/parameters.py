@@ -1,10 +1,13 @@
 """What a robot's kernels read at each call, and what bounds its joints."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, Frame, Inertial, Model
+from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
 
 
@@ -28,6 +31,12 @@ class Parameters:
         self.block = np.zeros(3 if payload_frame is None else 13)
         self.gravity = model.gravity
 
+    def copy(self) -> 'Parameters':
+        """Return the same values in a block of their own."""
+        other = copy(self)
+        other.block = self.block.copy()
+        return other
+
     @property
     def gravity(self) -> Array:
         """Acceleration of free fall, (3,), m/s^2, world axes."""
@@ -35,13 +44,7 @@ class Parameters:
 
     @gravity.setter
     def gravity(self, value: Any) -> None:
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        if array.shape != (3,) or not np.isfinite(array).all():
-            raise InputError(f'gravity is {value!r}; expected three finite numbers, m/s^2')
-        self.block[:3] = array
+        self.block[:3] = constant(value, (3,), 'gravity (m/s^2)', InputError)
 
     @property
     def payload(self) -> Inertial | None:

@@ -1,14 +1,19 @@
 """One integration step of a robot as a kernel, its dynamics as subroutines."""
 
+from functools import partial
 from typing import Any
 
+from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.runtime.batch_loop import driver
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
@@ -17,15 +22,16 @@ import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
 # What `simulate` asks for all rows of its result at once.
-AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
-              'potential_energy', 'constraint_forces', 'constraint_gap')
+AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
+              'constraint_gap')
 
 
-def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
+def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
     """
     Compile every kernel that `simulate` may need, so that no request waits for a compiler.
 
-    Those that step many simulations at once are not among them.
+    Those that step many simulations at once are not among them. `names` are further quantities to
+    compile at the same time.
 
     Raises
     ------
@@ -33,13 +39,18 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
         The integrator is none, or none for this robot.
 
     """
-    support()  # the loop that steps
-    robot.compile(*loop_kernels(robot))
-    for feedback in (False, True)[:1 if robot.constraint_names else 2]:
+    def step(feedback: bool) -> None:
         step_kernel(robot, feedback, integrator)
-    for name in loop_kernels(robot):
-        if name in AFTERWARDS:
-            robot.kernels.quantity(name).compile_lanes()
+
+    def law() -> None:
+        law_kernel(robot).compile_lanes()
+    support()  # the loop that steps
+    driver(width())  # and that of batches
+    loops = loop_kernels(robot)
+    jobs = [partial(step, False)] if robot.constraint_names else [
+        partial(step, True), partial(step, False), law]
+    jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
+    run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
 
 
 def loop_kernels(robot: Robot) -> list[str]:
@@ -93,7 +104,7 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
     n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
     constrained = isinstance(equations, ConstrainedEquations)
     motion = _state_program(robot)
-    law = kernels.feedback_program() if feedback else None
+    law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
@@ -102,7 +113,7 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
         def rates(x: Any, given: Any) -> Any:
             q, u, time = np.split(x, [n_q, n_q + n])
             tau = given
-            if law is not None:  # the law of control.Controller
+            if law is not None:
                 tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
             found = call(motion, q, u, tau, *wrench, *time, parameters)
             return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time)])
@@ -120,7 +131,7 @@ def _implicit_program(robot: Robot, name: str, feedback: bool) -> Program:
     assert isinstance(equations, TreeEquations)
     method = ImplicitStep(equations)
     motion = implicit_rates(robot, method)
-    law = kernels.feedback_program() if feedback else None
+    law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:

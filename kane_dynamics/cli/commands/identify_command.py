@@ -12,9 +12,9 @@ from kane_dynamics.cli.commands.replay_command import rms
 from kane_dynamics.cli.shared import as_json, every_joint
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
-from kane_dynamics.identification.recordings.diagnosis import refuse as refuse_unlike
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_fit import identify_payload
+from kane_dynamics.identification.recordings.diagnosis import refuse as refuse_unlike
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import FRICTION, LOWEST, rows

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Array, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -27,8 +28,9 @@ SLIP = 0.05  # rad/s or m/s: where friction is taken to set in
 FLOOR = 0.03  # of the measured torque: an error that small needs no repair
 NOISE = 0.3  # share of the accelerations
 WINDOWS = 200  # of a recording, over which positions and speeds are compared
-UNITS = ((math.degrees(1.0), 'degrees a second'), (math.radians(1.0), 'beside positions in '
-         'degrees'), (1e3, 'beside times in milliseconds'), (1e6, 'beside times in microseconds'),
+UNITS = ((math.degrees(1.0), 'degrees a second'),
+         (math.radians(1.0), 'beside positions in degrees'),
+         (1e3, 'beside times in milliseconds'), (1e6, 'beside times in microseconds'),
          (1e9, 'beside times in nanoseconds'), (1e-3, 'in units 1000 times as large'))
 
 
@@ -203,7 +205,7 @@ def _fitted(recording: Recording, j: int, left: Array, model: Array | None = Non
             ) -> tuple[float, float]:
     """Return what friction leaves of a torque, no less than the floor, and a model's factor."""
     u, tau = recording.u[:, j], recording.tau[:, j]
-    columns = [u, np.tanh(u / SLIP), recording.udot[:, j], *([] if model is None else [model])]
+    columns = [u, coulomb(u, SLIP), recording.udot[:, j], *([] if model is None else [model])]
     R = np.linalg.qr(np.column_stack([*columns, left]), mode='r')
     x, missed = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
     root = math.sqrt(len(u))
@@ -229,9 +231,9 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
                       'them by -1', joints, with_tau(lambda tau: -tau, joints),
                       once * len(joints))
         if heavy:
-            yield _Repair('efforts of {} fit the torques without gravity: the arm holds its weight '
-                          'by itself, or reports efforts without it; add it, or use --gravity 0 0 '
-                          '0', joints, with_tau(lambda tau: tau + gravity, joints),
+            yield _Repair('efforts of {} fit the torques without gravity: the arm holds its '
+                          'weight by itself, or reports efforts without it; add it, or use '
+                          '--gravity 0 0 0', joints, with_tau(lambda tau: tau + gravity, joints),
                           once * len(heavy))
             yield _Repair('efforts of {} have the opposite sign of torques on the joints, and fit '
                           'these without gravity', joints,

@@ -7,10 +7,12 @@ tests run them on numbers.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
                                                inverse_dynamics, joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
@@ -48,21 +50,33 @@ class TreeEquations:
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
-        """Prepare the links; raises InputError for an unknown frame."""
+        """Find the frames; raises InputError for an unknown one."""
         self.model = model
         self.n = self.n_q = model.n
         self.speed_names = model.coordinate_names
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
-        links = self._raw_links = linkage(model)
-        self._links = denavit_hartenberg(links) if frame_reduction else links
-        self.order = list(dict.fromkeys(k for link in links for k in (
-            *([] if link.deflection else [link.coordinate]),
-            *(link.beam.coordinates if link.beam else []))))
+        self.frame_reduction = frame_reduction
         self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
 
     timed = False  # no method depends on time
+
+    @cached_property
+    def _raw_links(self) -> tuple[Link, ...]:  # of use only where something is traced
+        return linkage(self.model)
+
+    @cached_property
+    def _links(self) -> tuple[Link, ...]:
+        links = self._raw_links
+        return denavit_hartenberg(links) if self.frame_reduction else links
+
+    @cached_property
+    def order(self) -> list[int]:
+        """Return the coordinates, parents first: the order in which M is factorised."""
+        return list(dict.fromkeys(k for link in self._raw_links for k in (
+            *([] if link.deflection else [link.coordinate]),
+            *(link.beam.coordinates if link.beam else []))))
 
     @property
     def geometry(self) -> tuple[Link, ...]:
@@ -94,7 +108,7 @@ class TreeEquations:
     def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return inverse dynamics without friction, (n,)."""
         rigid = inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, u, udot,
-                                           parameters[:3])
+                                                  parameters[:3])
         return (rigid + self.armature(udot) + self.spring_force(q)
                 - self.external_force(q, wrench))
 
@@ -104,8 +118,8 @@ class TreeEquations:
 
     def gravity_force(self, q: Any, parameters: Any) -> Any:
         """Return the torque that holds gravity alone, (n,)."""
-        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros, self.zeros,
-                                          parameters[:3])
+        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros,
+                                                 self.zeros, parameters[:3])
 
     def mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return M with armature, (n, n)."""
@@ -167,8 +181,8 @@ class TreeEquations:
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
         pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        found = joint_reactions.joint_reactions(self._loaded(self._raw_links, parameters), q, u, udot,
-                                          parameters[:3], pushes)
+        links = self._loaded(self._raw_links, parameters)
+        found = joint_reactions.joint_reactions(links, q, u, udot, parameters[:3], pushes)
         return np.array(found).reshape(len(found), 6)
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
@@ -200,7 +214,8 @@ class TreeEquations:
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
-        return inverse_dynamics.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+        links = self.links(parameters)
+        return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
 
     def frame_pose(self, frame: Frame, q: Any) -> Any:
         """Return the homogeneous transformation frame to world, (4, 4)."""
@@ -237,10 +252,7 @@ class TreeEquations:
 
         def force(joint: Joint) -> Any:
             rate = joint.multiplier * u[joint.coordinate]
-            total = joint.damping * rate
-            if joint.friction:
-                total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
-            return joint.multiplier * (total + joint.friction_offset)
+            return joint.multiplier * friction_torque(joint, rate)
         return self._of_beams(self._by_coordinate(force),
                               lambda beam: beam.damping @ u[list(beam.coordinates)])
 
@@ -250,12 +262,8 @@ class TreeEquations:
             return self.zeros
 
         def slope(joint: Joint) -> Any:
-            total: Any = joint.damping
-            if joint.friction:
-                rate = joint.multiplier * u[joint.coordinate]
-                y = np.tanh(rate * (1.0 / joint.friction_speed))
-                total = total + (joint.friction / joint.friction_speed) * (1.0 - y * y)
-            return joint.multiplier**2 * total
+            rate = joint.multiplier * u[joint.coordinate]
+            return joint.multiplier**2 * friction_slope(joint, rate)
         return self._by_coordinate(slope)
 
     def spring_force(self, q: Any) -> Any:
@@ -278,7 +286,8 @@ class TreeEquations:
         total = self.zeros
         if wrench is not None:
             for frame, pushed in zip(self.wrench_frames, wrench):
-                total = total + frame_kinematics.partial_velocities(self._links, frame, q).T @ pushed
+                partials = frame_kinematics.partial_velocities(self._links, frame, q)
+                total = total + partials.T @ pushed
         return total
 
     @property

@@ -1,18 +1,19 @@
 """A kernel: one compiled program with its memory, its checks, and its ways in."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 import sys
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.backends.llvm_math import largest
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
-from kane_dynamics.native.machine_code import llvm_assembler, object_cache
+from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import EntryTable
 from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
@@ -23,6 +24,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, size_of
 import numpy as np
 
 SYMBOL = 'kernel'  # the name of every kernel's own function in its object file
+_TRACING = RLock()  # threads that trace in turns would only wait for the GIL more often
 Reason = Callable[[dict[str, Array]], None]
 MOST_RESULTS = 2**31  # entries of one batch's result: past this a typing error is likelier
 
@@ -128,25 +130,34 @@ class Kernel:
         self.parameters = parameters
         self._program, self._key = program, key
         self._compiling = Lock()
-        self._lanes: tuple[llvm_assembler.Code, llvm_assembler.Address] | None = None  # set once: others hold it
+        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once: others hold it
         self.code = self._made('', lambda: '\n'.join([module_text(program(), SYMBOL),
                                                       self._ways_in()]))
         self.address = self.code.address(SYMBOL)
 
-    def _made(self, kind: str, text: Callable[[], str]) -> llvm_assembler.Code:
-        key = self._key
+    def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
+        def traced() -> str:
+            with _TRACING:
+                return text()
+        key, source = self._key, traced
         with gc_paused():
             if key is None:
-                key = text()
-                text = partial(str, key)
-            return llvm_assembler.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
-                                         lambda: llvm_assembler.assemble(text())))
+                key = traced()
+                source = partial(str, key)
+            return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
+                                                lambda: llvm.assemble(source())))
+
+    def with_parameters(self, parameters: Array) -> 'Kernel':
+        """Return a kernel on the same machine code that reads another block of parameters."""
+        other = copy(self)
+        other.parameters, other._compiling = parameters, Lock()
+        return other
 
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],
                              [largest(a.name) for a in self.arguments], self.shape)
 
-    def compile_lanes(self) -> llvm_assembler.Address:
+    def compile_lanes(self) -> llvm.Address:
         """Compile what a batch needs now instead of at the first batch; return its address."""
         lanes = self._lanes
         if lanes is None:
@@ -160,7 +171,7 @@ class Kernel:
         return lanes[1]
 
     @property
-    def lane_address(self) -> llvm_assembler.Address:
+    def lane_address(self) -> llvm.Address:
         """Address of the kernel for `lanes.width()` states, which compiles at the first use."""
         return self.compile_lanes()
 
@@ -228,9 +239,9 @@ class Kernel:
         parameters = self.parameters.copy()  # without the GIL, others may change them
         rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
                 for array, a in zip(arrays, self.arguments)]
-        flags = run_batch(self.lane_address, [*rows, Strided(parameters.ctypes.data),
-                                          Strided(result.ctypes.data, 8 * size_of(self.shape))],
-                      count)
+        rows += [Strided(parameters.ctypes.data),
+                 Strided(result.ctypes.data, 8 * size_of(self.shape))]
+        flags = run_batch(self.lane_address, rows, count)
         if flags & BAD_INPUT:
             for argument, array in zip(self.arguments, arrays):
                 _require_finite(argument, array)

@@ -1,0 +1,186 @@
+"""Promises of the cache of machine code: safe to share, never trusted blindly."""
+
+import multiprocessing
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import kane_dynamics
+from kane_dynamics import Robot
+from kane_dynamics._util import disk_cache
+from kane_dynamics.robot import kernel_set
+import mechanisms
+from mechanisms import random_model, random_state
+import numpy as np
+import pytest
+
+MODEL = random_model(8, 3)
+STATE = random_state(MODEL, 0)
+HELPERS = Path(mechanisms.__file__).parent
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Use an empty cache of the test's own."""
+    monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path / 'kept'))
+    return tmp_path / 'kept'
+
+
+def torque(_=None):
+    """Return what a fresh robot says."""
+    return Robot(MODEL).inverse_dynamics(*STATE)
+
+
+def test_a_hit_traces_nothing(place, monkeypatch):
+    expected = torque()
+
+    def refuse(*arguments):
+        raise AssertionError('traced in spite of the cache')
+    monkeypatch.setattr(kernel_set, 'trace_program', refuse)
+    assert np.array_equal(torque(), expected)
+
+
+def test_the_directory_is_private(place):
+    torque()
+    assert place.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize('damage', [
+    lambda b: b[:len(b) // 2], lambda b: b'', lambda b: b[:-1] + bytes([b[-1] ^ 1]),
+    lambda b: b'something else entirely', lambda b: b[:40] + b'\0' * (len(b) - 40)])
+def test_a_damaged_file_is_rebuilt(place, damage):
+    expected = torque()
+    for file in place.iterdir():
+        file.write_bytes(damage(file.read_bytes()))
+    assert np.array_equal(torque(), expected)
+    assert disk_cache.load(next(iter(os.listdir(place)))) is not None
+
+
+def test_a_file_under_anothers_name_is_not_trusted(place):
+    Robot(MODEL).compile()
+    files = sorted(place.iterdir())
+    contents = [file.read_bytes() for file in files]
+    for file, content in zip(files, contents[1:] + contents[:1]):
+        file.write_bytes(content)
+    assert all(disk_cache.load(file.name) is None for file in files)
+
+
+def test_a_directory_that_others_may_write_to_is_not_used(place):
+    place.mkdir(mode=0o700)
+    place.chmod(0o777)
+    torque()
+    assert not list(place.iterdir())
+
+
+def test_off_keeps_nothing(monkeypatch, tmp_path):
+    monkeypatch.setenv('KANE_DYNAMICS_CACHE', 'off')
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    torque()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_made_is_no_error(monkeypatch, tmp_path):
+    (tmp_path / 'file').write_text('')
+    monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path / 'file' / 'below'))
+    assert torque().shape == (3,)
+
+
+def test_every_option_has_code_of_its_own(place):
+    def files(robot):
+        robot.inverse_dynamics(*STATE)
+        return set(os.listdir(place))
+    first = files(Robot(MODEL))
+    second = files(Robot(MODEL, friction=False))
+    third = files(Robot(random_model(9, 3)))
+    assert len(first) < len(second) < len(third)
+    assert files(Robot(MODEL)) == third
+
+
+def test_processes_that_start_together_do_not_disturb_each_other(place):
+    expected = torque()
+    for file in place.iterdir():
+        file.unlink()
+    with multiprocessing.get_context('spawn').Pool(4) as pool:
+        for result in pool.map(torque, range(8)):
+            assert np.array_equal(result, expected)
+    assert not [name for name in os.listdir(place) if name.startswith('tmp')]
+
+
+def test_a_file_that_others_may_write_to_is_not_trusted(place):
+    disk_cache.store('name', b'code')
+    assert disk_cache.load('name') == b'code'
+    (place / 'name').chmod(0o620)
+    assert disk_cache.load('name') is None
+
+
+def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
+    monkeypatch.setattr(disk_cache, 'MOST_BYTES', 10_000)
+    body = bytes(900)
+    for k in range(10):
+        disk_cache.store(f'file{k}', body)
+        os.utime(place / f'file{k}', (k, k))
+    assert len(os.listdir(place)) == 10
+    assert disk_cache.load('file0') == body
+    disk_cache.store('one more', body)
+    left = set(os.listdir(place))
+    assert left == {'file0', 'one more', *(f'file{k}' for k in range(5, 10))}
+    assert sum((place / name).stat().st_size for name in left) <= 7500
+
+
+def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch):
+    expected = torque()
+    monkeypatch.setattr(disk_cache, 'MOST_BYTES', 0)
+    disk_cache.store('another', b'')
+    assert not os.listdir(place)
+    assert np.array_equal(torque(), expected)
+
+
+def test_interpreters_that_start_together_on_nothing_agree_and_leave_whole_files(place):
+    """Four interpreters race for an empty cache, while it is pruned to almost nothing."""
+    program = """
+import sys
+from kane_dynamics import Robot
+from kane_dynamics._util import disk_cache
+from mechanisms import random_model, random_state
+disk_cache.MOST_BYTES = int(sys.argv[1])
+model = random_model(8, 3)
+sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes().hex())
+"""
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    running = [subprocess.Popen([sys.executable, '-c', program, str(most)], env=environment,
+                                stdout=subprocess.PIPE, text=True)
+               for most in (0, 2**20, 2**20, 2**20)]
+    results = {process.communicate(timeout=60)[0] for process in running}
+    assert [process.returncode for process in running] == [0] * 4
+    assert results == {torque().tobytes().hex()}
+    assert all(disk_cache.load(name) is not None for name in os.listdir(place))
+
+
+@pytest.mark.parametrize('source', ['mechanics/constraints/position_constraints.py',
+                                    'native/backends/llvm_scalar.py', 'robot/kernel_set.py'])
+def test_an_edit_of_a_source_at_any_depth_compiles_afresh(place, tmp_path, source):
+    copy = tmp_path / 'checkout' / 'kane_dynamics'
+    shutil.copytree(Path(kane_dynamics.__file__).parent, copy,
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    program = """
+import numpy as np
+from kane_dynamics import Coupling, Robot
+from mechanisms import random_model
+coupling = Coupling('joint2', {'joint0': 1.0})
+Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
+"""
+
+    def kept():
+        subprocess.run([sys.executable, '-c', program], cwd=copy.parent, check=True, timeout=60,
+                       env={**os.environ, 'PYTHONPATH': f'{copy.parent}:{HELPERS}',
+                            'PYTHONDONTWRITEBYTECODE': '1'})
+        return set(os.listdir(place))
+    first = kept()
+    assert kept() == first
+    status = (copy / source).stat()
+    text = (copy / source).read_text('utf-8')
+    (copy / source).write_text(text.replace('.', ',', 1), 'utf-8')  # in its docstring
+    os.utime(copy / source, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert len(kept() - first) >= len(first)

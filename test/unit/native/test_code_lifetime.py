@@ -1,0 +1,95 @@
+"""
+Machine code, and what the interpreter reads of it, outlives its users.
+
+Each case is a process of its own: what breaks the promise kills it. The allocator writes over all
+that is freed, so that nothing survives by chance.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+START = """
+import gc
+from mechanisms import random_model, random_state
+from kane_dynamics import Robot
+MODEL = random_model(3, 5)
+STATE = random_state(MODEL, 0)
+
+class Holder:
+    def __init__(self, held):
+        self.held, self.me = held, self
+"""
+
+# A function that is collected after the table that it reads: the holder is younger.
+ENTRY = START + """
+gc.disable()
+for _ in range(3):
+    robot = Robot(MODEL)
+    robot.inverse_dynamics(*STATE)
+    Holder(robot.inverse_dynamics)
+    del robot
+    assert gc.collect()
+"""
+
+# The same of a workspace's function, and of the method of one, held when all else is collected.
+METHOD = START + """
+gc.disable()
+for _ in range(3):
+    robot = Robot(MODEL, wrench_frames=['frame4'])
+    workspace = robot.bind()
+    Holder([robot.bind().mass_matrix, workspace.inverse_dynamics,
+            workspace.at_frame('frame_pose', 'frame4')])
+    call = workspace.inverse_dynamics
+    del robot, workspace
+    assert gc.collect()
+    call()
+    del call
+"""
+
+# Two threads that are the first to need the same code both make it. One code is kept, and here the
+# late thread's function: another time they are of one thread.
+FIRST_TOGETHER = START + """
+import threading
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.runtime import loop_support as support
+robot = Robot(MODEL)
+kernel = robot.kernels.quantity('inverse_dynamics')
+support.support.cache_clear()
+support._repeat.cache_clear()
+both, one = threading.Barrier(2), threading.Event()
+load, address = llvm.Code.__init__, llvm.Code.address
+
+def load_together(self, objects):
+    load(self, objects)
+    both.wait(10.0)
+
+def late(self, name):
+    if threading.current_thread().name == 'late':
+        assert one.wait(10.0)
+    return address(self, name)
+llvm.Code.__init__, llvm.Code.address = load_together, late
+
+def work():
+    kernel(*STATE)
+    one.set()
+threads = [threading.Thread(target=work, name=name) for name in ('early', 'late')]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+assert one.is_set() and not both.broken
+kernel(*STATE)
+"""
+
+
+@pytest.mark.parametrize('program', [ENTRY, METHOD, FIRST_TOGETHER],
+                         ids=['entry', 'method', 'first together'])
+def test_nothing_is_read_or_run_after_it_was_freed(program):
+    environment = {**os.environ, 'PYTHONMALLOC': 'malloc', 'MALLOC_PERTURB_': '2',
+                   'PYTHONFAULTHANDLER': '1', 'PYTHONPATH': os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, '-c', program], env=environment, timeout=120,
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
