@@ -13,11 +13,12 @@ from itertools import combinations
 import math
 from typing import Literal, NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -292,7 +293,7 @@ def _delays(model: Model, robot: Robot, r: Recording, every: int) -> Iterator[Fi
             late['after' if lag > 0 else 'before'][j] = abs(lag) * step
     for side, joints in late.items():
         if joints:
-            ends = sorted({f'{time:.3g}' for time in (min(joints.values()),
-                                                       max(joints.values()))}, key=float)
+            times = joints.values()
+            ends = sorted({f'{time:.3g}' for time in (min(times), max(times))}, key=float)
             yield Finding('remark', f'efforts of {_named(model, list(joints))} come '
                           f'{" to ".join(ends)} s {side} the motion that they belong to')

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from recordings import simulated
 
-URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'ur10e.urdf'
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 FRICTION = {joint: {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_offset': 1.0}
             for joint in load_urdf(URDF).joint_names}
 
