@@ -7,7 +7,7 @@ finding where it at least halves what is left of the joints that it is about. Re
 after the other, the most successful first. The masses of a URDF are never so wrong.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 import math
@@ -21,6 +21,7 @@ from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
+from numpy.typing import NDArray
 
 CLEARLY = 0.5  # of the error: so much less is a finding
 MOST_ROWS = 1500  # that are looked at, evenly spread
@@ -101,7 +102,7 @@ def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impos
     return found
 
 
-def _named(model: Model, joints: Array | list[int] | tuple[int, ...]) -> str:
+def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
     """Return joints in words."""
     if len(joints) == model.n:
         return 'all joints' if model.n > 1 else f"joint '{model.joint_names[0]}'"
@@ -207,7 +208,7 @@ def _fitted(recording: Recording, j: int, left: Array, model: Array | None = Non
     """Return what friction leaves of a torque, no less than the floor, and a model's factor."""
     u, tau = recording.u[:, j], recording.tau[:, j]
     columns = [u, coulomb(u, SLIP), recording.udot[:, j], *([] if model is None else [model])]
-    R = np.linalg.qr(np.column_stack([*columns, left]), mode='r')
+    R: Array = np.asarray(np.linalg.qr(np.column_stack([*columns, left]), mode='r'))
     x, missed = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
     root = math.sqrt(len(u))
     return (max(float(missed), FLOOR * float(np.linalg.norm(tau)), 1e-9 * root) / root,
