@@ -5,7 +5,7 @@ import struct
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import motion_from_message
-from kane_dynamics.ros.torque_path.cdr import joint_efforts, numbers, Reader
+from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, numbers, Reader
 from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_rclpy_reads_the_prepared_torques(n):
 
 @pytest.mark.parametrize('names', [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
 def test_rclpy_reads_the_prepared_named_torques_and_their_stamp(names):
-    message = joint_efforts(names)
+    message = joint_state_of_efforts(names)
     message.numbers[:] = VALUES[:len(names)]
     message.stamp(-3, 4_000_000_000)
     read = deserialize_message(message.serialized(), JointState)
@@ -39,7 +39,7 @@ def test_rclpy_reads_the_prepared_named_torques_and_their_stamp(names):
 
 
 def test_the_doubles_of_a_prepared_message_are_aligned():
-    assert numbers(3).numbers.flags.aligned and joint_efforts(['abc']).numbers.flags.aligned
+    assert numbers(3).numbers.flags.aligned and joint_state_of_efforts(['abc']).numbers.flags.aligned
 
 
 def trajectory(points=3, n=2):

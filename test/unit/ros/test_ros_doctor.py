@@ -9,7 +9,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.doctor.configuration import examine_configuration
-from kane_dynamics.ros.doctor.live_graph import examine_states, Heard
+from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -107,7 +107,7 @@ def heard(stamp=None, now=NOW, names=('joint2', 'joint1'), count=200, **arrays):
                                               'effort': weight()[::-1], **arrays})
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(
         now if stamp is None else stamp, NANO)
-    return [Heard(k * NANO // 100, now, message) for k in range(count)]
+    return [ReceivedState(k * NANO // 100, now, message) for k in range(count)]
 
 
 def weight():

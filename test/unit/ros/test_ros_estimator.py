@@ -58,7 +58,7 @@ class Rig:
         self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
                                         SimpleNamespace(publish=self.heard.append),
                                         lambda *words: self.rejected.append(words))
-        self.path.add_watch(self.estimator, need_effort=True)
+        self.path.add_observer(self.estimator, need_effort=True)
         self.path.start()
 
     def timer(self, period, callback, clock):

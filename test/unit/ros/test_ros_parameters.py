@@ -6,8 +6,8 @@ import re
 
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.common.configuration_files import located
-from kane_dynamics.ros.parameters.parameter_checks import misspelt, per_joint, read
+from kane_dynamics.ros.common.configuration_files import resolve_path
+from kane_dynamics.ros.parameters.parameter_checks import unknown_parameters, per_joint, read
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import numpy as np
@@ -33,7 +33,7 @@ def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
     specs = {spec.name: spec for spec in TABLES[path]}
     values = {name: read(specs[name], value) for name, value in given(path).items()}
     assert set(values) == set(specs) - {'robot_description'}
-    model = load_urdf(located('urdf', values['urdf']), joints=list(values['joints']))
+    model = load_urdf(resolve_path('urdf', values['urdf']), joints=list(values['joints']))
     assert model.joint_names == values['joints']
     for name, value in values.items():
         if specs[name].kind == 'per_joint':
@@ -83,15 +83,15 @@ def test_a_list_of_the_wrong_length_names_the_joints():
 
 
 def test_a_misspelt_name_is_told_its_neighbour():
-    assert misspelt(['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth'], BY_NAME) == []
-    remark, = misspelt(['gains.pk'], BY_NAME)
+    assert unknown_parameters(['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth'], BY_NAME) == []
+    remark, = unknown_parameters(['gains.pk'], BY_NAME)
     assert "did you mean 'gains.kp'" in remark
 
 
 def test_a_package_that_is_not_installed_is_named():
     with pytest.raises(InputError, match="package 'no_such_package' is not installed"):
-        located('urdf', 'package://no_such_package/a.urdf')
+        resolve_path('urdf', 'package://no_such_package/a.urdf')
     with pytest.raises(InputError, match=r"no file 'nothing\.urdf' in urdf"):
-        located('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
+        resolve_path('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
     with pytest.raises(InputError, match="parameter 'urdf' is '/no/file'"):
-        located('urdf', '/no/file')
+        resolve_path('urdf', '/no/file')

@@ -10,7 +10,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.plant.delay_line import DelayLine, MOST
-from kane_dynamics.ros.plant.joint_stops import pushed_back
+from kane_dynamics.ros.plant.joint_stops import resolve_stops
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
@@ -75,7 +75,7 @@ def test_a_stop_pushes_only_what_goes_into_it_and_adds_no_energy():
         B = random.normal(size=(n, n + 1))
         W = B @ B.T
         u, side = random.normal(size=n), random.choice([-1.0, 0.0, 1.0], n)
-        after = pushed_back(u, side, W)
+        after = resolve_stops(u, side, W)
         impulse = np.linalg.solve(W, after - u)
         scale = np.abs(impulse).max(initial=1.0)
         assert (side * after <= 1e-12 * np.abs(u).max()).all(), 'none goes on into its stop'

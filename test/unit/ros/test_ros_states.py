@@ -4,8 +4,8 @@ from array import array
 import math
 import struct
 
-from kane_dynamics.ros.torque_path.joint_state_reader import (GARBLED, JointStateReader, MISSING,
-                                                              MOST_LAYOUTS, NO_VELOCITY,
+from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, JointStateReader, MISSING,
+                                                              MAX_LAYOUTS, NO_VELOCITY,
                                                               NOT_FINITE, SHORT, TWICE)
 import numpy as np
 import pytest
@@ -103,20 +103,20 @@ def test_big_endian_messages_are_read_by_the_normal_road_or_not_at_all():
     data = bytes(4) + body + bytes(4)
     reader = JointStateReader(JOINTS)
     fault = reader.read(data, True)
-    assert fault == GARBLED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
+    assert fault == MALFORMED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
     assert not reader._layouts
 
 
 def test_publishers_with_layouts_of_their_own_are_all_remembered_up_to_a_bound():
     reader = JointStateReader(JOINTS)
-    extra = ['x' * (8 * k + 1) for k in range(MOST_LAYOUTS + 1)]
+    extra = ['x' * (8 * k + 1) for k in range(MAX_LAYOUTS + 1)]
     messages = [wire([*JOINTS, name], [1, 2, 3, 4], [1, 2, 3, 4]) for name in extra]
     for _ in range(3):
-        for message in messages[:MOST_LAYOUTS]:
+        for message in messages[:MAX_LAYOUTS]:
             assert reader.read(message, True) is None
-    assert reader.normal == MOST_LAYOUTS
+    assert reader.normal == MAX_LAYOUTS
     assert reader.read(messages[-1], True) is None
-    assert len(reader._layouts) == MOST_LAYOUTS
+    assert len(reader._layouts) == MAX_LAYOUTS
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1', b'\0\1\0\0', bytes(100), b'\xff' * 200])

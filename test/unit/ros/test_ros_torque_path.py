@@ -18,7 +18,7 @@ from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # n
 from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
                                                               FUTURE, MISSING, NO_CLOCK, OLD)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.trajectory_input import take_trajectory  # noqa: E402
+from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -66,8 +66,8 @@ class Rig:
 
     def follow(self, start, motion=MOTION):
         """Let the path follow a motion from a time on, ns."""
-        course = self.path.course
-        assert course.follow(motion, start, self.time, course.generation)
+        course = self.path.active_motion
+        assert active_motion.follow(motion, start, self.time, active_motion.generation)
 
 
 def gravity(q=(0.3, -0.2)):
@@ -102,7 +102,7 @@ def test_a_clock_set_back_a_little_between_two_looks_at_it_forgets_the_motion_to
     rig.time += 2 * NANO
     rig.follow(rig.time - NANO)
     rig.time -= NANO  # still ahead of the last look
-    rig.path.clock_jumped()
+    rig.path.on_clock_jump()
     np.testing.assert_array_equal(rig.state(), gravity())
 
 
@@ -203,15 +203,15 @@ POINTS = (0.0, (0.3, -0.2)), (2.0, (1.0, -1.0))
 def test_a_motion_is_forgotten_with_its_states_and_none_is_taken_until_they_come_again():
     rig = Rig(mode='computed_torque')
     rig.state()
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     rig.state(after=0.05)
     rig.time += NANO
     rig.path.watch()
     assert (rig.commands.sent[-1] == 0.0).all()
     with pytest.raises(InputError, match=r'no joint state has come for 1\.0'):
-        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)  # held where it is
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
 
 
@@ -220,7 +220,7 @@ def test_a_motion_received_or_begun_to_be_read_before_all_was_forgotten_is_not_f
     rig = Rig()
     rig.state()
     with pytest.raises(InputError, match='it came before'):
-        take_trajectory(rig.path, trajectory(*POINTS), rig.path.course.forgotten - 1, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), rig.path.active_motion.cleared_at - 1, VALUES)
 
     def read(*arguments):  # and meanwhile the node is deactivated and activated
         rig.path.stop()
@@ -228,19 +228,19 @@ def test_a_motion_received_or_begun_to_be_read_before_all_was_forgotten_is_not_f
         return motion_from_message(*arguments)
     monkeypatch.setattr(trajectory_input, 'motion_from_message', read)
     with pytest.raises(InputError, match='while it was read'):
-        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
 def test_a_motion_ahead_leaves_the_one_before_it_until_it_begins_and_sets_out_from_there():
     rig = Rig()
     rig.state()
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
-    first, begun = rig.path.course.at(rig.time)[0], rig.time
-    take_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    first, begun = rig.path.active_motion.at(rig.time)[0], rig.time
+    follow_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES)
     np.testing.assert_array_equal(rig.state(after=0.9), ROBOT.inverse_dynamics(*first.sample(0.9)))
     q, u, _ = first.sample(1.0)
-    second, moment = rig.path.course.at(begun + NANO)
+    second, moment = rig.path.active_motion.at(begun + NANO)
     assert second is not first and moment == 0.0
     np.testing.assert_allclose(second.sample(0.0)[:2], [q, u], rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(rig.state(after=0.3),
@@ -251,8 +251,8 @@ def test_a_first_point_that_lies_ahead_is_approached_from_the_pose_that_is_held(
     rig = Rig(mode='computed_torque')
     rig.state()
     rig.state(q=(0.31, -0.2), after=0.01)
-    take_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES)
-    motion, _ = rig.path.course.at(rig.time)
+    follow_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES)
+    motion, _ = rig.path.active_motion.at(rig.time)
     np.testing.assert_allclose(motion.sample(0.0)[0], (0.3, -0.2), rtol=1e-12)
     assert motion.duration == 2.0
 
@@ -260,9 +260,9 @@ def test_a_first_point_that_lies_ahead_is_approached_from_the_pose_that_is_held(
 def test_a_trajectory_without_points_ends_the_motion_where_the_arm_is():
     rig = Rig(mode='computed_torque')
     rig.state()
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     rig.state(after=0.05)
-    assert 'no points' in take_trajectory(rig.path, trajectory(names=()), 0, VALUES)
+    assert 'no points' in follow_trajectory(rig.path, trajectory(names=()), 0, VALUES)
     np.testing.assert_allclose(rig.state(q=(0.5, 0.1), after=0.05), gravity((0.5, 0.1)),
                                rtol=1e-12)
 
@@ -270,16 +270,16 @@ def test_a_trajectory_without_points_ends_the_motion_where_the_arm_is():
 def test_a_motion_beyond_the_position_limits_is_remarked_on():
     rig = Rig()
     rig.state()
-    assert take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES) == ''
+    assert follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES) == ''
     far = trajectory((1.0, (0.0, 50.0)))
-    assert take_trajectory(rig.path, far, 0, VALUES).endswith('position limits of joint2')
+    assert follow_trajectory(rig.path, far, 0, VALUES).endswith('position limits of joint2')
 
 
 def test_gravity_compensation_takes_no_motion():
     rig = Rig(mode='gravity_compensation')
     rig.state()
     with pytest.raises(InputError, match='gravity_compensation, which follows no motion'):
-        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
 
 
 def test_zeros_come_when_the_state_is_too_old_not_when_its_message_is():
@@ -303,8 +303,8 @@ def test_states_of_other_joints_alone_are_no_fault():
     for name in ('left_finger', 'right_finger'):
         rig.path.on_state(serialize_message(JointState(name=[name], position=[0.0])))
     assert (rig.statistics.dropped.total(), rig.statistics.others) == (0, 2)
-    assert rig.path.take_others() == {('left_finger',), ('right_finger',)}
-    assert rig.path.take_others() == set()
+    assert rig.path.take_foreign_joints() == {('left_finger',), ('right_finger',)}
+    assert rig.path.take_foreign_joints() == set()
     rig.time += NANO
     rig.path.watch()  # but if nothing else comes, the names are wrong
     rig.path.on_state(serialize_message(JointState(name=['left_joint1'], position=[0.0])))

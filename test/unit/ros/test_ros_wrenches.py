@@ -14,7 +14,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
-                                                        Outputs, settings)
+                                                        Outputs, observer_settings)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
@@ -23,7 +23,7 @@ from kane_dynamics.ros.torque_path import wrench_input  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
-                                                              FUTURE, GARBLED, NOT_FINITE)
+                                                              FUTURE, MALFORMED, NOT_FINITE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import (FRAME, LARGE,  # noqa: E402
                                                         OLD, SILENT, WrenchInput)
@@ -73,7 +73,7 @@ class Rig:
         self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
                                                          self.reject)
         self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)
-        self.path.add_watch(self.contact, need_effort=True)
+        self.path.add_observer(self.contact, need_effort=True)
         self.path.start()
 
     def reject(self, reason, detail):
@@ -160,7 +160,7 @@ def test_cut_and_foreign_bytes_are_dropped_and_what_rclpy_reads_is_read():
     data = serialize_message(message)
     for end in range(len(data)):
         rig.wrenches.take(data[:end])
-    assert set(rig.rejected) == {GARBLED}
+    assert set(rig.rejected) == {MALFORMED}
     np.testing.assert_array_equal(rig.state(), gravity)
     rig.wrenches.take(data)  # without a stamp: that of its receipt
     np.testing.assert_allclose(rig.state(), gravity - load(np.eye(6)[0] * 4.0), rtol=1e-12)
@@ -308,8 +308,8 @@ def test_thresholds_come_from_the_effort_limits_or_must_be_given():
     robot = SimpleNamespace(joint_names=('a', 'b'), limits=SimpleNamespace(
         effort=np.array([100.0, math.inf])))
     with pytest.raises(InputError, match="joint 'b' has no effort limit"):
-        settings(rig.values, robot)
-    limited = settings(rig.values | {'limits.effort': np.array([50.0, 10.0])}, robot)
+        observer_settings(rig.values, robot)
+    limited = observer_settings(rig.values | {'limits.effort': np.array([50.0, 10.0])}, robot)
     assert limited['threshold'].tolist() == [1.0, 0.2]
-    given = settings(rig.values | {'observer.threshold': np.array(3.0)}, robot)
+    given = observer_settings(rig.values | {'observer.threshold': np.array(3.0)}, robot)
     assert given['threshold'].tolist() == [3.0, 3.0]

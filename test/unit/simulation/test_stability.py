@@ -121,7 +121,7 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
     from kane_dynamics.ros.parameters.parameter_checks import read
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-    from kane_dynamics.ros.services.simulation_request import (Bounds, ServedRobot,
+    from kane_dynamics.ros.services.simulation_request import (RequestLimits, ServedRobot,
                                                                SimulationRequest)
     from kane_dynamics.ros.parameters.parameter_table import SPECS
     from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
@@ -145,7 +145,7 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     assert answers[0] == answers[2] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
     stiff = wheel(stiffness=1e6)
-    served = replace(served, robot=stiff, simulated=stiff, bounds=Bounds(10.0, 200, 200, 20),
+    served = replace(served, robot=stiff, simulated=stiff, bounds=RequestLimits(10.0, 200, 200, 20),
                      integrator='rk4')
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
