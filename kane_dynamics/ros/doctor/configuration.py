@@ -11,7 +11,7 @@ from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE,
-                                                           resolve_path, robot_options)
+                                                          resolve_path, robot_options)
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
@@ -28,7 +28,7 @@ WILDCARD = '/**'  # parameters of all nodes
 PLANT_PARAMETERS = frozenset(spec.name for spec in PLANT_SPECS)
 # Values that disable the checks of check_optional_topics.
 DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
-                       'estimator.enabled': False, 'explanation.rate': 0.0}
+                            'estimator.enabled': False, 'explanation.rate': 0.0}
 
 
 class ParameterBlock(NamedTuple):
@@ -173,7 +173,7 @@ class ConfigurationExamination:
             value = values[name]
             frames = [value] if isinstance(value, str) else value
             unknown = [frame for frame in frames
-                         if frame and frame not in {each.name for each in model.frames}]
+                       if frame and frame not in {each.name for each in model.frames}]
             if unknown and not unused.get(name):
                 self._find('problem', f"parameter '{name}': {listed(unknown)}; expected frames of "
                            + ', '.join(sorted(each.name for each in model.frames)))

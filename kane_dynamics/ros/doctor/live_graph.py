@@ -235,10 +235,11 @@ def _endpoint_findings(node: Node, topics: Topics, foreign: int) -> list[Finding
         found.append(Finding('doubt', f'{topics.commands}: no subscriber; expected an effort '
                              'controller, with this topic of commands'))
     if given and taken:
-        incompatible = [end for end in taken
-                if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                or (end.qos_profile.reliability == ReliabilityPolicy.RELIABLE
-                    and given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE)]
+        unreliable = given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE
+        incompatible = [
+            end for end in taken
+            if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            or (unreliable and end.qos_profile.reliability == ReliabilityPolicy.RELIABLE)]
         found.append(Finding('problem', f'QoS of {topics.commands}: incompatible with '
                              f'{_names(incompatible)}; expected a reliable publisher and a '
                              'volatile subscriber') if incompatible else

@@ -19,9 +19,9 @@ from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
-from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.payload_request import payload_from_request
 from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload, parameter_loads
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames

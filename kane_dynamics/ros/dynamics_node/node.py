@@ -14,7 +14,7 @@ from kane_dynamics.ros.common.qos import LATCHED
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
-                                                                 ConfiguredRobot)
+                                                              ConfiguredRobot)
 from kane_dynamics.ros.dynamics_node.node_timers import NodeTimers
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
@@ -131,8 +131,9 @@ class DynamicsNode(LifecycleNode):
         """Return why this arm cannot be commanded; empty if it can."""
         assert self.arm is not None
         names = self.arm.robot.constraint_names
-        return '' if not names else (f"parameter 'constraints': {', '.join(names)}; expected none, "
-                                     'as the node commands only arms without constraints')
+        return '' if not names else (
+            f"parameter 'constraints': {', '.join(names)}; expected none, as the node commands "
+            'only arms without constraints')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros, then deactivate the publishers."""
@@ -228,7 +229,7 @@ class DynamicsNode(LifecycleNode):
         simulated = bool(self.get_clock().ros_time_is_active)
         replaced, self._simulated_time = simulated != self._simulated_time, simulated
         if replaced or any(before[name] != self.values[name]
-                            for name in ('diagnostics_rate', 'state_timeout')):
+                           for name in ('diagnostics_rate', 'state_timeout')):
             self._node_timers.start(simulated)
         if self.arm is not None:
             self.arm.update(self.values, given)

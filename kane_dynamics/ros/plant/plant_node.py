@@ -89,8 +89,8 @@ class PlantNode(Node):
     def _load(self) -> Robot:
         """Return the robot that the parameters describe."""
         values = self.values
-        source = values['robot_description'] or (values['urdf'] and resolve_path('urdf',
-                                                                            values['urdf']))
+        source = values['robot_description'] or (
+            values['urdf'] and resolve_path('urdf', values['urdf']))
         if not source:
             raise InputError("URDF: none; expected parameter 'robot_description' or 'urdf'")
         model = load_model(source, values, self.get_logger().warning)

@@ -55,6 +55,6 @@ def close_loops(robot: Robot, q: Array) -> Array:
     residual = np.nan_to_num(np.abs(robot.constraint_gap(q)))
     if residual.max() > MAX_RESIDUAL:
         name = robot.constraint_names[int(residual.argmax())]
-        raise InputError(f"position: residual {residual.max():.3g} m or rad of constraint "
+        raise InputError(f'position: residual {residual.max():.3g} m or rad of constraint '
                          f"'{name}'; expected at most {MAX_RESIDUAL:g}")
     return robot.closed_posture(q, fixed=robot.speed_names)

@@ -15,6 +15,7 @@ def payload_from_request(request: Any, model: Model, values: Mapping[str, Any]) 
     Parameters
     ----------
     request : SetPayload.Request
+        Payload and its frame.
     model : Model
         Model of the robot that carries the payload.
     values : mapping

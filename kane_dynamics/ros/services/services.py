@@ -11,9 +11,9 @@ from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
+from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics, get_dynamics,
                                                       inverse_dynamics)
-from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.simulation_request import SimulationRequest
 from kane_dynamics.ros.services.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion

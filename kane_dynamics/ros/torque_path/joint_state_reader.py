@@ -205,8 +205,8 @@ class JointStateReader:
         else:
             self.u.fill(0.0)
         if self.need_effort:
-            self._gather_effort(np.frombuffer(message.effort) if len(message.effort) == count
-                              else None, index)
+            complete = len(message.effort) == count
+            self._gather_effort(np.frombuffer(message.effort) if complete else None, index)
         return self._finite()
 
     def _gather_effort(self, efforts: Array | None, index: Index) -> None:

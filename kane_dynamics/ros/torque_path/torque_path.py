@@ -56,8 +56,8 @@ class TorquePath:
         self.active_motion = ActiveMotion()
         self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
         self._reader = JointStateReader(joints)
-        self._command_message, self._torque_message = (float64_multi_array(len(joints)),
-                                                        joint_state_of_efforts(joints))
+        self._command_message = float64_multi_array(len(joints))
+        self._torque_message = joint_state_of_efforts(joints)
         self.wrenches: WrenchInput | None = None
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None

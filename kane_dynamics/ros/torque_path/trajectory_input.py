@@ -76,8 +76,8 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
     return ReceivedTrajectory(TrajectoryHeader(stamp), names, points)
 
 
-def follow_trajectory(path: TorquePath, data: bytes, received: int, values: Mapping[str, Any]
-                    ) -> str:
+def follow_trajectory(path: TorquePath, data: bytes, received: int,
+                      values: Mapping[str, Any]) -> str:
     """
     Make the torque path follow a serialized JointTrajectory; an empty one ends the motion.
 
