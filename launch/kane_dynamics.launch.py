@@ -23,7 +23,7 @@ ARGUMENTS = {
     'prefix': ('', 'prefix of names of joints and frames; overrides the parameter files'),
     'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
-    'use_sim_time': ('', 'use time from /clock, published by the plant; overrides the parameter files'),
+    'use_sim_time': ('', 'use time from /clock, which the plant publishes; overrides the files'),
     'plant': ('', 'parameter file of a simulated robot to start, given like config'),
     'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
 }

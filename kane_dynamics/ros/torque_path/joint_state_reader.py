@@ -16,7 +16,7 @@ MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, MALFORMED = (
     'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite',
     'malformed message')
 STALE, FUTURE, OUT_OF_ORDER, NO_CLOCK = (
-    'stale: older than state_timeout', 'stamp in the future', 'stamp before the latest one',
+    'stale (older than state_timeout)', 'stamp in the future', 'stamp before the latest one',
     'no message on /clock')
 FOREIGN = 'other joints only'  # for example of a gripper: not a fault, counted separately
 MAX_LAYOUTS = 8  # cached layouts, one for each publisher

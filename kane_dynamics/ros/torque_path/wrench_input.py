@@ -20,7 +20,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 STALE, FRAME, TIMED_OUT, LARGE = (
-    'stale: older than wrench.timeout', 'frame not in wrench.frames',
+    'stale (older than wrench.timeout)', 'frame not in wrench.frames',
     'timed out after wrench.timeout', 'above wrench.max_force or wrench.max_moment')
 
 
