@@ -143,7 +143,7 @@ def test_an_arm_with_constraints_is_not_activated(node):
      "of constraint 'pin/"),
     (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'expected 1'),
     (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'expected ZERO or TABLE')])
-def test_requests_that_violate_the_constraints_are_refused(node, posture, kind, name, change, words):
+def test_requests_that_violate_constraints_are_refused(node, posture, kind, name, change, words):
     fields = {'position': posture.tolist(), 'velocity': [1.0], **change}
     if kind is InverseDynamics:
         fields['acceleration'] = [0.0]

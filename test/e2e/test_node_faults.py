@@ -231,7 +231,7 @@ def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start)
         assert policies[next(key for key in policies if key[1] == node.pid)] == os.SCHED_FIFO
         assert {policy for (name, _), policy in policies.items() if name.startswith('dds.')} == {
             os.SCHED_FIFO}
-        assert os.SCHED_OTHER in policies.values(), 'services and simulations keep default scheduling'
+        assert os.SCHED_OTHER in policies.values(), 'only the torque path is scheduled'
     if 'realtime.lock_memory: refused' not in node.log:
         with open(f'/proc/{node.pid}/status') as file:
             locked = next(line for line in file if line.startswith('VmLck'))

@@ -28,7 +28,7 @@ def error_of_rigid_feedforward(motion):
     return np.abs(run.q[:, :2] - [motion.sample(t)[0] for t in run.t]).mean()
 
 
-def test_quasi_static_feedforward_tracks_a_flexible_arm_better_than_rigid_feedforward(client, start):
+def test_quasi_static_feedforward_is_better_than_rigid_feedforward(client, start):
     plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', urdf=URDF,
                     rate=200, substeps=5, supplement=BENDING, initial__position=list(POINTS[0][1]))
     node = start(urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],

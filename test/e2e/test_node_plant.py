@@ -178,7 +178,8 @@ def test_dropouts_and_delays_are_applied_and_invalid_requests_change_nothing(pla
     assert not refused.successful
     assert refused.reason == (
         "parameter 'delay.states': -1.0; expected a number, at least 0, at most 10")
-    assert 'expected no change; restart the node' in plant.adjust(dropout__states=1.0, rate=100.0).reason
+    refused = plant.adjust(dropout__states=1.0, rate=100.0)
+    assert 'expected no change; restart the node' in refused.reason
     plant.fresh(5)
     assert plant.adjust(delay__states=0.2).successful
     time.sleep(0.5)

@@ -167,7 +167,8 @@ def test_an_invalid_simulation_request_is_answered_with_the_reason(node, words, 
 
 
 @pytest.mark.parametrize(('kind', 'name', 'words', 'fields'), [
-    (InverseDynamics, 'inverse_dynamics', 'acceleration: 0 entries', {'position': Q, 'velocity': U}),
+    (InverseDynamics, 'inverse_dynamics', 'acceleration: 0 entries',
+     {'position': Q, 'velocity': U}),
     (ForwardDynamics, 'forward_dynamics', 'effort: 1 entries', {'position': Q, 'effort': [1.0]}),
     (GetDynamics, 'get_dynamics', 'position: 0 entries', {}),
     (GetDynamics, 'get_dynamics', 'velocity: [', {'position': Q, 'velocity': [math.inf] * 3}),

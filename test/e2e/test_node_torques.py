@@ -175,8 +175,10 @@ def test_deactivation_commands_zeros_and_ends_the_commands(node):
 
 
 @pytest.mark.parametrize(('words', 'arguments'), [
-    ('lift missing; expected each of turn, lift, reach once', {'points': [(1.0, [0, 0])], 'names': ['turn', 'reach']}),
-    ('point 1: time_from_start 1 s; expected more than that of point 0', {'points': [(1.0, [0] * 3), (1.0, [1] * 3)]}),
+    ('lift missing; expected each of turn, lift, reach once',
+     {'points': [(1.0, [0, 0])], 'names': ['turn', 'reach']}),
+    ('point 1: time_from_start 1 s; expected more than that of point 0',
+     {'points': [(1.0, [0] * 3), (1.0, [1] * 3)]}),
     ('point 0: positions [', {'points': [(1.0, [0, math.nan, 0])]}),
     ('point 1: 2 positions; expected', {'points': [(1.0, [0] * 3), (2.0, [0] * 2)]}),
     ('positions of the trajectory: none', {'points': [(1.0, [])]}),
@@ -269,8 +271,9 @@ def test_a_mode_change_or_an_empty_trajectory_ends_the_motion(node, robot):
     node.follow([(0.0, q), (0.1, q + 0.5)])
     assert followed()
     assert node.adjust(mode='gravity_compensation').successful
-    before = node.process.log.count('gravity_compensation; expected a mode that follows')
+    words = 'gravity_compensation; expected a mode that follows'
+    before = node.process.log.count(words)
     node.follow([(0.0, q), (0.1, q + 0.5)])
-    assert wait_until(lambda: node.process.log.count('gravity_compensation; expected a mode that follows') > before)
+    assert wait_until(lambda: node.process.log.count(words) > before)
     assert node.adjust(mode='computed_torque').successful
     assert held()
