@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
@@ -100,14 +100,15 @@ def _check_inertia(tensor: Array, most: float) -> None:
     """Raise InputError unless a body within the bounds can have this central inertia."""
     if not np.isfinite(tensor).all():
         raise InputError(f'inertia: {tensor.tolist()}; expected finite numbers')
-    a, b, c = np.linalg.eigvalsh(tensor).tolist()
-    noise = 1e-6 * abs(c)  # rounding of numbers in text
-    if a < -noise or c > a + b + noise:
-        raise InputError(f'inertia: principal moments {a:g}, {b:g}, {c:g} kg m^2; expected none '
-                         'negative and none larger than the sum of the other two')
-    if c > most:
-        raise InputError(f'inertia: principal moment {c:g} kg m^2; expected at most {most:g} '
-                         'kg m^2, the mass times the square of parameter payload.max_distance')
+    found = principal_moments(tensor, rounding=1e-6)  # rounding of numbers in text
+    if not found.possible:
+        raise InputError(f'inertia: principal moments {found}; expected none negative and none '
+                         'larger than the sum of the other two')
+    largest = found.moments[2]
+    if largest > most:
+        raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at most '
+                         f'{most:g} kg m^2, the mass times the square of parameter '
+                         'payload.max_distance')
 
 
 def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:
