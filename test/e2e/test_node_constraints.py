@@ -52,7 +52,7 @@ def posture(linkage):
 @pytest.fixture(scope='module')
 def process(files):
     process = Process(urdf=files[0], constraints=files[1])
-    process.wait_for('stays inactive')
+    process.wait_for('remains inactive')
     yield process
     assert process.end()[0] == 0
     assert 'Traceback' not in process.log

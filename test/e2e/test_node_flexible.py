@@ -38,7 +38,7 @@ def test_quasi_static_feedforward_is_better_than_rigid_feedforward(client, start
         (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, np.array(m.position))), DEEP)
     motion = Motion.from_points(*zip(*POINTS), REST, joint_names=JOINTS)
     try:
-        plant.wait_for('2 joints (joint1, joint2), beams bend in link1/mode_1, link1/mode_2, '
+        plant.wait_for('2 joints (joint1, joint2), flexible modes link1/mode_1, link1/mode_2, '
                        'link2/mode_1, link2/mode_2, link2/twist_1, 200 joint states', 60.0)
         node.wait_for('active, mode', 60.0)
         assert wait_until(lambda: client.motions.get_subscription_count() > 0 and len(states) > 5)
