@@ -7,7 +7,7 @@ import warnings
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.runtime.threads import MOST_THREADS, thread_count
+from kane_dynamics.native.runtime.threads import MAX_THREADS, thread_count
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Simulator, task
 from kane_dynamics.sweep.table import SweepTable
@@ -65,9 +65,9 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
 
     """
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool)
-                                or not 1 <= workers <= MOST_THREADS):
+                                or not 1 <= workers <= MAX_THREADS):
         raise InputError(f'workers is {workers!r}; expected a whole number from 1 to '
-                         f'{MOST_THREADS}')
+                         f'{MAX_THREADS}')
     table, work = SweepTable(sweep, folder), task(sweep)
     count, made, failed = workers or thread_count(), 0, 0
     with table.opened() as finished:

@@ -1,4 +1,4 @@
-"""From a program to C99: one straight-line function a program, no dependency but libm."""
+"""Generate C99: one straight-line function per program that needs only libm."""
 
 from collections.abc import Mapping
 import re
@@ -12,43 +12,43 @@ ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
 
 
 def literal(value: float) -> str:
-    """Return a double as C writes it: the shortest decimal that reads back bit for bit."""
+    """Return a double as a C literal: the shortest decimal that reads back bit for bit."""
     if not np.isfinite(value):
-        raise CompileError(f'the program holds the constant {value}, which C has no literal for')
+        raise CompileError(f'constant: {value}; expected a finite number: C has no other literal')
     return repr(float(value))
 
 
 def identifier(text: str) -> str:
-    """Return a text as a C identifier: whatever C does not allow becomes an underscore."""
+    """Return a C identifier: replace characters that C does not allow by underscores."""
     name = re.sub(r'[^A-Za-z0-9_]', '_', text)
     return name if name[:1].isalpha() else f'x{name}'
 
 
 def comment(text: str) -> str:
-    """Return a text that may stand in a C comment, whatever it says."""
+    """Return the text as printable ASCII that cannot end or open a C comment."""
     plain = text.encode('ascii', 'replace').decode()
     return re.sub(r'[^ -~]', ' ', plain).replace('*/', '* /').replace('/*', '/ *')
 
 
 def string(text: str) -> str:
-    """Return a text as a C string literal."""
+    """Return the text as a C string literal."""
     escaped = [chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f'\\{b:03o}'
                for b in text.encode()]
     return f'"{"".join(escaped)}"'
 
 
 class _Function:
-    """The C body of one program."""
+    """C function body of one program."""
 
     def __init__(self, program: Program, prefix: str) -> None:
-        """Write it; `lines` is the result, `callees` what it calls."""
+        """Generate the body: `lines` holds the code, `callees` the programs it calls."""
         self.prefix = prefix
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
         schedule = program.schedule()
         read = set()
-        for node in schedule:  # before anything is written: the result may overlay an argument
+        for node in schedule:  # load inputs first: the result may overlap an argument in memory
             if node.op == 'input':
                 name, k = node.args
                 read.add(name)
@@ -85,7 +85,7 @@ class _Function:
             self._define(node, name, f'{node.op}({self._value(node.args[0])})')
 
     def _call(self, node: Expr) -> None:
-        """Lay the arguments out in memory and call."""
+        """Store the arguments in arrays and call the subroutine."""
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)
@@ -100,28 +100,28 @@ class _Function:
 
 
 def prototype(program: Program, name: str) -> str:
-    """Return the head of a program's function: its inputs, then the result it writes."""
+    """Return a function's prototype: pointers to the inputs, then to the result."""
     inputs = [f'const double *{argument}' for argument, _ in program.inputs]
     return f'void {name}({", ".join([*inputs, "double *result"])})'
 
 
 def c_functions(program: Program, name: str, defaults: Mapping[str, str]) -> str:
     """
-    Return a program as the C function `name`, and what it calls as static functions before it.
+    Return a program as the C function `name`, preceded by its subroutines as static functions.
 
     Parameters
     ----------
     program : Program
-        What to write.
+        The program to generate code for.
     name : str
-        A C identifier; also the prefix of the static functions' names.
+        Name of the function, a C identifier; also the prefix of the static functions' names.
     defaults : mapping
-        C arrays that stand in for the inputs of these names when NULL is passed.
+        Input name to the C array that replaces the input when NULL is passed.
 
     Raises
     ------
     CompileError
-        A constant of the program is not finite.
+        If a constant of the program is not finite.
 
     """
     main = _Function(program, name)

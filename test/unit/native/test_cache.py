@@ -111,7 +111,7 @@ def test_a_file_that_others_may_write_to_is_not_trusted(place):
 
 
 def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
-    monkeypatch.setattr(object_cache, 'MOST_BYTES', 10_000)
+    monkeypatch.setattr(object_cache, 'MAX_BYTES', 10_000)
     body = bytes(900)
     for k in range(10):
         object_cache.store(f'file{k}', body)
@@ -126,7 +126,7 @@ def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
 
 def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch):
     expected = torque()
-    monkeypatch.setattr(object_cache, 'MOST_BYTES', 0)
+    monkeypatch.setattr(object_cache, 'MAX_BYTES', 0)
     object_cache.store('another', b'')
     assert not os.listdir(place)
     assert np.array_equal(torque(), expected)
@@ -139,7 +139,7 @@ import sys
 from kane_dynamics import Robot
 from kane_dynamics.native import cache
 from mechanisms import random_model, random_state
-object_cache.MOST_BYTES = int(sys.argv[1])
+object_cache.MAX_BYTES = int(sys.argv[1])
 model = random_model(8, 3)
 sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes().hex())
 """

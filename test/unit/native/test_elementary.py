@@ -1,7 +1,7 @@
 """Promises of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics import InputError
-from kane_dynamics.native.backends.llvm_math import LARGEST
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm
@@ -51,7 +51,7 @@ def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, siz
             assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
 
 
-@pytest.mark.parametrize('size', [1e9, LARGEST, 1e3 * LARGEST])
+@pytest.mark.parametrize('size', [1e9, POSITION_LIMIT, 1e3 * POSITION_LIMIT])
 def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
     x = np.random.default_rng(2).uniform(-size, size, N)
     got = functions(x)

@@ -103,7 +103,7 @@ def test_an_answer_does_not_depend_on_its_place_its_batch_or_the_threads(robot, 
     for first, last in ((0, 1), (1, W + 3), (777, 1800), (19_999, 20_000)):
         part = slice(first, last)
         assert np.array_equal(robot.forward_dynamics(q[part], u[part], udot[part]), whole[part])
-    monkeypatch.setattr(threads, 'WORTH', 1e-9)  # any work is worth a thread
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-9)  # any work is worth a thread
     for count in (2, 3, 7):
         monkeypatch.setenv(threads.VARIABLE, str(count))
         assert np.array_equal(robot.forward_dynamics(q, u, udot), whole)
@@ -231,14 +231,14 @@ def test_a_bad_number_of_threads_is_refused_by_name(robot, monkeypatch, value):
 
 def test_threads_share_every_state_once(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '5')
-    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     for count in (1, 8, 9, 63, 64, 65, 1000):
         ranges = []
 
         def work(begin, end, ranges=ranges):
             ranges.append((begin, end))
             return 1 << (begin % 3)
-        flags = threads.shared(work, count, 8, 2)
+        flags = threads.run_in_threads(work, count, 8, 2)
         assert [k for begin, end in sorted(ranges) for k in range(begin, end)] == [*range(count)]
         assert all(begin % 8 == 0 and begin < end for begin, end in ranges)
         assert flags == np.bitwise_or.reduce([1 << (begin % 3) for begin, _ in ranges])
@@ -278,13 +278,13 @@ FORK = """
 import os, time, warnings
 warnings.simplefilter('ignore')
 from kane_dynamics.native import threads
-threads.WORTH = 1e-12
+threads.THREAD_WORK = 1e-12
 work = lambda begin, end: 1
-threads.shared(work, 100, 1, 1)
+threads.run_in_threads(work, 100, 1, 1)
 time.sleep(0.1)  # the threads wait for more
 child = os.fork()
 if not child:
-    os._exit(threads.shared(work, 100, 1, 1))
+    os._exit(threads.run_in_threads(work, 100, 1, 1))
 assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
 """
 

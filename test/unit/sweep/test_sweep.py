@@ -147,7 +147,7 @@ def test_a_row_depends_on_seed_and_number_alone(monkeypatch):
     assert same(columns(sweep(chunk=7)), whole)
     assert same({name: x[:10] for name, x in whole.items()}, columns(sweep(samples=10)))
     monkeypatch.setenv(threads.VARIABLE, '3')
-    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     assert same(columns(sweep()), whole)
     other = columns(sweep(seed=8))
     assert not (other['payload.mass'] == whole['payload.mass']).any()
