@@ -220,7 +220,7 @@ def test_torques_of_joints_are_tau_where_speeds_are_joint_rates():
     np.testing.assert_array_equal(robot.joint_torques(tau), tau)
     assert robot.joint_torques(tau, out=out) is out
     np.testing.assert_array_equal(out, tau)
-    with pytest.raises(InputError, match='tau has shape'):
+    with pytest.raises(InputError, match='tau: shape'):
         robot.joint_torques(np.ones(2))
 
 

@@ -3,7 +3,7 @@
 from kane_dynamics.mechanics.algebra.hyperdual import HyperDual, joined, Parts, parts, seeded
 from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
                                                                  angular_velocity_variation,
-                                                                 relative, turned)
+                                                                 relative, rotation_change)
 import numpy as np
 import pytest
 
@@ -123,7 +123,7 @@ def test_variation_and_time_derivative_commute_in_one_frame_and_differ_by_turnin
             close(rate_varied(frame, frame), variation_timed(frame, frame))
         theta = motion.turn('B', 'A', varied)
         theta_rate = motion.seen_from('B', theta, timed)
-        close(rate_varied('B', 'A'), variation_timed('B', 'A') - turned(theta_rate, quantity))
+        close(rate_varied('B', 'A'), variation_timed('B', 'A') - rotation_change(theta_rate, quantity))
 
 
 @pytest.mark.parametrize('seed', SEEDS)

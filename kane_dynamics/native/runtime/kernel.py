@@ -64,11 +64,11 @@ def _converted(argument: Argument, value: Any) -> Array:
     try:
         array = np.asarray(value)
     except ValueError:
-        raise InputError(f'{name} is not a rectangular array; expected shape {expected}') from None
+        raise InputError(f'{name}: not a rectangular array; expected shape {expected}') from None
     if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name} has dtype {array.dtype}; expected numbers of shape {expected}')
+        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape {expected}')
     if array.shape != shape and array.shape[1:] != shape:
-        raise InputError(f'{name} has shape {array.shape}; expected {expected}')
+        raise InputError(f'{name}: shape {array.shape}; expected {expected}')
     return np.asarray(array, dtype=np.float64, order='C')
 
 
@@ -81,7 +81,7 @@ def _require_finite(argument: Argument, array: Array) -> None:
     place = tuple(int(k) for k in np.argwhere(~good)[0])
     at = ', '.join(map(str, place))
     label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
-    raise InputError(f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number'
+    raise InputError(f'{argument.name}[{at}]{label}: {array[place]}; expected a finite number'
                      + (f' of at most {most:g} rad or m' if np.isfinite(array[place]) else ''))
 
 
@@ -249,8 +249,9 @@ class Kernel:
                      for a, x in zip(self.arguments, arrays)]
         if self._reason is not None:
             self._reason(dict(zip((a.name for a in self.arguments), state)))
-        raise InputError(f'{self.name}: the result{place} is not finite; expected arguments that '
-                         'are not too large, and no singular mass matrix (a massless moving body)')
+        raise InputError(f'{self.name}: the result{place} is not finite: the arguments are too '
+                         'large, or the mass matrix is singular at this configuration (a massless '
+                         'moving body); expected a finite result')
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:
@@ -278,7 +279,7 @@ class Kernel:
                 and out.flags.writeable):
             given = (f'{out.dtype} array of shape {out.shape}' if isinstance(out, np.ndarray)
                      else type(out).__name__)
-            raise InputError(f'{self.name}: out is a {given}; expected a writeable float64 array '
+            raise InputError(f'{self.name}: out: {given}; expected a writeable float64 array '
                              f'of shape {shape}')
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
         return out if direct else np.empty(shape)

@@ -158,7 +158,7 @@ ZERO = [[0.0] * 3] * 2
     (([0.0, 1.0], ZERO, None, ZERO), {}, ['accelerations', 'without velocities']),
     (([0.0, 1.0], ZERO, NAN_ROW), {}, ['point 1', 'velocities', "'elbow'"]),
     (([0.0, 1.0], ZERO), {'joint_names': ['a', 'a', 'b']}, ['joint_names', 'different']),
-    (([0.0, 1.0], ZERO), {'order': ['wrist', 'hand']}, ['lacks', 'hand', 'elbow']),
+    (([0.0, 1.0], ZERO), {'order': ['wrist', 'hand']}, ['expected', 'hand', 'elbow']),
     (([1.0, 2.0], ZERO), {'start': (['a', 'b', 'c'], None, None)}, ['start', "'a'", '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0, 0.0], None, None)}, ['start', 'positions', '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0] * 3, [0, 0, np.inf], None)},
@@ -178,7 +178,7 @@ def test_a_time_that_is_not_finite_is_refused(t):
 
 
 def test_points_too_far_apart_for_finite_numbers_are_refused():
-    with pytest.raises(InputError, match='leaves the finite numbers'):
+    with pytest.raises(InputError, match='overflow; expected a finite motion'):
         Motion.from_points([0.0, 1.0], [[1e308], [-1e308]], joint_names=['a'])
-    with pytest.raises(InputError, match='leaves the finite numbers'):
+    with pytest.raises(InputError, match='overflow; expected a finite motion'):
         Motion.from_points([0.0, 5e-324], [[0.0], [1.0]], joint_names=['a'])

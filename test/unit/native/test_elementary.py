@@ -94,6 +94,6 @@ def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(siz
         np.testing.assert_allclose(way(*arguments).ravel(), np.sin(-1e12), atol=1e-15)
     q[1] = given[2][0][1] = given[3][0][1, 1] = -1.001e12
     for way, arguments in zip(ways, given):
-        with pytest.raises(InputError, match=r'q\[(1|1, 1)\] is -1001000000000.0; expected a '
+        with pytest.raises(InputError, match=r'q\[(1|1, 1)\]: -1001000000000.0; expected a '
                            r'finite number of at most 1e\+12 rad or m'):
             way(*arguments)

@@ -142,7 +142,7 @@ def test_a_number_that_is_not_finite_is_named_with_row_and_joint(robot, place, v
     given = batch(3 * W + 1)
     given[argument, place, 2] = value
     name = ('q', 'u', 'udot')[argument]
-    words = re.escape(f"{name}[{place}, 2] (joint 'joint2') is {value}; expected a finite number")
+    words = re.escape(f"{name}[{place}, 2] (joint 'joint2'): {value}; expected a finite number")
     with pytest.raises(InputError, match=words):
         robot.inverse_dynamics(*given)
 
@@ -223,7 +223,7 @@ def test_batches_leave_the_interpreter_free(robot, monkeypatch):
 @pytest.mark.parametrize('value', ['0', '-1', 'two', '1.5', '', '257'])
 def test_a_bad_number_of_threads_is_refused_by_name(robot, monkeypatch, value):
     monkeypatch.setenv(threads.VARIABLE, value)
-    words = re.escape(f'KANE_DYNAMICS_THREADS is {value!r}; expected a whole number from 1 to 256')
+    words = re.escape(f'KANE_DYNAMICS_THREADS: {value!r}; expected an integer from 1 to 256')
     with pytest.raises(InputError, match=words):
         robot.inverse_dynamics(*batch(2))
     assert robot.inverse_dynamics(*batch(2)[:, 0]).shape == (5,)
@@ -277,7 +277,7 @@ def test_first_batches_of_many_threads_at_once_are_right():
 FORK = """
 import os, time, warnings
 warnings.simplefilter('ignore')
-from kane_dynamics.native import threads
+from kane_dynamics.native.runtime import threads
 threads.THREAD_WORK = 1e-12
 work = lambda begin, end: 1
 threads.run_in_threads(work, 100, 1, 1)

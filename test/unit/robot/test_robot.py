@@ -101,7 +101,7 @@ def test_wrenches_act_where_they_are_declared(count):
     batch = np.stack([wrench, 2.0 * wrench])
     two = robot.inverse_dynamics(*(np.stack([x, x]) for x in (q, u, udot)), wrench=batch)
     assert_equal(two[0], reference)
-    with pytest.raises(InputError, match='wrench has shape'):
+    with pytest.raises(InputError, match='wrench: shape'):
         robot.inverse_dynamics(q, u, udot, wrench=wrench[:, :5])
 
 
