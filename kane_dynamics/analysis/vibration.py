@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
 from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.model.model import Array
 from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.robot.robot import Robot
 import numpy as np

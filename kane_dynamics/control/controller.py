@@ -10,10 +10,13 @@ from enum import StrEnum
 from functools import cached_property
 import math
 
+from kane_dynamics._util.checks import measured, per_joint
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.torque_limiter import Command, measured, per_joint, TorqueLimiter
+from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, freeze
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -176,7 +179,7 @@ class Controller:
     @cached_property
     def _law(self) -> Callable[..., Array]:
         """Return the way into computed torque with all terms."""
-        kernel = self.robot.kernels.computed_torque()
+        kernel = law_kernel(self.robot)
         return kernel.entry('', kernel)
 
     def compile(self) -> None:  # noqa: A003
@@ -292,7 +295,8 @@ class Controller:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
         with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
-            correction = self.kd * (u_d - u) + self.kp * (q_d - q)
-        udot = udot_d + correction if self.compensate.inertia else correction
+            udot = corrected_acceleration(
+                q, u, q_d, u_d, udot_d if self.compensate.inertia else self._zero, self.kp,
+                self.kd)
         tau: Array = self._back @ self._source.torque_terms(q, u, udot)
         return tau + self.robot.friction_force(u_d) if self.compensate.friction else tau

@@ -15,10 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.solvers import scientific
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +92,7 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
 def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
     """Return what unit damping, friction, armature and offset ask of a joint, (N, 4)."""
     u = recording.u[:, joint]
-    return np.column_stack([u, np.tanh(u / speed), recording.udot[:, joint], np.ones(len(u))])
+    return np.column_stack([u, coulomb(u, speed), recording.udot[:, joint], np.ones(len(u))])
 
 
 def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array = LOWEST

@@ -11,8 +11,8 @@ from bisect import bisect_right
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.spline import segment_coefficients, spline_velocities
 import numpy as np
 from numpy.typing import ArrayLike

@@ -4,8 +4,9 @@ from functools import cache
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

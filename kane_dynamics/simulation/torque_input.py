@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
@@ -74,10 +75,11 @@ class TorqueInput:
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
         q_d, u_d, udot_d = torque.motion.sample(kept * np.float64(self.step))
-        wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
-        rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]
-        tau: Array = self.robot.inverse_dynamics(*rigid) - self.robot.friction_force(rigid[1])
-        return tau.reshape(q.shape) + self.robot.friction_force(u_d)
+        gains = np.concatenate([torque.kp, torque.kd])
+        desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
+        rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
+        tau: Array = law_kernel(self.robot)(*rows, np.tile(gains, (len(rows[0]), 1)))
+        return tau.reshape(q.shape)
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,

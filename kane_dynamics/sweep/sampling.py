@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.trial import CONTROLLERS, PAYLOAD, PlantParameters
 import numpy as np

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.definition.kinematics import configurations
-from kane_dynamics.model.model import Array, Model, WORLD
+from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.definition.kinematics import configurations
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

@@ -41,7 +41,8 @@ def node(module_node, client):
 
 def drive(seconds, meanwhile=lambda: None):
     """Let a driver send states at 500 Hz; return the share unanswered, and how it was held up."""
-    path = os.pathsep.join([str(HELPERS), str(HELPERS.parents[1]), os.environ.get('PYTHONPATH', '')])
+    path = os.pathsep.join([str(HELPERS), str(HELPERS.parents[1]),
+                            os.environ.get('PYTHONPATH', '')])
     process = subprocess.Popen([sys.executable, str(HELPERS / 'driver.py'), str(seconds),
                                 ','.join(JOINTS)], stdout=subprocess.PIPE, text=True,
                                env=dict(os.environ, PYTHONPATH=path))

@@ -123,7 +123,8 @@ def test_variation_and_time_derivative_commute_in_one_frame_and_differ_by_turnin
             close(rate_varied(frame, frame), variation_timed(frame, frame))
         theta = motion.turn('B', 'A', varied)
         theta_rate = motion.seen_from('B', theta, timed)
-        close(rate_varied('B', 'A'), variation_timed('B', 'A') - rotation_change(theta_rate, quantity))
+        close(rate_varied('B', 'A'),
+              variation_timed('B', 'A') - rotation_change(theta_rate, quantity))
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -1,4 +1,4 @@
-"""Imports point up the table of CONTRIBUTING.md; modules are small; a peer is imported in one place."""
+"""Imports point up the table of CONTRIBUTING.md; modules are small; each peer has one door."""
 
 import ast
 from collections import Counter
@@ -47,7 +47,8 @@ PARTS = {
         runtime
         """,
     'identification': """
-        solvers recordings
+        solvers
+        recordings
         regression
         base_regressor physical_consistency
         standard_deviations

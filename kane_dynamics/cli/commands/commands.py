@@ -8,8 +8,10 @@ import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis import model_checks
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
@@ -21,10 +23,9 @@ from kane_dynamics.cli.tables import (read_motion, read_rows, read_states, read_
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation.simulate import simulate
-from kane_dynamics.simulation.trajectory import increasing
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.document import read_source
 import numpy as np

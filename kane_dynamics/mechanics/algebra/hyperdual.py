@@ -10,7 +10,7 @@ infinitesimals is a vector.
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 

@@ -8,10 +8,11 @@ and carries no force; one that contradicts others is an error.
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 import numpy as np
 
 CLOSED = 1e-11  # m or rad: a gap this small is closed

@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_rows import (across, ConstraintRows, Geometry,
                                                                  relative_partials, unit)
-from kane_dynamics.model.model import constant, freeze
 import numpy as np
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
                                                inverse_dynamics, joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
@@ -238,10 +239,7 @@ class TreeEquations:
 
         def force(joint: Joint) -> Any:
             rate = joint.multiplier * u[joint.coordinate]
-            total = joint.damping * rate
-            if joint.friction:
-                total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
-            return joint.multiplier * (total + joint.friction_offset)
+            return joint.multiplier * friction_torque(joint, rate)
         return self._of_beams(self._by_coordinate(force),
                               lambda beam: beam.damping @ u[list(beam.coordinates)])
 
@@ -251,12 +249,8 @@ class TreeEquations:
             return self.zeros
 
         def slope(joint: Joint) -> Any:
-            total: Any = joint.damping
-            if joint.friction:
-                rate = joint.multiplier * u[joint.coordinate]
-                y = np.tanh(rate * (1.0 / joint.friction_speed))
-                total = total + (joint.friction / joint.friction_speed) * (1.0 - y * y)
-            return joint.multiplier**2 * total
+            rate = joint.multiplier * u[joint.coordinate]
+            return joint.multiplier**2 * friction_slope(joint, rate)
         return self._by_coordinate(slope)
 
     def spring_force(self, q: Any) -> Any:

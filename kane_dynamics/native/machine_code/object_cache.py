@@ -20,6 +20,8 @@ from kane_dynamics.native.machine_code import llvm
 
 MAGIC = b'kane_dynamics object 1\n'
 MAX_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB
+# Packages whose code affects the compiled programs.
+SOURCES = ('model', 'mechanics', 'native', 'robot', 'control', 'simulation', 'sweep')
 KEPT_SHARE = 0.75  # of MAX_BYTES after a removal, so that not every new kernel removes files
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
@@ -46,7 +48,7 @@ def directory() -> Path | None:
 def _source_stamp() -> str:
     """Return a stamp of the package's source files, which changes with every edit."""
     package = Path(__file__).resolve().parents[2]
-    files = sorted(package.rglob('*.py'))  # at any depth: a module moves, its rank does not matter
+    files = sorted(path for part in SOURCES for path in (package / part).rglob('*.py'))
     status = [(str(path.relative_to(package)), path.stat()) for path in files]
     return repr([(name, s.st_size, s.st_mtime_ns) for name, s in status])
 

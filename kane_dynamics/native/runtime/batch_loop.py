@@ -10,8 +10,8 @@ import ctypes
 from dataclasses import dataclass
 from functools import cache
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS

@@ -7,8 +7,8 @@ import sys
 from threading import Lock
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width

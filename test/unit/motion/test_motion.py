@@ -148,7 +148,7 @@ ZERO = [[0.0] * 3] * 2
     (([-1.0, 0.5], ZERO), {}, ['point 0', '-1.0', '>= 0']),
     (([0.0, np.inf], ZERO), {}, ['point 1', 'inf', 'finite']),
     (([], []), {}, ['times', 'at least one']),
-    ((['a', 'b'], ZERO), {}, ['times', 'one number a point']),
+    ((['a', 'b'], ZERO), {}, ['times', 'one number per point']),
     (([0.0, 1.0], NAN_ROW), {}, ['point 1', "'elbow'", 'nan', 'finite']),
     (([0.0, 1.0], [[0.0] * 3]), {}, ['positions', '1 rows', 'expected 2']),
     (([0.0, 1.0], [[], []]), {}, ['positions', 'shoulder']),
