@@ -8,7 +8,7 @@ from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelErro
                            point_mass, Robot, simulate)
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
-from kane_dynamics.feasibility.time_scale import highest_free, positive
+from kane_dynamics.feasibility.time_scale import highest_free, positive_intervals
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np
@@ -223,25 +223,26 @@ def test_every_motion_is_judged_with_friction_unless_the_robot_has_none():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'step': 0.0}, 'step is 0.0 s'), ({'step': 1e-9}, 'samples of a motion'),
-    ({'speed': -1.0}, 'speed is -1.0'), ({'power': -1.0}, "power of joint 'joint0' is -1.0")])
+    ({'step': 0.0}, 'step: 0.0 s; expected'), ({'step': 1e-9}, 'samples of a motion'),
+    ({'speed': -1.0}, 'speed: -1.0; expected'),
+    ({'power': -1.0}, "power of joint 'joint0' is -1.0")])
 def test_what_cannot_be_judged_is_refused(change, words):
     with pytest.raises(InputError, match=words):
         demand(limited(1.0), motion(0), **{'step': STEP, **change})
-    with pytest.raises(InputError, match='most is 0'):
+    with pytest.raises(InputError, match=r'most: 0\.0; expected'):
         fastest(limited(1.0), motion(0), most=0.0)
 
 
 def test_robots_and_motions_of_another_kind_are_refused():
     other = Motion.from_points([0.0], [[0.0]], joint_names=['other'])
-    with pytest.raises(InputError, match='the motion is of the joints'):
+    with pytest.raises(InputError, match=r"motion: joints \['other'\]; expected"):
         demand(arm(), other)
 
 
 def test_intervals_of_a_quadratic_are_where_it_is_positive():
     rng = np.random.default_rng(0)
     A, B, C = (rng.normal(size=(40, 25)) * rng.integers(0, 2, (40, 25)) for _ in range(3))
-    intervals = positive(A, B, C)
+    intervals = positive_intervals(A, B, C)
     for s in rng.uniform(-3.0, 3.0, 50):
         inside = ((intervals[..., 0] < s) & (s < intervals[..., 1])).any(axis=1)
         assert (inside == (A * s * s + B * s + C > 0.0)).all()

@@ -178,7 +178,7 @@ def test_a_trial_that_diverges_is_a_row_with_its_error_and_harms_no_other():
         kd, {'uniform': [10.0, 30.0]}, 20.0]})) for kd in (10.0, {'grid': [10.0, 1e9]}))
     lost = wild[f'kd.{JOINTS[0]}'] > 10.0
     assert lost.sum() == 15 and (wild['ok'] == ~lost).all()
-    assert all('finite numbers before 0.0' in text for text in wild['error'][lost])
+    assert all('diverged (non-finite state) before 0.0' in text for text in wild['error'][lost])
     assert np.isnan(wild['energy_drift'][lost].astype(float)).all()
     assert same({name: x[~lost] for name, x in wild.items()},
                 {name: x[~lost] for name, x in calm.items()})
@@ -246,7 +246,7 @@ def test_a_folder_of_another_sweep_is_refused_by_name(tmp_path, change, word):
 
 def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
     (tmp_path / 'thesis.tex').write_text('...')
-    with pytest.raises(InputError, match=r"holds 'thesis\.tex' and no sweep"):
+    with pytest.raises(InputError, match=r": holds 'thesis\.tex' and no sweep; expected"):
         run_sweep(sweep(), tmp_path, workers=1)
     with pytest.raises(InputError, match='expected the folder of a sweep'):
         read_table(tmp_path)
@@ -277,35 +277,38 @@ def kill_first(work, chunk):
 def test_workers_that_die_and_finish_nothing_are_an_error(monkeypatch, tmp_path):
     monkeypatch.setattr(workers, 'compute', kill_first)
     monkeypatch.setattr(workers, 'MOST_DEATHS', 1)
-    with pytest.raises(SweepError, match='1 times a worker died'):
+    with pytest.raises(SweepError, match='workers: 1 died before finishing'):
         run_sweep(sweep(chunk=15), tmp_path, workers=2)
     assert not parts(tmp_path) and not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize('change, words', [
-    ({'samples': 0}, 'samples is 0; expected a whole number from 1'),
-    ({'seed': -1}, 'seed is -1'),
+    ({'samples': 0}, 'samples: 0; expected a whole number from 1'),
+    ({'seed': -1}, 'seed: -1; expected'),
     ({'duration': 0.0011}, 'expected a whole number of steps'),
-    ({'integrator': 'euler'}, "integrator is 'euler'; valid: rk4, implicit"),
-    ({'friction': {'uniform': [2, 1]}}, r'friction: uniform is \[2.0, 1.0\]; expected \[low, hi'),
-    ({'friction': {'normal': [1, 1]}}, 'friction must not be negative, which a normal law'),
-    ({'friction': -1.0}, 'friction is -1.0; expected a finite number >= 0'),
-    ({'q0': {'elbow': 1.0}}, "q0: no joint 'elbow'; valid: joint0"),
-    ({'q0': [0.0]}, 'q0 has 1 entries; expected 3, in the order joint0'),
-    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}}, 'q0 is .*; expected a number, or a mapping'),
-    ({'q0': float('nan')}, 'q0 is nan; expected a finite number'),
+    ({'integrator': 'euler'}, "integrator: 'euler'; expected one of rk4, implicit"),
+    ({'friction': {'uniform': [2, 1]}}, r'friction: uniform: \[2.0, 1.0\]; expected \[low, high'),
+    ({'friction': {'normal': [1, 1]}}, 'friction: normal, which includes negative values; exp'),
+    ({'friction': -1.0}, 'friction: -1.0; expected a finite number >= 0'),
+    ({'q0': {'elbow': 1.0}}, "q0: no joint 'elbow'; expected joint0"),
+    ({'q0': [0.0]}, 'q0: 1 entries; expected 3, in the order joint0'),
+    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}}, 'q0: .*; expected a number, or a mapping'),
+    ({'q0': float('nan')}, 'q0: nan; expected a finite number'),
     ({'payload': {'mass': 1.0}}, 'expected frame and mass'),
     ({'payload': {'frame': 'hand', 'mass': 1.0}}, "no frame 'hand'; valid: base"),
-    ({'payload': {**PAYLOAD, 'com': 0.1}}, 'payload.com is 0.1; expected three values'),
-    ({'payload': {**PAYLOAD, 'weight': 1}}, "payload: unknown key 'weight'; valid: frame"),
+    ({'payload': {**PAYLOAD, 'com': 0.1}}, 'payload.com: 0.1; expected three values'),
+    ({'payload': {**PAYLOAD, 'weight': 1}},
+     "payload: unknown key 'weight'; expected one of frame"),
     ({'payload': {**PAYLOAD, 'mass': {'loguniform': [0, 1]}}}, '0 < low <= high'),
-    ({'controller': 'pid'}, "controller is 'pid'; valid: computed_torque"),
+    ({'controller': 'pid'}, "controller: 'pid'; expected one of computed_torque"),
     ({'controller': {'kind': {'uniform': [0, 1]}}}, 'expected one of computed_torque'),
     ({'controller': {'kind': 'none', 'ki': 1}}, "controller: unknown key 'ki'"),
-    ({'controller': {'kp': 100.0}}, 'kp is given, but no trial uses it: the kind is none'),
-    ({'payload': None}, 'known_payload is given, but no trial uses it: .* no payload'),
-    ({'friction': {'grid': [1, 2, 3, 4]}}, 'grids have 8 combinations and samples is 30'),
-    ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])}, "of the joints \\['x'\\]"),
+    ({'controller': {'kp': 100.0}}, 'kp is given for none with a payload, which does not'),
+    ({'payload': None}, 'known_payload is given for .* without a payload, which does not use it'),
+    ({'friction': {'grid': [1, 2, 3, 4]}},
+     'samples: 30 for 8 combinations of the grids; expected a multiple of 8'),
+    ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])},
+     "motion: joints \\['x'\\]; expected"),
 ])
 def test_a_description_that_cannot_be_is_refused_by_name(change, words):
     with pytest.raises(InputError, match=words):
