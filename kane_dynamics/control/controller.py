@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import cached_property
 import math
 
-from kane_dynamics._util.checks import measured, per_joint
+from kane_dynamics._util.checks import finite_row, per_joint
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
@@ -241,9 +241,9 @@ class Controller:
         t = float(t)
         if not math.isfinite(t):
             raise InputError(f't is {t}; expected a finite time in s')
-        q = measured(q, 'position', self._names)
+        q = finite_row(q, 'the measured position', self._names)
         if u is not None:
-            u = measured(u, 'speed', self._names)
+            u = finite_row(u, 'the measured speed', self._names)
         elif self.mode is not Mode.GRAVITY_COMPENSATION:
             raise InputError(f'the state has no speeds, which {self.mode} needs')
         if motion is not None and motion is not self._motion:
@@ -251,8 +251,8 @@ class Controller:
                 raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
-        external = None if external is None else measured(
-            external, 'external torque', self._names)
+        external = None if external is None else finite_row(
+            external, 'the measured external torque', self._names)
         return self.command_checked(t, q, q if u is None else u, motion,
                                     t if motion_time is None else motion_time, external)
 
