@@ -85,10 +85,10 @@ def test_uniform_shapes_have_the_textbook_moments(matter, moments, com):
 
 
 @pytest.mark.parametrize(('shape', 'words'), [
-    (lambda: box(1, (-1, 1, 1)), r'size of a box is \[-1.0, 1.0, 1.0\] m'),
-    (lambda: disc(1, -1), 'radius of a disc is -1.0 m'),
-    (lambda: disc(1, 1, thickness=-2), 'thickness of a disc is -2.0 m'),
-    (lambda: ball(1, -3), 'radius of a ball is -3.0 m')])
+    (lambda: box(1, (-1, 1, 1)), r'size of a box: \[-1.0, 1.0, 1.0\] m'),
+    (lambda: disc(1, -1), 'radius of a disc: -1.0 m'),
+    (lambda: disc(1, 1, thickness=-2), 'thickness of a disc: -2.0 m'),
+    (lambda: ball(1, -3), 'radius of a ball: -3.0 m')])
 def test_a_negative_length_is_refused(shape, words):
     with pytest.raises(ModelError, match=words):
         shape()
@@ -148,20 +148,21 @@ def built(*steps):
 
 
 @pytest.mark.parametrize('name, arguments, options, words', [
-    ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; valid: world, a"),
-    ('body', ('a',), {}, "'a' exists"),
-    ('body', ('b',), {'joint': 'a'}, "joint 'a' exists"),
-    ('body', ('b', 'a', 'fixed'), {}, "kind is 'fixed'; valid: revolute, .*is a frame"),
+    ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; expected one of world, a"),
+    ('body', ('a',), {}, "'a': exists already; expected a unique name"),
+    ('body', ('b',), {'joint': 'a'}, "joint 'a': exists already"),
+    ('body', ('b', 'a', 'fixed'), {}, "kind 'fixed'; expected one of revolute, .*is a frame"),
     ('body', ('b',), {'axis': (0, 0, 0)}, "joint 'b': axis"),
-    ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns is 'xxy'"),
-    ('body', ('b',), {'stifness': 3}, "no property 'stifness'; valid: .*stiffness"),
-    ('body', ('b', 'a', 'planar'), {'damping': 3}, 'damping by joint\\(\\) to one of b/x, b/y'),
+    ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns 'xxy'; expected"),
+    ('body', ('b',), {'stifness': 3}, "no property 'stifness'; expected .*stiffness"),
+    ('body', ('b', 'a', 'planar'), {'damping': 3},
+     'damping of 3 degrees of freedom; expected joint\\(\\) for one of b/x, b/y'),
     ('body', ('b',), {'at': (0, 0)}, "joint 'b': at"),
     ('body', ('b',), {'matter': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
-    ('joint', ('c',), {'damping': 3}, "no joint 'c'; valid: a"),
+    ('joint', ('c',), {'damping': 3}, "no joint 'c'; expected one of a"),
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
     ('load', ('c', point_mass(1)), {}, "no body or frame 'c'"),
-    ('mount', (built().model(), 'a'), {}, "'a' exists")])
+    ('mount', (built().model(), 'a'), {}, "'a': exists already")])
 def test_a_mistake_is_told_with_the_names(name, arguments, options, words):
     with pytest.raises(ModelError, match=words):
         built((name, arguments, options))
@@ -177,5 +178,5 @@ def test_a_refused_body_leaves_the_builder_as_it_was():
 
 
 def test_nothing_built_is_no_model():
-    with pytest.raises(ModelError, match="'empty' has no body"):
+    with pytest.raises(ModelError, match="'empty': no body; expected"):
         ModelBuilder('empty').model()

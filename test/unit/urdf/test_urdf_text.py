@@ -62,7 +62,7 @@ def test_text_that_cannot_be_read_is_refused_in_words(source, words):
 
 @pytest.mark.parametrize('source', [None, 5, ['a'], object])
 def test_source_of_another_type_is_refused(source):
-    with pytest.raises(InputError, match=r'source is .*; valid: a path, or the XML'):
+    with pytest.raises(InputError, match=r'source: .*; expected a path, or the XML'):
         load_urdf(source)
 
 
@@ -82,7 +82,7 @@ DECLARATIONS = {
 @pytest.mark.parametrize('name', DECLARATIONS)
 @pytest.mark.parametrize('codec', ['utf-8', 'utf-16', 'utf-32-be'])
 def test_declarations_are_refused_in_any_encoding(name, codec):
-    with pytest.raises(UrdfError, match='document type and entity declarations are refused'):
+    with pytest.raises(UrdfError, match='declaration .*; expected no document type or entity decl'):
         load_urdf(DECLARATIONS[name].encode(codec))
 
 

@@ -26,7 +26,7 @@ WARNINGS = {
     'missing inertial': (robot(A, link('b', None), joint('j', 'a', 'b')),
                          ('without <inertial>', ': b')),
     'long axis': (robot(A, B, joint('j', 'a', 'b', axis='0 0 2')),
-                  ('not a unit vector', 'normalised', 'j (2)')),
+                  ('not a unit vector', 'normalized', 'j (2)')),
     'missing axis': (robot(A, B, joint('j', 'a', 'b', axis=None)), ('"1 0 0"', ': j')),
     'missing limit': (limit(''), ('unlimited', ': j')),
     'missing bounds': (limit('velocity="1" effort="1"'), ('unlimited', 'j (lower, upper)')),
@@ -63,7 +63,7 @@ WARNINGS = {
     'bounds of a mimic joint beyond its master': (
         robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
             'f', 'a', 'c', more='<mimic joint="j" offset="2"/>')),
-        ('no room', 'unlimited in position', 'f (-1 to 1)')),
+        ('excludes all positions', 'unlimited in position', 'f (-1 to 1)')),
     'limit of a floating joint': (robot(A, B, joint('j', 'a', 'b', 'floating')),
                                   ('not used', '<limit> of a floating joint: j')),
     'mimic on a fixed joint': (robot(A, B, joint('j', 'a', 'b', 'fixed',
