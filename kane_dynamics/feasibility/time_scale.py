@@ -9,10 +9,10 @@ at a sample is a quadratic in s plus Coulomb friction,
 (Hollerbach, ASME J. Dynamic Systems 106 (1984), with friction added). Each limit excludes
 intervals of s in closed form; the result is the highest s outside all of them. It is exact without
 Coulomb friction and power limits. T(s u) = mu tanh(s u / u_s) is monotonic in s, and a power limit
-P bounds tau by P / (s |u|). Over an interval of s both lie between their values at its ends. These give an
-inner and an outer estimate of the excluded intervals; intervals are split until both agree. If the
-motion at the resulting speed comes close to a limit between samples, samples are added there and
-the search is repeated. A slower motion is not always feasible: an arm that cannot hold a
+P bounds tau by P / (s |u|). Over an interval of s both lie between their values at its ends. These
+give an inner and an outer estimate of the excluded intervals; intervals are split until both
+agree. If the motion at the resulting speed comes close to a limit between samples, samples are
+added there and the search is repeated. A slower motion is not always feasible: an arm that cannot hold a
 configuration may swing through it.
 """
 

@@ -69,7 +69,7 @@ def test_recursion_on_numbers_is_what_was_compiled(drawn):
 
 
 @given(robots_and_states(3))
-def test_energy_road_gives_kanes_generalized_forces(drawn):
+def test_energy_formulation_gives_kanes_generalized_forces(drawn):
     robot, q, u, udot = drawn
     model = robot.model
     inertia_force = energies.generalized_inertia_force(model, q, u, udot)
@@ -80,7 +80,7 @@ def test_energy_road_gives_kanes_generalized_forces(drawn):
 
 
 @given(robots_and_states(2))
-def test_energy_road_gives_energies_and_mass_matrix(drawn):
+def test_energy_formulation_gives_energies_and_mass_matrix(drawn):
     robot, q, u = drawn
     M = energies.mass_matrix(robot.model, q)
     close(robot.mass_matrix(q), M, np.abs(M).max())
@@ -91,7 +91,7 @@ def test_energy_road_gives_energies_and_mass_matrix(drawn):
 
 
 @given(robots_and_states(3, most=3))
-def test_definition_takes_traced_scalars(drawn):
+def test_reference_formulation_accepts_traced_scalars(drawn):
     robot, q, u, udot = drawn
     arguments = [Argument(name, (robot.n,)) for name in ('q', 'u', 'udot')]
 

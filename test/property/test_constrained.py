@@ -54,12 +54,12 @@ def check_roads(mechanism, seed):
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
 @pytest.mark.parametrize('kind', KINDS)
-def test_compiled_road_is_kanes_definition_on_trees(kind, speeds, seed):
+def test_compiled_equations_match_kanes_definition_on_trees(kind, speeds, seed):
     check_roads(tree(seed, kind, speeds), seed)
 
 
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
-def test_compiled_road_is_kanes_definition_on_a_closed_loop(kind):
+def test_compiled_equations_match_kanes_definition_on_a_closed_loop(kind):
     mechanism = choose_independent(linkage_of_four_bars(), None, (
         Closure('pin_coupler', 'pin_rocker', kind, axis=(0, 1, 0)),))
     assert mechanism.n == 1
@@ -67,7 +67,7 @@ def test_compiled_road_is_kanes_definition_on_a_closed_loop(kind):
     check_roads(mechanism, 1)
 
 
-def test_compiled_road_is_kanes_definition_on_a_chain_welded_at_both_ends():
+def test_compiled_equations_match_kanes_definition_on_a_chain_welded_at_both_ends():
     chain = random_model(11, 8, branching=0.0, prismatic=0.0)
     tip = chain.frames[-1]
     R, p = kinematics.frame_pose(chain, tip, np.full(8, 0.2))
@@ -77,7 +77,7 @@ def test_compiled_road_is_kanes_definition_on_a_chain_welded_at_both_ends():
     check_roads(mechanism, 4)
 
 
-def test_compiled_road_is_kanes_definition_on_a_rolling_disc():
+def test_compiled_equations_match_kanes_definition_on_a_rolling_disc():
     for speeds in (None, body_angular_velocity('disc')):
         mechanism = choose_independent(rolling_disc(), speeds,
                                        (Rolling('disc', 0.3, axis=(0, 1, 0)),))

@@ -119,7 +119,7 @@ def test_frames_move_as_their_partial_velocities_say(kind):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_a_batch_answers_as_its_states(kind):
+def test_batch_gives_the_results_of_its_states(kind):
     robot = chain(kind)
     states = [state(robot, seed) for seed in range(5)]
     q, u, udot = (np.array(x) for x in zip(*states))
@@ -133,7 +133,7 @@ def test_a_batch_answers_as_its_states(kind):
 
 
 @pytest.mark.parametrize('kind', ['rheonomic', 'knife edge'])
-def test_a_workspace_answers_as_the_robot(kind):
+def test_workspace_gives_the_results_of_the_robot(kind):
     robot = chain(kind)
     workspace = robot.bind()
     for array, value in zip((workspace.q, workspace.u, workspace.tau), state(robot, 2)):
@@ -266,7 +266,7 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
     assert {'q.rocker', 'u.crank', 'tau.crank', 'constraint_force.pin/x'} <= set(header)
 
 
-def test_misuse_is_told_by_name(tmp_path):
+def test_misuse_is_rejected_by_name(tmp_path):
     model = four_bar_model()
     with pytest.raises(InputError, match='C is written of robots whose speeds are the joint rat'):
         four_bar().export_c(tmp_path / 'four_bar.c')

@@ -122,7 +122,7 @@ def test_a_reaction_about_the_joints_axis_is_the_torque_that_reaches_the_link(dr
     np.testing.assert_allclose(total, reaching, rtol=0.0, atol=1e-11 * size_of(parts.by_source))
 
 
-def test_reactions_and_regressors_use_what_a_body_really_weighs():
+def test_reactions_and_regressors_use_the_full_inertial_parameters():
     # Base-parameter regrouping moves matter between bodies: no reaction may notice.
     model = random_model(4, 5)
     robot, rest = Robot(model), np.zeros(5)

@@ -90,7 +90,7 @@ def check(mechanism, seed):
 
 @pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
 @pytest.mark.parametrize('kind', KINDS)
-def test_energy_road_is_kanes_on_trees(kind, speeds):
+def test_energy_formulation_matches_kanes_on_trees(kind, speeds):
     powers, size = check(tree(1, kind, speeds), 1)
     if kind in SCLERONOMIC:  # constraints at rest do no work
         assert powers.max() < 1e-9 * size
@@ -99,14 +99,14 @@ def test_energy_road_is_kanes_on_trees(kind, speeds):
 
 
 @pytest.mark.parametrize('joined', ['revolute', 'spherical'])
-def test_energy_road_is_kanes_on_a_closed_loop(joined):
+def test_energy_formulation_matches_kanes_on_a_closed_loop(joined):
     mechanism = choose_independent(linkage_of_four_bars(), wavy(3, 2), (
         Closure('pin_coupler', 'pin_rocker', joined, axis=(0, 1, 0)),))
     powers, size = check(mechanism, 1)
     assert powers.max() < 1e-9 * size
 
 
-def test_energy_road_is_kanes_on_a_welded_spatial_loop():
+def test_energy_formulation_matches_kanes_on_a_welded_spatial_loop():
     model = random_model(4, 7, branching=0.0, prismatic=0.0)
     T_tip = poses(model, np.linspace(0.2, 0.8, 7))[-1]
     model = replace(model, frames=(*model.frames, Frame('tip', 6),
@@ -118,7 +118,7 @@ def test_energy_road_is_kanes_on_a_welded_spatial_loop():
 
 
 @pytest.mark.parametrize('speeds', [None, body_angular_velocity('disc')])
-def test_energy_road_is_kanes_on_a_rolling_disc(speeds):
+def test_energy_formulation_matches_kanes_on_a_rolling_disc(speeds):
     mechanism = choose_independent(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
     powers, size = check(mechanism, 2)
     assert powers.max() < 1e-9 * size
@@ -133,7 +133,7 @@ def branched():
                                                   kinds['a prescribed joint']))
 
 
-def test_energy_road_is_kanes_on_a_branched_tree_with_mimics_and_two_constraints():
+def test_energy_formulation_matches_kanes_on_a_branched_tree_with_mimics_and_two_constraints():
     assert branched().n == 4
     check(branched(), 5)
 

@@ -50,7 +50,7 @@ def states(model, seed=0):
 
 
 @pytest.mark.parametrize('seed, twists', [(0, 0), (1, 0), (2, 0), (3, 1), (4, 1)])
-def test_three_roads_give_one_torque(seed, twists):
+def test_three_formulations_give_one_torque(seed, twists):
     robot = arm_robot(twists)
     model = robot.model
     q, u, udot = states(model, seed)
@@ -278,7 +278,7 @@ def first_root(f, k):
     return x[np.argmax(signs[1:] != signs[:-1])]
 
 
-def test_what_hangs_beside_a_shaft_twists_it_by_its_weight():
+def test_eccentric_load_twists_a_shaft_by_its_weight():
     # theta = m g d / (GJ / L) as far as the first modes go; the load sinks by d theta.
     m, d = 0.01, 0.1
     b = ModelBuilder('crank')
@@ -309,7 +309,7 @@ def test_a_tube_is_a_beam_of_its_section():
 
 
 @pytest.mark.parametrize('hub', [0.0, 1.0, 3.0])
-def test_a_turning_beam_stiffens(hub):
+def test_rotating_beam_stiffens(hub):
     # In units of sqrt(EI / rho A L^4): flap as Ritz has it, lag^2 = flap^2 - speed^2.
     b = ModelBuilder('rotor', gravity=(0, 0, 0))
     b.body('hub', 'world', matter=ball(1.0, 0.1))
@@ -355,7 +355,7 @@ def test_energy_of_a_falling_arm_is_kept_at_the_integrators_order():
 
 
 @pytest.mark.parametrize('make', [flexible_four_bar, mast_on_a_sleigh])
-def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
+def test_constraints_on_flexible_links_match_the_energy_formulation(make):
     robot = make()
     start = np.array([0.8, 0.0, 0.0, 0.0, -1.5]) if robot.n_q == 5 else np.zeros(robot.n_q)
     q = start
@@ -374,28 +374,28 @@ def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
 
 
 @pytest.mark.parametrize('values, words', [
-    ({'length': 0.0}, "beam 'b': length is 0; it must be positive"),
-    ({'density': -1.0}, "beam 'b': density is -1; it must be positive"),
-    ({'stiffness': -5.0}, "beam 'b': stiffness is -5.0; EI must be positive"),
-    ({'damping': -0.1}, "beam 'b': damping is -0.1; it must not be negative"),
-    ({'modes': 1.5}, "beam 'b': modes is 1.5; expected numbers of modes"),
-    ({'torsion': Torsion(-1.0, 0.1)}, "beam 'b': torsion: stiffness is -1; it must be positive"),
-    ({'torsion': Torsion(1.0, 0.0)}, "beam 'b': torsion: inertia is 0; it must be positive"),
-    ({'torsion': Torsion(1.0, 1.0, -1)}, "beam 'b': torsion: modes is -1; expected how many"),
-    ({'torsion': Torsion(1.0, 1.0, 1, -2.0)}, 'torsion: tip_inertia is -2; it must not be neg'),
-    ({'up': (2, 0, 0)}, "beam 'b': direction .* and up .* must be two directions"),
+    ({'length': 0.0}, "beam 'b': length 0; expected a positive number"),
+    ({'density': -1.0}, "beam 'b': density -1; expected a positive number"),
+    ({'stiffness': -5.0}, "beam 'b': stiffness -5.0; expected positive EI"),
+    ({'damping': -0.1}, "beam 'b': damping -0.1; expected a nonnegative number"),
+    ({'modes': 1.5}, "beam 'b': modes 1.5; expected one or two numbers of modes"),
+    ({'torsion': Torsion(-1.0, 0.1)}, "beam 'b': torsion: stiffness -1; expected a positive"),
+    ({'torsion': Torsion(1.0, 0.0)}, "beam 'b': torsion: inertia 0; expected a positive"),
+    ({'torsion': Torsion(1.0, 1.0, -1)}, "beam 'b': torsion: modes -1; expected an integer"),
+    ({'torsion': Torsion(1.0, 1.0, 1, -2.0)}, 'torsion: tip_inertia -2; expected a nonneg'),
+    ({'up': (2, 0, 0)}, "beam 'b': direction .* and up .*; expected two different"),
     ({'bending': Bending.shapes(lambda x: (np.stack([x**2, 2 * x**2]), np.stack([2 * x, 4 * x]),
                                            np.full((2, len(x)), 2.0))), 'modes': (2, 0)},
-     "beam 'b': the 2 shapes of bending depend on each other"),
+     "beam 'b': 2 linearly dependent shapes of bending"),
     ({'bending': Bending.shapes(lambda x: (x, x, x)), 'modes': (2, 0)},
-     r'shapes of bending must be three finite arrays of shape \(2, ')])
-def test_a_beam_that_cannot_be_is_refused_by_name_and_value(values, words):
+     r'shapes of bending: .*; expected three finite arrays of shape \(2, ')])
+def test_invalid_beam_is_rejected_by_name_and_value(values, words):
     given = {'length': 1.0, 'density': 1.0, 'stiffness': 5.0, **values}
     with pytest.raises(ModelError, match=words):
         ModelBuilder().beam('b', 'world', FlexibleLink(**given))
 
 
-def test_a_users_own_shapes_serve_as_well():
+def test_user_defined_shapes_are_supported():
     shapes = Bending.shapes(lambda x: (
         np.stack([x**2, x**3, x**4]), np.stack([2 * x, 3 * x**2, 4 * x**3]),
         np.stack([2 + 0 * x, 6 * x, 12 * x**2])))
@@ -433,7 +433,7 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     assert 5.0 < found[0] < 15.0  # Hz, with some 20 kg at its end
 
 
-def test_what_is_welded_to_a_bending_link_goes_on_weighing():
+def test_inertia_attached_to_a_bending_link_is_kept():
     source, com = resource_path('urdf', 'two_link.urdf'), [0.1, 0.05, 0.02]
     beams = {'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 100.0, 'modes': [1, 1]}}
     bare, *held = (load_urdf(source, supplement={'beams': beams, **payload}) for payload in (
@@ -450,28 +450,29 @@ def test_what_is_welded_to_a_bending_link_goes_on_weighing():
     assert locked.bodies[-1].inertial.mass == pytest.approx(3.989 + 2.1 + 1.98 + 0.615)
 
 
-def test_a_second_beam_hangs_on_the_first():
+def test_second_beam_is_attached_to_the_first():
     arm = with_beam(ur10e(upper_arm_link=UPPER_ARM), 'forearm_link', FlexibleLink(
         0.57155, 8.0, 4e3, (1, 1), direction=(-1, 0, 0), up=(0, 0, 1)))
     assert Robot(arm).verify(1) < 1e-9
-    with pytest.raises(ModelError, match="link 'forearm_link' is a beam already"):
+    with pytest.raises(ModelError, match="link 'forearm_link': is a beam already; expected"):
         with_beam(arm, 'forearm_link', FlexibleLink(1.0, 1.0, 1.0))
 
 
 @pytest.mark.parametrize('beams, error, words', [
-    ({'lower_arm': UPPER_ARM}, ModelError, "no moving link 'lower_arm' to bend; valid: shoulder"),
+    ({'lower_arm': UPPER_ARM}, ModelError,
+     "no moving link 'lower_arm' to bend; expected one of shoulder"),
     ({'upper_arm_link': {'length': 1.0}}, UrdfError,
      "supplement: beam 'upper_arm_link': density is missing"),
-    ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length is -1; expected a fin'),
+    ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length: -1; expected a fin'),
     ({'upper_arm_link': {**UPPER_ARM, 'torsion': {'stiffness': 1}}}, UrdfError,
      "beam 'upper_arm_link': torsion: inertia is missing"),
     ({'upper_arm_link': {**UPPER_ARM, 'width': 1}}, UrdfError, "unknown key 'width'")])
-def test_a_supplement_that_cannot_bend_a_link_says_so(beams, error, words):
+def test_invalid_beam_in_a_supplement_is_rejected(beams, error, words):
     with pytest.raises(error, match=words):
         ur10e(**beams)
 
 
-def test_a_payload_swings_with_the_arm_that_carries_it():
+def test_payload_moves_with_the_beam_that_carries_it():
     b = ModelBuilder('pendulum')  # hanging: weight alone pulls back
     b.beam('beam', 'world', FlexibleLink(1.0, 0.5, 200.0, (2, 0), direction=(0, 0, -1),
                                          up=(1, 0, 0)), axis=Y)

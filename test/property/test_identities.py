@@ -60,7 +60,7 @@ def test_rate_of_mass_matrix_less_twice_coriolis_is_skew(drawn):
 
 
 @given(robots_and_states(4, most=4))
-def test_power_of_actuators_and_pushes_less_friction_is_the_rate_of_energy(drawn):
+def test_power_of_actuators_and_wrenches_minus_friction_is_the_rate_of_energy(drawn):
     robot, q, u, tau, _ = drawn
     push = np.resize([1.0, -2.0, 0.5, 0.3, 0.1, -0.7], (1, 6))
     udot = robot.forward_dynamics(q, u, tau, wrench=push)
@@ -147,7 +147,7 @@ def test_velocity_is_partials_times_speeds_and_acceleration_its_rate(drawn):
 
 
 @given(robots_and_states(3))
-def test_a_push_works_through_its_frames_partial_velocities(drawn):
+def test_generalized_force_of_a_wrench_is_the_transposed_jacobian_times_it(drawn):
     robot, q, u, udot = drawn
     push = np.random.default_rng(1).normal(size=(1, 6))
     partials = robot.partial_velocities(robot.equations.wrench_frames[0].name, q)

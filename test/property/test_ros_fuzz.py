@@ -113,7 +113,7 @@ class Sent:
         self.messages.append(data)
 
 
-def test_a_mutated_state_brings_the_torque_that_rclpys_reading_brings_or_none():
+def test_mutated_state_gives_the_torque_of_rclpys_reading_or_none():
     chance = random.Random(5)
     seeds = [state(chance, names) for names in ([A, B], [B, A], ['x', A, 'yy', B], [A], [])
              for _ in range(3)]
@@ -270,7 +270,7 @@ def requests(chance):
             for request, call, answer in kinds]
 
 
-def test_a_mutated_request_is_answered_or_refused_in_words():
+def test_mutated_request_is_answered_or_rejected_with_its_reason():
     chance = random.Random(7)
     served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2),
                          np.ones(2), Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')

@@ -39,7 +39,7 @@ def damaged(draw):
 
 @settings(max_examples=300, deadline=None)
 @given(damaged(), st.booleans())
-def test_damaged_urdf_loads_or_is_refused_in_words(text, strict):
+def test_damaged_urdf_loads_or_is_rejected_with_its_reason(text, strict):
     message = 'valid'
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
@@ -47,5 +47,5 @@ def test_damaged_urdf_loads_or_is_refused_in_words(text, strict):
             load_urdf(text, strict=strict)
         except KaneError as error:
             message = str(error)
-    assert re.search(r'valid|expected|well-formed|must|needs|may|refused', message)
+    assert re.search(r'valid|expected|must|may', message)
     assert len(message) < 3000

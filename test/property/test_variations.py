@@ -77,7 +77,7 @@ def close(a, b):
 
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('derivative', [varied, timed])
-def test_absolute_change_is_relative_change_and_the_frames_turning(derivative, seed):
+def test_absolute_change_is_relative_change_plus_rotation_of_the_frame(derivative, seed):
     motion = Varied(seed)
     for quantity in (motion.vector, motion.dyadic):
         for one in FRAMES:
@@ -91,14 +91,14 @@ def test_absolute_change_is_relative_change_and_the_frames_turning(derivative, s
 
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('derivative', [varied, timed])
-def test_turns_of_frames_in_frames_add_up(derivative, seed):
+def test_rotations_of_frames_add_up(derivative, seed):
     motion = Varied(seed)
     close(motion.turn('B', 'N', derivative),
           motion.turn('B', 'A', derivative) + motion.turn('A', 'N', derivative))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_variation_of_angular_velocity_is_what_possible_rotations_say(seed):
+def test_variation_of_angular_velocity_follows_from_possible_rotations(seed):
     motion = Varied(seed)
     for body, frame in (('A', 'N'), ('B', 'N'), ('B', 'A')):
         theta = motion.turn(body, frame, varied)

@@ -21,7 +21,7 @@ import numpy as np
 
 
 def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
-                    wrenches: Sequence[tuple[Frame, Any]]) -> list[Any]:
+                    external: Sequence[tuple[Frame, Any]]) -> list[Any]:
     """
     Return the reaction of each joint, (6,): force, then moment about the joint's origin.
 
@@ -36,7 +36,7 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
         Coordinates, speeds and their rates; rad or m, s.
     gravity : (3,) array of scalars
         m/s^2, world axes.
-    wrenches : sequence of (Frame, (6,) array)
+    external : sequence of (Frame, (6,) array)
         External wrenches, force then moment at the frame's origin, world axes.
 
     """
@@ -46,11 +46,11 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
     for k in reversed(range(len(links))):
         if links[k].parent != WORLD:
             wrenches[links[k].parent] = _add_to_parent(steps[k], wrenches[k],
-                                                     wrenches[links[k].parent])
+                                                       wrenches[links[k].parent])
     poses = link_poses(links, q)
     reactions = [np.concatenate([R @ force, R @ moment])
                  for (R, _), (force, moment) in zip(poses, wrenches)]
-    for frame, wrench in wrenches:
+    for frame, wrench in external:
         k = frame.body
         if k != WORLD:
             R, p = poses[k]

@@ -81,7 +81,7 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
 @pytest.mark.parametrize(('seed', 'effort'), [
     (1120, 27.4766038789267), (1140, 51.466192222681116), (1150, 189.33095944151347),
     (1339, 15.264592834744503), (1422, 47.19545903456095)])
-def test_speed_that_rounding_puts_a_hair_too_high_is_found_all_the_same(seed, effort):
+def test_speed_is_found_despite_rounding_at_the_limit(seed, effort):
     found = fastest(limited(effort), motion(seed), **STEPS)
     for factor, kept in ((1.0 - 1e-8, True), (1.0 + 1e-8, False)):
         assert allowed(limited(effort), motion(seed), np.array([found.speed * factor]),
@@ -100,7 +100,7 @@ def pendulum():
                                      joint_names=robot.joint_names)
 
 
-def test_free_swing_may_be_neither_slower_nor_faster_than_the_motor_makes_up_for():
+def test_free_swing_is_feasible_only_in_a_range_of_speeds():
     robot, turn = pendulum()  # tau = (1 - s^2) m g l sin q, which is largest at q = 90 degrees
     for effort in (3.0, 0.01):
         robot.limits = replace(robot.limits, effort=np.array([effort]))
@@ -112,7 +112,7 @@ def test_free_swing_may_be_neither_slower_nor_faster_than_the_motor_makes_up_for
         assert fastest(robot, turn, most=allowed_speed).speed == allowed_speed
 
 
-def test_motion_at_another_speed_asks_what_the_scaled_motion_asks():
+def test_demand_at_a_speed_equals_that_of_the_scaled_motion():
     robot, course = limited(100.0), motion(1)
     a = demand(robot, course, speed=1.7, step=0.0201)
     b = demand(robot, course.scaled(1.7), step=0.0201 / 1.7)
@@ -122,7 +122,7 @@ def test_motion_at_another_speed_asks_what_the_scaled_motion_asks():
     assert np.allclose(a.torque_rms, np.sqrt(np.mean(b.tau**2, axis=0)), rtol=0.05)
 
 
-def test_both_sides_of_a_jump_of_acceleration_are_judged():
+def test_both_sides_of_an_acceleration_jump_are_checked():
     corner = Motion.from_points([0.0, 1.0, 2.0], [[0.0] * 3, [1.0] * 3, [0.0] * 3],
                                 [[0.0] * 3, [0.5] * 3, [0.0] * 3],
                                 joint_names=arm().joint_names)
@@ -157,19 +157,19 @@ def test_largest_payload_fits_and_any_more_does_not(seed, power):
     assert reached[found.limit] == pytest.approx(1.0, rel=1e-8)
 
 
-def test_an_excess_is_told_with_the_digits_that_show_it():
+def test_excess_text_has_enough_digits_to_differ_from_the_bound():
     assert str(Excess('j', 'power', 1.0, 100.0000321, 100.0)).endswith(
         'power 100.00003 at 1 s; power limit 100')
     assert str(Excess('j', 'effort', 1.0, 51.23456, 50.0)).endswith(
         'torque 51.23 at 1 s; effort limit 50')
 
 
-def test_payload_of_a_motion_that_does_not_fit_is_refused_by_name():
+def test_payload_of_an_infeasible_motion_is_rejected_by_name():
     with pytest.raises(InputError, match=r"without a payload: joint 'joint\d': torque .* at "):
         largest_payload(limited(1.0), motion(0), **STEPS)
 
 
-def test_payload_that_no_matter_can_be_is_refused():
+def test_payload_with_impossible_inertia_is_rejected():
     with pytest.raises(ModelError, match="'payload': principal moments of inertia are 1, 1, 5"):
         largest_payload(limited(math.inf), motion(0), inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
 
@@ -191,21 +191,21 @@ def test_motor_without_torque_fits_no_motion():
     assert fastest(limited(math.inf, velocity=0.0), motion(0), **STEPS) is None
 
 
-def test_posture_that_cannot_be_held_is_named_at_the_lowest_speed():
+def test_configuration_that_cannot_be_held_is_named_at_the_lowest_speed():
     robot = limited(float(np.abs(demand(limited(math.inf), motion(0), speed=1e-6,
                                         **STEPS).tau).max()) * 0.99)
     assert fastest(robot, motion(0), **STEPS) is None
     assert demand(robot, motion(0), speed=1e-6, **STEPS).excesses[0].limit == 'effort'
 
 
-def test_position_beyond_its_limit_is_mended_by_no_speed():
+def test_position_beyond_its_limit_is_infeasible_at_any_speed():
     robot = limited(math.inf, reach=0.1)
     assert fastest(robot, motion(0), **STEPS) is None
     assert {excess.limit for excess in demand(robot, motion(0), **STEPS).excesses} == {
         'lower', 'upper'}
 
 
-def test_motion_of_one_point_asks_to_hold_it():
+def test_motion_of_one_point_demands_the_holding_torque():
     point = Motion.from_points([0.0], [[0.1, 0.2, 0.3]], joint_names=arm().joint_names)
     robot = limited(1000.0)
     asked = demand(robot, point)
@@ -214,7 +214,7 @@ def test_motion_of_one_point_asks_to_hold_it():
     assert fastest(robot, point).speed == math.inf
 
 
-def test_every_motion_is_judged_with_friction_unless_the_robot_has_none():
+def test_demand_includes_friction_unless_the_robot_has_none():
     with_friction, without = arm(), Robot(arm().model, friction=False)
     difference = demand(with_friction, motion(2), step=0.5).tau - demand(
         without, motion(2), step=0.5).tau
@@ -226,14 +226,14 @@ def test_every_motion_is_judged_with_friction_unless_the_robot_has_none():
     ({'step': 0.0}, 'step: 0.0 s; expected'), ({'step': 1e-9}, 'samples of a motion'),
     ({'speed': -1.0}, 'speed: -1.0; expected'),
     ({'power': -1.0}, "power of joint 'joint0' is -1.0")])
-def test_what_cannot_be_judged_is_refused(change, words):
+def test_invalid_feasibility_arguments_are_rejected(change, words):
     with pytest.raises(InputError, match=words):
         demand(limited(1.0), motion(0), **{'step': STEP, **change})
     with pytest.raises(InputError, match=r'most: 0\.0; expected'):
         fastest(limited(1.0), motion(0), most=0.0)
 
 
-def test_robots_and_motions_of_another_kind_are_refused():
+def test_unsuitable_robots_and_motions_are_rejected():
     other = Motion.from_points([0.0], [[0.0]], joint_names=['other'])
     with pytest.raises(InputError, match=r"motion: joints \['other'\]; expected"):
         demand(arm(), other)

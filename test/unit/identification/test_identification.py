@@ -221,7 +221,7 @@ def test_friction_that_dissipates_beats_them_but_for_a_joint_that_needs_more(nam
 def test_friction_that_would_drive_a_joint_is_told_but_makes_no_model():
     found = with_friction_alone('panda', False)
     assert found.losses[3, 0] < -5.0 * found.deviations[3, 0]
-    with pytest.raises(ModelError, match=r"joint 'fer_joint\d': \w+ is -.*must not be negative"):
+    with pytest.raises(ModelError, match=r"joint 'fer_joint\d': \w+ -.*; expected a nonneg"):
         _ = found.model
     with pytest.raises(InputError, match='friction_only alone'):
         identify(found.given, noisy(), bounded=False)

@@ -32,7 +32,7 @@ def same(model, other):
                                    atol=1e-12 * np.abs(expected).max())
 
 
-def test_joints_of_more_freedoms_are_those_of_a_urdf():
+def test_expanded_joints_match_those_of_a_urdf():
     b = ModelBuilder()
     hull = Inertial(2, (0.1, 0.2, -0.1), [[0.1, 0, 0], [0, 0.2, 0.01], [0, 0.01, 0.25]])
     b.body('hull', 'world', 'floating', joint='free', at=(1, 0, 0.5), rpy=(0.3, -0.2, 0.7),
@@ -54,7 +54,7 @@ def test_the_spring_mass_pendulum_is_the_shipped_urdf():
 
 
 @pytest.mark.parametrize('turns', ['zxy', 'zxz'])
-def test_turns_follow_one_another_about_the_axes_turned_before(turns):
+def test_rotations_are_about_successively_rotated_axes(turns):
     b = ModelBuilder()
     b.body('top', 'world', 'spherical', turns=turns, matter=ball(1, 0.1))
     b.body('fork', 'top', 'universal', turns='zx', matter=ball(1, 0.1))
@@ -94,7 +94,7 @@ def test_a_negative_length_is_refused(shape, words):
         shape()
 
 
-def test_matter_on_a_frame_rides_on_its_body():
+def test_inertia_on_a_frame_is_added_to_its_body():
     inertial = random_inertial(np.random.default_rng(3))
     b, direct = ModelBuilder(), ModelBuilder()
     for builder in (b, direct):
@@ -130,7 +130,7 @@ def test_a_mounted_arm_moves_with_its_carrier_and_as_itself():
                                    kane.partial_velocities(plain.model(), q, frame), atol=1e-14)
 
 
-def test_a_joint_of_more_freedoms_is_sprung_by_the_name_of_one():
+def test_expanded_joint_properties_are_set_by_joint_name():
     b = ModelBuilder()
     b.body('table', 'world', 'planar', matter=box(1, (1, 1, 0.1)))
     b.joint('table/y', stiffness=7, damping=2)
@@ -163,7 +163,7 @@ def built(*steps):
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
     ('load', ('c', point_mass(1)), {}, "no body or frame 'c'"),
     ('mount', (built().model(), 'a'), {}, "'a': exists already")])
-def test_a_mistake_is_told_with_the_names(name, arguments, options, words):
+def test_builder_error_names_the_fault(name, arguments, options, words):
     with pytest.raises(ModelError, match=words):
         built((name, arguments, options))
 
@@ -177,6 +177,6 @@ def test_a_refused_body_leaves_the_builder_as_it_was():
     assert [body.name for body in b.model().bodies] == ['a']
 
 
-def test_nothing_built_is_no_model():
+def test_builder_without_body_is_rejected():
     with pytest.raises(ModelError, match="'empty': no body; expected"):
         ModelBuilder('empty').model()

@@ -152,7 +152,7 @@ ZERO = [[0.0] * 3] * 2
     (([0.0, 1.0], NAN_ROW), {}, ['point 1', "'elbow'", 'nan', 'finite']),
     (([0.0, 1.0], [[0.0] * 3]), {}, ['positions', '1 rows', 'expected 2']),
     (([0.0, 1.0], [[], []]), {}, ['positions', 'shoulder']),
-    (([0.0, 1.0], [[0.0] * 3, [0.0]]), {}, ['point 1', 'positions', '3 numbers', 'wrist']),
+    (([0.0, 1.0], [[0.0] * 3, [0.0]]), {}, ['point 1', 'positions', 'expected (3,)', 'wrist']),
     (([0.0, 1.0], 5.0), {}, ['positions', '5.0', '3 numbers']),
     (([0.0, 1.0], ZERO, [[0.0] * 3, []]), {}, ['point 1', 'velocities']),
     (([0.0, 1.0], ZERO, None, ZERO), {}, ['accelerations', 'without velocities']),

@@ -52,7 +52,7 @@ def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, siz
 
 
 @pytest.mark.parametrize('size', [1e9, POSITION_LIMIT, 1e3 * POSITION_LIMIT])
-def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
+def test_sine_and_cosine_are_accurate_beyond_the_position_limit(functions, size):
     x = np.random.default_rng(2).uniform(-size, size, N)
     got = functions(x)
     with mpmath.workprec(200):
@@ -84,7 +84,7 @@ def test_zero_and_saturation_are_exact(functions):
 
 
 @pytest.mark.parametrize('size', [3, 300])
-def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(size):
+def test_positions_beyond_the_limit_are_rejected_by_every_entry_point(size):
     kernel = Kernel('f', lambda: trace_program('f', lambda q, none: [np.sin(q[1])], [
         ('q', (size,)), ('none', (1,))]), None, [Argument('q', (size,))], np.zeros(1), (1,))
     q, result = np.full(size, -1e12), np.empty(1)

@@ -34,7 +34,7 @@ def test_every_shipped_robot_is_recorded_and_no_other():
     assert RECORDED['cpu'] == kernel_sizes.llvm.REFERENCE_CPU
 
 
-def test_growth_of_one_operation_or_byte_is_found():
+def test_increase_by_one_operation_or_byte_is_detected():
     columns, before = kernel_sizes.COLUMNS, {'mass_matrix': [10, 9, 0, 2, 400]}
     assert changes(before, before, columns) == []
     for k, column in enumerate(columns):

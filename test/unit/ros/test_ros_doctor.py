@@ -91,7 +91,7 @@ def test_all_that_does_not_fit_is_told_at_once(examine):
         assert words in told, told
     assert len(found) == 9
     (_, words), = examine('/**: {ros__parameters: {tip: nonsense}}')[0]
-    assert "tip is 'nonsense', and no such link exists" in words
+    assert "tip: 'nonsense' is no link; expected one of" in words
 
 
 def test_what_a_node_does_not_use_need_not_fit(examine):

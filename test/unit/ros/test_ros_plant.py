@@ -289,7 +289,7 @@ def test_without_an_initial_position_it_starts_at_zero_or_at_the_limit_next_to_i
     (r"'dropout.states' is 1.5; valid: a number, at least 0, at most 1", {'dropout__states': 1.5}),
     (r"'after_timeout' is 'float'; valid: one of zero, hold", {'after_timeout': 'float'}),
     (r'payload.frame', {'payload__mass': 1.0}),
-    (r"no frame 'hand'; valid: base_link", {'wrench__frames': ['hand']}),
+    (r"no frame 'hand'; expected one of base_link", {'wrench__frames': ['hand']}),
     (r"'wrench.frames' holds 'base_link', which does not move", {'wrench__frames': ['base_link']}),
 ])
 def test_what_does_not_fit_is_refused_by_name(words, changes):

@@ -88,7 +88,7 @@ def test_every_model_loads_with_the_announced_warnings_only(name):
         assert str(warning.message).endswith(': ' + ', '.join(WARNINGS[name]))
 
 
-def test_the_models_that_the_documentation_names_are_there():
+def test_models_named_in_the_documentation_exist():
     assert NAMES == ['fr3', 'human_hand', 'spring_mass_pendulum', 'two_link', 'two_link_planar',
                      'two_rods', 'ur10e']
     readme = (FOLDER / 'README.md').read_text()
@@ -130,7 +130,7 @@ def test_masses_add_up_to_the_data_sheet(name, hand, total, tolerance):
 
 
 @pytest.mark.parametrize('name', ARMS)
-def test_the_flange_stands_where_the_makers_dh_table_puts_it(name):
+def test_flange_pose_matches_the_manufacturers_dh_table(name):
     tip, flange = ARMS[name]
     model = load(name, tip=tip)
     robot, rng = Robot(model), np.random.default_rng(1)
@@ -201,7 +201,7 @@ def test_mujoco_and_pinocchio_agree_on_the_mass_matrix(name):
 @pytest.mark.parametrize(('name', 'posture'), [
     ('ur10e', [0.0, -1.2, 1.4, -1.7, -1.57, 0.0]),
     ('fr3', [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.02, 0.02])])
-def test_an_arm_in_its_usual_posture_does_not_touch_itself(name, posture):
+def test_arm_has_no_self_collision_in_its_home_configuration(name, posture):
     plant = mujoco.MjModel.from_xml_string(text(name))
     state = mujoco.MjData(plant)
     state.qpos[:] = posture

@@ -25,7 +25,7 @@ payload:
 """
 
 
-def test_every_key_reaches_the_model(tmp_path):
+def test_every_supplement_key_sets_the_model(tmp_path):
     path = tmp_path / 'arm.yaml'
     path.write_text(FULL)
     model = load(ARM, supplement=path)
@@ -41,14 +41,14 @@ def test_every_key_reaches_the_model(tmp_path):
     assert_allclose(carrier.inertia, own + load_inertia + moved, atol=1e-15)
 
 
-def test_dict_is_as_good_as_a_file(tmp_path):
+def test_supplement_as_dict_equals_file(tmp_path):
     path = tmp_path / 'arm.yaml'
     path.write_text('joints: {j: {armature: 0.1}}')
     assert load(ARM, supplement={'joints': {'j': {'armature': 0.1}}}).digest() == load(
         ARM, supplement=str(path)).digest() != load(ARM).digest()
 
 
-def test_what_is_not_overridden_stays():
+def test_values_without_override_are_unchanged():
     joint_ = load(ARM, supplement={'joints': {'j': {'armature': 0.1}}}).bodies[0].joint
     assert (joint_.damping, joint_.friction, joint_.friction_speed) == (0.7, 0.3, 0.05)
 
@@ -60,22 +60,22 @@ def test_empty_supplement_changes_nothing(text, tmp_path):
     assert load(ARM, supplement=path).digest() == load(ARM).digest()
 
 
-def test_payload_on_a_link_of_the_base_weighs_there():
+def test_payload_on_a_base_link_adds_to_the_base_inertial():
     model = load(ARM, supplement={'payload': {'link': 'a', 'mass': 4}})
     assert model.base_inertial.mass == 5.0
 
 
-def test_payload_stays_where_its_link_is_dropped():
+def test_payload_is_kept_on_a_dropped_link():
     model = load(ARM, supplement={'payload': {'link': 'tool', 'mass': 4}}, drop=['tool', 'c'])
     assert model.bodies[1].inertial.mass == 4.0
 
 
-def test_locked_joint_may_be_spoken_of():
+def test_supplement_may_name_a_locked_joint():
     extra = {'joints': {'j': {'stiffness': 1}, 'k': {'stiffness': 2}}}
     assert load(ARM, joints=['k'], supplement=extra).bodies[0].joint.stiffness == 2.0
 
 
-def test_freedom_of_a_floating_joint_may_be_spoken_of():
+def test_supplement_may_name_an_expanded_joint():
     source = robot(link('a'), link('b'), joint('j', 'a', 'b', 'floating', limit=''))
     model = load(source, supplement={'joints': {'j/z': {'stiffness': 9}}})
     assert [body.joint.stiffness for body in model.bodies] == [0, 0, 9, 0, 0, 0]
@@ -134,7 +134,7 @@ def test_fault_is_refused_with_key_value_and_what_is_valid(fault):
         assert word in str(caught.value)
 
 
-def test_indefinite_payload_is_impossible():
+def test_payload_with_indefinite_inertia_is_rejected():
     with pytest.raises(ModelError, match=r'payload: inertia .* -1 .* negative'):
         load_urdf(ARM, supplement={'payload': {**PAYLOAD, 'inertia': {'ixx': -1}}})
 
@@ -167,7 +167,7 @@ def test_yaml_fault_is_refused_in_words(text, words, tmp_path):
     assert len(str(caught.value)) < 1000
 
 
-def test_yaml_that_is_no_text_is_refused(tmp_path):
+def test_binary_yaml_is_rejected(tmp_path):
     path = tmp_path / 'arm.yaml'
     path.write_bytes(b'\x80\x81\xff')
     with pytest.raises(UrdfError, match='not valid YAML'):

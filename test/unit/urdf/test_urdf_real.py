@@ -46,6 +46,6 @@ def test_real_urdf_loads_or_is_refused_for_its_fault(path):
         frame.name for frame in peer.frames if frame.type == pin.BODY}
 
 
-def test_there_are_enough_real_urdfs_to_mean_something():
+def test_enough_real_urdfs_are_tested():
     assert len(URDFS) >= 66
     assert sum(path.name not in REFUSED for path in URDFS) >= 60

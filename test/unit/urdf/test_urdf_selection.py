@@ -35,7 +35,7 @@ def test_by_default_all_joints_move():
     assert model.base_name == 'world'
 
 
-def test_joints_move_in_the_order_given_and_the_others_stand():
+def test_joints_move_in_the_given_order_and_others_are_locked():
     model = load(ARM, joints=['j2', 'j1'])
     assert model.joint_names == ('j2', 'j1')
     assert [(b.joint.name, b.joint.coordinate) for b in model.bodies] == [('j1', 1), ('j2', 0)]
@@ -43,7 +43,7 @@ def test_joints_move_in_the_order_given_and_the_others_stand():
     assert model.base_inertial.mass == 10.3
 
 
-def test_locked_joint_stands_at_its_position_and_its_mimic_where_that_puts_it():
+def test_locked_joint_and_its_mimic_are_at_their_positions():
     model = load(ARM, locked={'finger1': 0.2, 'j1': 0.3})
     assert model.joint_names == ('pan', 'j2')
     assert_array_equal(model.frame('left').translation, [0, 0.2, 1])
@@ -91,7 +91,7 @@ def test_mimic_off_the_path_follows_a_master_on_it():
     assert model.joint_names == ('j1', 'j2', 'finger1')
 
 
-def test_mimic_of_a_master_that_was_cut_stands_where_that_was_locked():
+def test_mimic_of_a_removed_master_uses_its_locked_position():
     source = robot(link('a'), link('b'), link('c'), joint('m', 'a', 'b'), joint(
         'f', 'b', 'c', 'prismatic', more='<mimic joint="m" multiplier="2" offset="1"/>'))
     assert_array_equal(load(source, base='b').frame('c').translation, [0, 0, 1])
@@ -122,7 +122,7 @@ def test_dropping_all_of_a_moving_body_warns():
 FREE = robot(link('a'), link('b'), joint('j', 'a', 'b', 'floating', limit=''))
 
 
-def test_freedoms_of_a_floating_joint_lock_and_move_one_by_one():
+def test_expanded_joints_of_a_floating_joint_lock_individually():
     model = load(FREE, joints=['j/rz', 'j/x'], locked={'j/z': 0.5})
     assert model.joint_names == ('j/rz', 'j/x')
     assert [b.joint.name for b in model.bodies] == ['j/x', 'j/rz']
@@ -164,7 +164,7 @@ def test_locked_revolute_by_a_quarter_turn_is_exact():
     ({'drop': 'hand'}, ("drop: 'hand'", 'list of names')),
     ({'drop': [None]}, ('drop: None', 'expected one of world')),
 ])
-def test_argument_that_cannot_serve_is_an_input_error(options, words):
+def test_unsuitable_argument_is_an_input_error(options, words):
     with pytest.raises(InputError) as caught:
         load_urdf(ARM, **options)
     for word in words:
