@@ -12,8 +12,8 @@ Coulomb friction and power limits. T(s u) = mu tanh(s u / u_s) is monotonic in s
 P bounds tau by P / (s |u|). Over an interval of s both lie between their values at its ends. These
 give an inner and an outer estimate of the excluded intervals; intervals are split until both
 agree. If the motion at the resulting speed comes close to a limit between samples, samples are
-added there and the search is repeated. A slower motion is not always feasible: an arm that cannot hold a
-configuration may swing through it.
+added there and the search is repeated. A slower motion is not always feasible: an arm that cannot
+hold a configuration may swing through it.
 """
 
 from dataclasses import dataclass

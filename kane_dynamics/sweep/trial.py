@@ -149,9 +149,9 @@ class Trial:
         def rates(x: Any, wanted: Any) -> Any:
             q, u = x[at.q], x[at.u]
             tau = law(q, u, wanted)
-            pushing = tau - factors * equations.friction_force(u)
+            net = tau - factors * equations.friction_force(u)
             error = wanted[:n] - q
-            return np.array([*u, *call(motion, q, u, pushing, carried), pushing @ u,
+            return np.array([*u, *call(motion, q, u, net, carried), net @ u,
                              *(error * error)])
         after = runge_kutta_4(rates, state[:at.tau.start], desired, shared[0])
         return [*after, *law(state[at.q], state[at.u], desired[0])]

@@ -1,4 +1,4 @@
-"""Robots with chosen speeds and constraints, compiled: laws that their numbers obey."""
+"""Compiled robots with chosen speeds and constraints: physical laws and identities."""
 
 from functools import cache
 
@@ -33,7 +33,7 @@ def four_bar():
 
 
 def crank_at(angle):
-    """Return the closed posture at a crank angle."""
+    """Return the closed configuration at a crank angle."""
     return four_bar().closed_posture((angle, 0.0, -1.5), fixed=['crank'])
 
 
@@ -61,7 +61,7 @@ T = 0.4  # s
 
 
 def state(robot, seed=0):
-    """Return a state of moderate numbers."""
+    """Return a random state of moderate size."""
     rng = np.random.default_rng(seed)
     return (rng.uniform(-0.8, 0.8, robot.n_q), rng.uniform(-1.0, 1.0, robot.n),
             rng.uniform(-1.0, 1.0, robot.n))
@@ -166,7 +166,7 @@ def test_joints_carry_what_constraints_exert(kind):
         reaction = robot.joint_reaction(body.joint.name, q, u, udot, t=T)
         np.testing.assert_allclose(together[k], reaction, rtol=1e-9, atol=1e-9)
         along = (reaction[3:] if body.joint.kind == 'revolute' else reaction[:3]) @ axis
-        # What a coupling or a drive exerts, it exerts at the joint itself.
+        # A coupling or a drive acts at the joint itself.
         own = kind in ('coupling', 'prescribed')
         expected = (robot.joint_torques(tau, q, t=T) + own * (J.T @ forces))[k]
         assert along == pytest.approx(expected, rel=1e-7, abs=1e-8 * (1.0 + np.abs(needed).max()))

@@ -1,4 +1,4 @@
-"""The energy road, in both its forms, against Kane's under chosen speeds and constraints."""
+"""Both energy formulations against Kane's equations with chosen speeds and constraints."""
 
 from dataclasses import replace
 from functools import cache
@@ -25,13 +25,13 @@ SCLERONOMIC = ('a point in the world', 'a point seen from a body', 'a knife edge
 
 
 def close(value, expected, size=None):
-    """Hold two arrays to 1e-9 of the size, by default of the second's."""
+    """Assert agreement to 1e-9 of the size, by default that of the second array."""
     size = 1.0 + np.abs(expected).max() if size is None else size
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-9 * size)
 
 
 def check_motion(mechanism, q, u, udot):
-    """Hold W, X, A, B, q' and q'' to those from partial velocities; return the motion."""
+    """Compare W, X, A, B, q' and q'' with those from partial velocities; return the motion."""
     motion = admissible(mechanism, q, u, udot, T)
     of_kane = nonholonomic.reduction(mechanism, q, T)
     for name in 'WXAB':
@@ -44,10 +44,10 @@ def check_motion(mechanism, q, u, udot):
 
 
 class OfKane:
-    """A state's forces by Kane's definition, with pushes at the last frame."""
+    """Forces of a state by Kane's definition, with external wrenches at the last frame."""
 
     def __init__(self, mechanism, q, u, udot):
-        """Find tau, M, joint torques that make up tau, and the force that each row exerts."""
+        """Compute tau, M, equivalent joint torques, and the constraint force of each row."""
         model = mechanism.model
         self.wrenches = {model.frames[-1].name: (np.array([3.0, -2.0, 1.0]),
                                                  np.array([0.5, 1.0, -1.5]))}

@@ -1,4 +1,4 @@
-"""Flexible links: the recursion with its integrals, Kane's sums over matter, the energy road."""
+"""Flexible links: recursion with modal integrals, Kane's volume integrals, energies."""
 
 from functools import cache
 
@@ -43,7 +43,7 @@ def arm_robot(twists=0):
 
 
 def states(model, seed=0):
-    """Return q, u, udot with deflections of a few centimetres."""
+    """Return q, u, udot with deflections of a few centimeters."""
     rng = np.random.default_rng(seed)
     modal = np.array([0.02 if '_' in name else 1.0 for name in model.coordinate_names])
     return rng.uniform(-1.0, 1.0, (3, model.n)) * modal
@@ -171,7 +171,7 @@ def test_energy_split_is_the_volume_integral():
 
 
 def cantilever(modes=4, tip=0.0, assumed=None, gravity=(0, 0, 0)):
-    """Return a beam of unit wave speed on a turning root: L = 2 m, EI / rho A = 16 m^4/s^2."""
+    """Return a beam of unit wave speed on a rotating root: L = 2 m, EI / rho A = 16 m^4/s^2."""
     b = ModelBuilder('cantilever', gravity=gravity)
     b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0, (modes, 0), bending=assumed))
     if tip:
@@ -226,7 +226,7 @@ def test_a_hub_of_inertia_makes_the_beam_that_the_frequency_equation_says():
 
 
 def rotating_by_ritz(speed, hub):
-    """Return flap frequencies of a beam turning at a hub, in its own units, by polynomials."""
+    """Return nondimensional flap frequencies of a rotating beam, by Ritz's method."""
     x, w = np.polynomial.legendre.leggauss(40)
     x, w = 0.5 * (x + 1.0), 0.5 * w
     rows = []
@@ -272,7 +272,7 @@ def test_a_shaft_twists_at_its_natural_frequencies():
 
 
 def first_root(f, k):
-    """Return where f changes its sign in (k pi, (k + 1/2) pi)."""
+    """Return the root of f in (k pi, (k + 1/2) pi)."""
     x = np.linspace(k * np.pi, (k + 0.5) * np.pi, 2_000_001)
     signs = np.sign(f(x))
     return x[np.argmax(signs[1:] != signs[:-1])]
@@ -426,7 +426,7 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     for frame in ('tool0', 'forearm_link'):
         np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, posture),
                                    atol=1e-12)
-    # A stiff beam carries the rest as the rigid arm does, but for its own mass.
+    # A stiff beam matches the rigid arm except for its own mass.
     moved = robot.model.bodies[1].inertial
     assert moved.mass == pytest.approx(12.0 * 0.6127)
     found = natural_vibration(robot, q, held=robot.joint_names[:6]).frequencies / (2 * np.pi)
@@ -442,7 +442,7 @@ def test_inertia_attached_to_a_bending_link_is_kept():
     expected = energies.conservative_force(with_payload(bare, 'tip', point_mass(1.5, com)), q)
     np.testing.assert_allclose(energies.conservative_force(held[0], q), expected)
     beside, = (body for body in held[1].bodies if body.inertial.mass == 1.5)
-    assert beside.name.startswith('link2/at_0.1/')  # the section beside its mass centre
+    assert beside.name.startswith('link2/at_0.1/')  # the section nearest to its center of mass
     locked = load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={
         'beams': {'upper_arm_link': UPPER_ARM}}, joints=['shoulder_pan_joint',
                                                          'shoulder_lift_joint'])

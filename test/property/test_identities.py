@@ -1,4 +1,4 @@
-"""Identities of mechanics, on random mechanisms: what is true of every one of them."""
+"""Identities of mechanics on random mechanisms."""
 
 from hypothesis import given
 from kane_dynamics import Robot, simulate
@@ -14,12 +14,12 @@ EPS = np.finfo(float).eps
 
 
 def scale(robot, q, u, udot):
-    """Return the size of the torques that add up: what rounding is relative to."""
+    """Return the size of the torque terms, to which rounding is relative."""
     return 1e-3 + np.abs(robot.torque_terms(q, u, udot)).max()
 
 
 def rates(robot, q, u, udot):
-    """Return dKE/dt and dPE/dt along the motion, exactly, by the energy road."""
+    """Return dKE/dt and dPE/dt along the motion, by automatic differentiation."""
     path = seeded(q, u, 0, robot.n)
     kinetic = energies.kinetic_energy(robot.model, path, seeded(u, udot, 0, robot.n))
     return kinetic.rate, energies.potential_energy(robot.model, path).rate

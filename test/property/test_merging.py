@@ -1,4 +1,4 @@
-"""Merging loses nothing: mass, mass centre and inertia of the whole robot, for any selection."""
+"""Merging keeps mass, center of mass and inertia of the robot for any selection."""
 
 from hypothesis import given, settings, strategies as st
 from kane_dynamics.model.model import Inertial, WORLD
@@ -11,7 +11,7 @@ KINDS = ('revolute', 'continuous', 'prismatic', 'fixed', 'floating', 'planar')
 
 
 def text(values):
-    """Return numbers as the text of an attribute that reads back exactly."""
+    """Return numbers as attribute text with all digits."""
     return ' '.join(repr(float(value)) for value in values)
 
 
@@ -40,7 +40,7 @@ def random_urdf(seed, n, mimics=False):
 
 
 def poses(model, q):
-    """Return the pose of every body in the world, by its joints one after the other."""
+    """Return the poses of all bodies in the world."""
     found = []
     for body in model.bodies:
         R, p = (np.eye(3), np.zeros(3)) if body.parent == WORLD else found[body.parent]
@@ -58,7 +58,7 @@ def poses(model, q):
 
 
 def whole(model, q):
-    """Return the pseudo-inertia of all that there is, about the world's origin."""
+    """Return the pseudo-inertia of the whole robot about the world's origin."""
     total = model.base_inertial.pseudo_inertia
     for body, (R, p) in zip(model.bodies, poses(model, q)):
         total = total + body.inertial.moved(R, p).pseudo_inertia

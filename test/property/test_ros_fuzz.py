@@ -87,7 +87,7 @@ def state(chance, names, stamp=NOW, speeds=True):
 
 
 def as_rclpy_reads(data):
-    """Return stamp, q, u as plainly as can be; None for what must be dropped."""
+    """Return stamp, q, u by a simple reference; None for a state that must be dropped."""
     try:
         message = deserialize_message(data, JointState)
     except Exception:
@@ -149,7 +149,7 @@ def test_mutated_state_gives_the_torque_of_rclpys_reading_or_none():
         stamped = deserialize_message(torques.messages[-1], JointState)
         assert stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec == read[0]
         seen[path._reader.normal] += 1
-    # Both roads were taken, and most of what was dropped was dropped for a reason that is told.
+    # Both code paths were taken, and most dropped states have a reported reason.
     assert statistics.commands > 0.15 * STATES
     assert 1000 < path._reader.normal < STATES - 1000
     assert (statistics.dropped.total() + statistics.others
@@ -208,7 +208,7 @@ def push(chance, frame=FRAME, stamp=NOW):
 
 
 def push_as_rclpy_reads(data):
-    """Return the numbers, (6,), as plainly as can be; None for what must be dropped."""
+    """Return the wrench, (6,), by a simple reference; None if it must be dropped."""
     try:
         message = deserialize_message(data, WrenchStamped)
     except Exception:

@@ -1,4 +1,4 @@
-"""A damaged URDF either loads or is refused in words: nothing else may come out."""
+"""A damaged URDF either loads or raises an error with its reason."""
 
 import re
 import warnings
@@ -25,7 +25,7 @@ PIECES = ['', ' ', '0', '-1', '-0', 'nan', '1e999', '1e59', '-1e59', '1e-320', '
 
 @st.composite
 def damaged(draw):
-    """Return the sound URDF after a few replacements, losses and repetitions."""
+    """Return a valid URDF after a few replacements, deletions and repetitions."""
     text = SOUND
     for _ in range(draw(st.integers(1, 4))):
         pattern = draw(st.sampled_from([VALUES, VALUES, ELEMENTS]))

@@ -37,7 +37,7 @@ class AdmissibleMotion:
         W_sr + sum_k W_sk A_kr: variation of q_s per virtual motion of independent speed r.
     J, b : (m, n_q), (m,) arrays
         The independent constraint rows, J q' = b.
-    posture : FiniteMechanismState
+    state : FiniteMechanismState
         Geometry at q, with velocity qdot.
 
     """
@@ -52,7 +52,7 @@ class AdmissibleMotion:
     variations: Array
     J: Array
     b: Array
-    posture: FiniteMechanismState
+    state: FiniteMechanismState
 
     def accelerated(self, udot: Array) -> 'AdmissibleMotion':
         """Return the motion with accelerations udot, (n,), of the speeds added."""
@@ -108,7 +108,7 @@ def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array,
     rates = parts(qdot, 0)
     numbers = {'W': W, 'X': X, 'A': A, 'B': B, 'variations': variations, 'J': J, 'b': b}
     return AdmissibleMotion(q=parts(here.q, here.count).value, qdot=rates.value, qddot=rates.rate,
-                      posture=here,
+                      state=here,
                       **{name: parts(x, 0).value for name, x in numbers.items()})
 
 

@@ -47,14 +47,14 @@ class HamiltonByVariations:
 
     def inertia_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
         """Return F*, (k,), for the columns of `variations`, (n_q, k)."""
-        model, posture = motion.posture.model, motion.posture
+        model, state = motion.state.model, motion.state
         if model.flexible:
             raise ModelError('variations of vectors: a model with a beam; expected rigid bodies')
-        coms = [posture.center_of_mass(k) for k in range(len(model.bodies))]
+        coms = [state.center_of_mass(k) for k in range(len(model.bodies))]
         possible = [com.along(variations) for com in coms]
         force = np.zeros(variations.shape[1])
         for k, (body, com) in enumerate(zip(model.bodies, coms)):
-            R, joint = posture.axes(k), body.joint
+            R, joint = state.axes(k), body.joint
             frames = (k if self.turning is None else self.turning[k],
                       WORLD if self.translating is None else self.translating[k])
             turns = [np.zeros_like(possible[k].rotation) if frame == WORLD
@@ -71,10 +71,10 @@ class HamiltonByVariations:
 
     def conservative_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
         """Return the generalized active force of gravity and springs, (k,)."""
-        model = motion.posture.model
+        model = motion.state.model
         force = np.zeros(variations.shape[1])
         for k, body in enumerate(model.bodies):
-            com = motion.posture.center_of_mass(k).along(variations)
+            com = motion.state.center_of_mass(k).along(variations)
             joint = body.joint
             stretch = joint.multiplier * motion.q[joint.coordinate] + joint.offset - joint.rest
             force = (force + com.displacement @ (body.inertial.mass * model.gravity)

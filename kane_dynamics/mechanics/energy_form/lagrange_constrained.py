@@ -40,11 +40,11 @@ class PasserelloHuston:
     def inertia_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
         """Return F*, (k,), for the columns of `variations`, (n_q, k)."""
         return variations.T @ energies.generalized_inertia_force(
-            motion.posture.model, motion.q, motion.qdot, motion.qddot)
+            motion.state.model, motion.q, motion.qdot, motion.qddot)
 
     def conservative_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
         """Return the generalized active force, (k,), of gravity and springs."""
-        return variations.T @ energies.conservative_force(motion.posture.model, motion.q)
+        return variations.T @ energies.conservative_force(motion.state.model, motion.q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +161,9 @@ class EnergyForm:
         force = (self.form.inertia_force(motion, variations)
                  + self.form.conservative_force(motion, variations))
         if self.friction:
-            force = force + variations.T @ energies.friction_force(motion.posture.model,
+            force = force + variations.T @ energies.friction_force(motion.state.model,
                                                                    motion.qdot)
-        for name, (push, moment) in (wrenches or {}).items():
-            here = motion.posture.possible_motion(*motion.posture.pose(name)).along(variations)
-            force = force + here.displacement @ push + here.rotation @ moment
+        for name, (force_at_frame, moment) in (wrenches or {}).items():
+            here = motion.state.possible_motion(*motion.state.pose(name)).along(variations)
+            force = force + here.displacement @ force_at_frame + here.rotation @ moment
         return -force

@@ -13,7 +13,7 @@ REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
 
 
 @cache
-def _initialised() -> None:
+def _initialized() -> None:
     """Register the code generator of this processor."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -27,7 +27,7 @@ def _processor() -> tuple[str, str]:
 
 def _target_machine(level: int) -> Any:
     """Return a code generator for this processor."""
-    _initialised()
+    _initialized()
     name, features = _processor()
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=name, features=features, opt=level, jit=True)
@@ -80,7 +80,7 @@ def code_size(text: str) -> int:
         If LLVM rejects the text or cannot generate code for that processor.
 
     """
-    _initialised()
+    _initialized()
     try:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()

@@ -1,4 +1,4 @@
-"""Promises of feasibility: peaks, the highest speed and the largest payload, by brute force."""
+"""Feasibility: peaks, highest speed and largest payload, compared with brute force."""
 
 from dataclasses import replace
 from functools import cache
@@ -28,7 +28,7 @@ def arm():
 
 
 def limited(effort, velocity=math.inf, reach=math.inf):
-    """Give the arm other limits."""
+    """Return the arm with other limits."""
     robot = arm()
     robot.parameters.payload = None
     robot.limits = JointLimits(*(np.full(3, float(x)) for x in (-reach, reach)),
@@ -44,7 +44,7 @@ def motion(seed, duration=2.0):
 
 
 def allowed(robot, course, speeds, power=math.inf, step=0.02, more=()):
-    """Tell at which speeds the arm keeps its limits, by computing every torque anew."""
+    """Return the speeds at which the arm satisfies its limits, by computing all torques."""
     _, q, u, udot = sampled(robot, course, step, np.asarray(more, dtype=float))
     s = speeds[:, None, None]
     at = [np.broadcast_to(x, (len(speeds), *q.shape)).reshape(-1, 3)
@@ -67,7 +67,7 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
     if found is None:
         assert not len(kept)
         return
-    for speed in kept[kept > found.speed]:  # by the samples, but not between them
+    for speed in kept[kept > found.speed]:  # satisfied at the samples, but not between them
         assert not allowed(robot, course, np.array([speed]), power, 1e-4).any()
     asked = demand(robot, course, speed=found.speed, power=power, **STEPS)
     assert asked.fits
@@ -148,7 +148,7 @@ def test_largest_payload_fits_and_any_more_does_not(seed, power):
     worst = max(asked.excesses, key=lambda excess: abs(excess.value) / excess.bound)
     assert (worst.joint, worst.limit, worst.t) == (found.joint, found.limit,
                                                    pytest.approx(found.t, abs=STEPS['step']))
-    # An excess that the samples show is told at one of them; the limit is reached between.
+    # An excess is reported at a sample; the limit is reached between samples.
     robot.parameters.payload = Inertial(found.mass, np.array(com), found.mass * inertia)
     q, u, udot = course.sample(found.t)
     joint = robot.joint_names.index(found.joint)

@@ -1,4 +1,4 @@
-"""Promises of `ModelBuilder`: what it builds is what a URDF or a hand-made Model says."""
+"""`ModelBuilder` builds the same models as a URDF or a manual `Model`."""
 
 from definition import Definition
 from kane_dynamics import (ball, box, disc, Inertial, load_urdf, ModelBuilder, ModelError,
@@ -23,7 +23,7 @@ FLOATING = """<robot name="drone"><link name="world"/>
 
 
 def same(model, other):
-    """Check that two models move alike, coordinate for coordinate."""
+    """Check that two models have the same dynamics."""
     assert model.coordinate_names == other.coordinate_names
     one, two = Definition(model), Definition(other)
     for q, u, udot in random_state(model, 0, 30).reshape(10, 3, -1):
@@ -139,7 +139,7 @@ def test_expanded_joint_properties_are_set_by_joint_name():
 
 
 def built(*steps):
-    """Return a builder after some steps on a first body."""
+    """Return a builder with a first body and some further steps."""
     b = ModelBuilder('rig')
     b.body('a')
     for name, arguments, options in steps:

@@ -1,4 +1,4 @@
-"""Promises of Motion: joint_trajectory_controller's interpolation, and refusals in words."""
+"""Motion: interpolation as in joint_trajectory_controller, and its error messages."""
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
@@ -16,7 +16,7 @@ def points(seed=1, count=5):
 
 
 def motion(kind, times=TIMES, **options):
-    """Return a motion through random points with as many derivatives given as `kind` says."""
+    """Return a motion through random points with the derivatives of `kind`."""
     return Motion.from_points(times, *points(count=len(times))[:kind], joint_names=NAMES,
                               **options)
 

@@ -1,4 +1,4 @@
-"""Promises of the cache of machine code: safe to share, never trusted blindly."""
+"""Cache of machine code: safe for concurrent use, rebuilt when damaged or untrusted."""
 
 import multiprocessing
 import os

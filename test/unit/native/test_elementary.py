@@ -1,4 +1,4 @@
-"""Promises of sine, cosine and hyperbolic tangent in native code."""
+"""Accuracy and special values of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics import InputError
 from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT

@@ -1,4 +1,4 @@
-"""Promises of the traced scalar: what it folds, what it shares, what it refuses."""
+"""Traced scalars: constant folding, shared subexpressions, rejected operations."""
 
 import math
 

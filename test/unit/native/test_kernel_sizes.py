@@ -1,4 +1,4 @@
-"""No kernel of a shipped robot needs more arithmetic or code than was recorded."""
+"""Operation counts and code sizes of the kernels of shipped robots match the records."""
 
 from benchmarks import kernel_sizes
 import pytest
@@ -8,7 +8,7 @@ COMMAND = 'if that is meant, run `make kernel-sizes` and commit kernel_sizes.jso
 
 
 def changes(recorded, measured, columns):
-    """Return in words what differs; a smaller kernel is to be recorded too, lest it grow back."""
+    """Return the differences as text; a smaller kernel must be recorded too."""
     found = [f'{name}: only {where}' for name in sorted(recorded.keys() ^ measured.keys())
              for where in ['recorded' if name in recorded else 'measured']]
     for name in recorded.keys() & measured.keys():

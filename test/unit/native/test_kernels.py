@@ -1,4 +1,4 @@
-"""Promises of calling a compiled robot: what is accepted, what is refused, and how."""
+"""Calls of a compiled robot: accepted and rejected arguments, results, native entry points."""
 
 import gc
 import pickle
@@ -19,7 +19,7 @@ STATE = random_state(MODEL, 0)
 
 @pytest.fixture(scope='module')
 def robot():
-    """Return a robot to call."""
+    """Return a random robot."""
     return Robot(MODEL)
 
 

@@ -1,4 +1,4 @@
-"""Promises of batches: the numbers of single states, whatever batch, lanes and threads."""
+"""Batches: results equal those of single states for any batch, lanes and threads."""
 
 import os
 import re
@@ -29,7 +29,7 @@ COUNTS = (0, 1, W - 1, W, W + 1, 3 * W + 2, 1000)
 
 @pytest.fixture(scope='module')
 def robot():
-    """Return a robot that may be pushed at its last frame."""
+    """Return a robot with a wrench frame at its last link."""
     return Robot(MODEL, wrench_frames=(FRAME,))
 
 

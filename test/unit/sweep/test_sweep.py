@@ -1,4 +1,4 @@
-"""Promises of sweeps: rows that depend on seed and number alone, right physics, a safe table."""
+"""Sweeps: rows depend only on seed and index, match a reference, and are stored safely."""
 
 from dataclasses import replace
 from functools import cache
@@ -32,13 +32,13 @@ KINDS = ('computed_torque', 'gravity_compensation', 'none')
 
 @cache
 def motion():
-    """Return some motion."""
+    """Return a desired motion."""
     points = np.cumsum(np.random.default_rng(1).normal(size=(3, 3)) * 0.1, axis=0)
     return Motion.from_points([0.0, 0.02, 0.05], points, joint_names=JOINTS)
 
 
 def sweep(**changes):
-    """Return a sweep in which everything varies."""
+    """Return a sweep with random and grid values for all parameters."""
     return Sweep(MODEL, **{
         'samples': 30, 'seed': 7, 'duration': 0.04, 'step': 2e-3, 'payload': PAYLOAD,
         'q0': {'each': {'uniform': [-0.5, 0.5]}}, 'u0': {JOINTS[1]: {'normal': [0.0, 0.3]}},
@@ -57,13 +57,13 @@ def columns(given):
 
 
 def same(a, b):
-    """Tell whether two sets of columns hold the same bits."""
+    """Return whether two sets of columns are equal bit for bit."""
     assert list(a) == list(b)
     return all((a[name] == b[name]).all() for name in a)
 
 
 def reference(given, row):
-    """Return a trial's numbers by Python, its payload and friction being part of the model."""
+    """Return the outcomes of a trial simulated in Python, with its payload in the model."""
     values = {name: x[0] for name, x in drawn(given, [row]).items()}
     at = {name: of_joints({k: np.array([v]) for k, v in values.items()}, name, JOINTS)[0]
           for name in ('q0', 'u0', 'friction', 'kp', 'kd')}
@@ -109,7 +109,7 @@ def reference(given, row):
 
 
 def implicit(plant, law, x, moments, h):
-    """Return a trial's numbers one implicit step later."""
+    """Return the state of a trial after one implicit step."""
     method, n, block = ImplicitStep(plant.equations), plant.n, plant.parameters.block
     q, u, sums = np.split(x, [n, 2 * n])
     ends = (moments[0], moments[2])
@@ -198,7 +198,7 @@ def test_exceeded_limits_are_reported():
 
 
 def parts(folder):
-    """Return the part files, in order."""
+    """Return the part files in order."""
     return sorted(folder.glob('part-*.parquet'))
 
 
@@ -270,7 +270,7 @@ def test_outcomes_of_failed_trials_are_null(tmp_path):
 
 
 def kill_first(work, chunk):
-    """Die, as a worker whose memory ran out does."""
+    """Kill this worker, as the system does when memory runs out."""
     os.kill(os.getpid(), 9)
 
 

@@ -1,4 +1,4 @@
-"""Promises of urdf/: the makers' figures, no surprises on loading, and peers that agree."""
+"""Shipped models: manufacturers' data, expected warnings, agreement with peers."""
 
 import math
 from pathlib import Path
@@ -29,7 +29,7 @@ FR3 = [  # Denavit-Hartenberg after Craig: a, d, alpha; the flange last
 
 
 def load(name, **options):
-    """Load a shipped model; the warnings on purpose are looked at by their own test."""
+    """Load a shipped model without its known warnings, which have their own test."""
     with warnings.catch_warnings():
         if name in WARNINGS:
             warnings.simplefilter('ignore', ModelWarning)
@@ -42,7 +42,7 @@ def text(name):
 
 
 def screw(axis, angle, shift):
-    """Return the turn about x (0) or z (2) by `angle` and the shift along it, (4, 4)."""
+    """Return the rotation about x (0) or z (2) by `angle` with a shift along it, (4, 4)."""
     T = np.eye(4)
     i, j = (1, 2) if axis == 0 else (0, 1)
     T[i, i] = T[j, j] = math.cos(angle)
@@ -53,7 +53,7 @@ def screw(axis, angle, shift):
 
 
 def flange_ur10e(q):
-    """Return the product of the maker's table; base_link looks the other way."""
+    """Return the flange pose from the manufacturer's table; base_link is rotated by pi."""
     T = screw(2, math.pi, 0.0)
     for angle, (a, d, alpha) in zip(q, UR10E, strict=True):
         T = T @ screw(2, angle, d) @ screw(0, alpha, a)
@@ -61,7 +61,7 @@ def flange_ur10e(q):
 
 
 def flange_fr3(q):
-    """Return the product of the maker's table."""
+    """Return the flange pose from the manufacturer's table."""
     T = np.eye(4)
     for angle, (a, d, alpha) in zip([*q, 0.0], FR3, strict=True):
         T = T @ screw(0, alpha, a) @ screw(2, angle, d)
@@ -140,14 +140,14 @@ def test_flange_pose_matches_the_manufacturers_dh_table(name):
 
 
 def test_the_ur10e_reaches_its_data_sheets_1300_mm():
-    # stretched out level, wrist 1 turned so that wrist 2 is in line: as far as the last axis goes
+    # stretched horizontally, wrist 1 rotated so that wrist 2 is in line
     q = np.array([0.0, 0.0, 0.0, -math.pi / 2, 0.0, 0.0])
     pose = Robot(load('ur10e')).frame_pose('wrist_2_link', q)
     assert abs(pose[0, 3]) == pytest.approx(1.300, rel=0.004)
 
 
 def test_the_research_3_reaches_its_data_sheets_855_mm():
-    # from the shoulder's centre to the flange, over the positions that the limits allow
+    # from the shoulder's center to the flange, over the positions that the limits allow
     model = load('fr3', tip='fr3_link8')
     robot = Robot(model)
     elbow, wrist = (model.coordinate_joints[k].limits for k in (3, 5))

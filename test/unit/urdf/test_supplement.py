@@ -1,4 +1,4 @@
-"""The supplement beside a URDF: what it adds, and how it refuses what it cannot mean."""
+"""Supplement of a URDF: its effect on the model and its error messages."""
 
 from kane_dynamics.errors import KaneError, ModelError, UrdfError
 from kane_dynamics.urdf import load_urdf

@@ -1,4 +1,4 @@
-"""What a URDF becomes: freedoms, merged bodies, mimics, frames, order."""
+"""Model of a URDF: expanded joints, merged bodies, mimic joints, frames, order."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A URDF that cannot be right is refused in words: the element, its value, what is valid."""
+"""Invalid URDFs are rejected with the element, its value and the valid ones."""
 
 from kane_dynamics.errors import KaneError, ModelError, UrdfError
 from kane_dynamics.urdf import load_urdf

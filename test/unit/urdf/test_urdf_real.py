@@ -1,4 +1,4 @@
-"""The real URDFs of example-robot-data: each loads, or is refused for a fault that it has."""
+"""Real URDFs of example-robot-data: each loads, or is rejected for a known fault."""
 
 from importlib.metadata import files
 import warnings
@@ -40,7 +40,7 @@ def test_real_urdf_loads_or_is_refused_for_its_fault(path):
     peer = pin.buildModelFromUrdf(str(path))
     assert peer.nv == len(model.bodies)
     mass = sum(body.inertial.mass for body in model.bodies) + model.base_inertial.mass
-    # Pinocchio keeps the mass of the root link in no joint but the universe.
+    # Pinocchio assigns the mass of the root link to the universe.
     assert_allclose(mass, sum(inertia.mass for inertia in peer.inertias), rtol=1e-12)
     assert {frame.name for frame in model.frames} == {
         frame.name for frame in peer.frames if frame.type == pin.BODY}

@@ -1,4 +1,4 @@
-"""Which joints move: base, tip, joints, locked and drop."""
+"""Selection of joints and links: base, tip, joints, locked and drop."""
 
 from kane_dynamics.errors import InputError, KaneError, ModelError
 from kane_dynamics.model.model import WORLD

@@ -1,4 +1,4 @@
-"""How a URDF's text may come: encodings, sizes, and what is refused before it is parsed."""
+"""Text of a URDF: encodings, sizes, and input that is rejected before parsing."""
 
 from pathlib import Path
 import time

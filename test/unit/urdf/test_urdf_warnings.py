@@ -1,4 +1,4 @@
-"""What is legal but doubtful is warned of once, by name; what is sound is not."""
+"""Warnings: one per kind of legal but questionable content, naming links and joints."""
 
 import math
 import warnings
