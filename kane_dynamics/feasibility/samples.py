@@ -95,6 +95,6 @@ def times_to_refine(t: Array, shares: Array) -> Array:
         bend = np.maximum(np.vstack([bend[:1], bend]), np.vstack([bend, bend[-1:]]))
         top = np.maximum(before, after)
         refined = ((top <= 1.0 + ROUNDING)
-                    & (top + 0.5 * h**2 * bend > 1.0 + 0.1 * ROUNDING)).any(axis=1)
+                   & (top + 0.5 * h**2 * bend > 1.0 + 0.1 * ROUNDING)).any(axis=1)
     inner = np.arange(1, SUBDIVISIONS) / SUBDIVISIONS
     return np.asarray((t[intervals, None] + h * inner)[refined].ravel())

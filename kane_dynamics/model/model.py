@@ -237,7 +237,7 @@ class Model:
 
     @property
     def modal_coordinates(self) -> tuple[int, ...]:
-        """Indices in q of the modal coordinates of beams."""
+        """Return the indices in q of the modal coordinates of beams."""
         return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
 
     @property

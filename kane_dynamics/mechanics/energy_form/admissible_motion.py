@@ -108,8 +108,8 @@ def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array,
     rates = parts(qdot, 0)
     numbers = {'W': W, 'X': X, 'A': A, 'B': B, 'variations': variations, 'J': J, 'b': b}
     return AdmissibleMotion(q=parts(here.q, here.count).value, qdot=rates.value, qddot=rates.rate,
-                      state=here,
-                      **{name: parts(x, 0).value for name, x in numbers.items()})
+                            state=here,
+                            **{name: parts(x, 0).value for name, x in numbers.items()})
 
 
 def _rows(mechanism: Mechanism, here: FiniteMechanismState) -> tuple[Any, Any]:

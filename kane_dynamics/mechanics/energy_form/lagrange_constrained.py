@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.mechanics.energy_form.admissible_motion import AdmissibleMotion, admissible
+from kane_dynamics.mechanics.energy_form.admissible_motion import admissible, AdmissibleMotion
 import numpy as np
 
 Wrenches = Mapping[str, tuple[Any, Any]]

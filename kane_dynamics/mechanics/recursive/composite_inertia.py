@@ -72,7 +72,7 @@ def _axis_component(step: JointStep, move: JointAxisMotion) -> Any:
 
 
 def _propagated(links: Sequence[Link], steps: Sequence[JointStep], i: int,
-           move: JointAxisMotion) -> Iterator[tuple[int, JointAxisMotion]]:
+                move: JointAxisMotion) -> Iterator[tuple[int, JointAxisMotion]]:
     """Yield the force and moment of link i on each link toward the root, up to the next beam."""
     weights, force, moment = move
     while links[i].parent != WORLD:
@@ -112,7 +112,7 @@ def _project(rates: dict[int, Any], seen: CompositeForce, M: list[list[Any]]) ->
 
 
 def _combined_by_modes(moves: list[JointAxisMotion], modes: Modes,
-              M: list[list[Any]]) -> list[JointAxisMotion]:
+                       M: list[list[Any]]) -> list[JointAxisMotion]:
     """Combine motions per mode of a beam and add the modal mass to M."""
     own = dict(zip(modes.coordinates, zip(modes.momentum, modes.spin)))
     rest = []

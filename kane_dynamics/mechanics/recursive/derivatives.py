@@ -152,7 +152,7 @@ def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
     v_r = np.stack([cross(omega, column) for column in S.T], axis=1)  # int v r^T dm
     spin = S[0, 0] + S[1, 1] + S[2, 2]
     return CompositeBody(link.mass, h, S, cross(omega, h), spin * omega - S @ omega, v_r + v_r.T,
-                   *inertia_wrench(link, motion))
+                         *inertia_wrench(link, motion))
 
 
 def _add_row(places: Sequence[LinkState], body: CompositeBody, i: int,
@@ -189,11 +189,11 @@ def _add_column(places: Sequence[LinkState], body: CompositeBody, i: int,
         force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
         N = body.moment
         wrenches = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
-                                *_wrench_change(body, Z, across + across, NONE)])
+                                   *_wrench_change(body, Z, across + across, NONE)])
     else:
         force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
         wrenches = np.concatenate([force, moment + turned,
-                                *_wrench_change(body, NONE, NONE, across + across)])
+                                   *_wrench_change(body, NONE, NONE, across + across)])
     j = i
     while places[j].link.parent != WORLD:
         wrenches = share(f'column_{j}', places[j].columns, wrenches, places[j].state)

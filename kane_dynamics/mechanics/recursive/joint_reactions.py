@@ -92,7 +92,7 @@ def _inertia_wrenches(links: Sequence[Link], steps: Sequence[JointStep], q: Any,
 
 
 def _add_to_parent(step: JointStep, wrench: tuple[Any, Any],
-                 above: tuple[Any, Any]) -> tuple[Any, Any]:
+                   above: tuple[Any, Any]) -> tuple[Any, Any]:
     """Return the parent's wrench plus that of a link."""
     force, moment = step.inward(wrench[0]), step.inward(wrench[1])
     return above[0] + force, above[1] + (moment + cross(step.offset, force))

@@ -273,7 +273,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
 
 
 def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
-            most: Sequence[float], shape: Shape) -> str:
+                 most: Sequence[float], shape: Shape) -> str:
     """
     Return the LLVM IR of `entry` and `bound`, to be added to a kernel's module.
 
