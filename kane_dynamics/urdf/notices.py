@@ -1,22 +1,19 @@
-"""Doubts about a model, gathered while it is loaded and issued one warning a kind."""
+"""Warnings about a model, collected while it is loaded, one per kind."""
 
 from dataclasses import dataclass, field, fields
-import warnings
-
-from kane_dynamics.errors import ModelWarning
 
 Names = list[str]
 
 
 def _kind(text: str) -> Names:
-    """Declare a kind of doubt with the sentence that introduces its names."""
+    """Declare a kind of warning with the text that precedes its names."""
     names: Names = field(default_factory=list, metadata={'text': text})
     return names
 
 
 @dataclass
 class Notices:
-    """Lists of what each doubt concerns; `issue` turns each that is not empty into a warning."""
+    """Names of links and joints by kind of warning; `messages` returns the warning texts."""
 
     unused: dict[str, Names] = field(default_factory=dict)
     no_axis: Names = _kind('joints without <axis>; using the default "1 0 0"')
@@ -39,15 +36,15 @@ class Notices:
         """Note that `what` of the link or joint `name` is not used."""
         self.unused.setdefault(what, []).append(name)
 
-    def issue(self) -> None:
-        """Warn, once for each kind of doubt, as from the caller of load_urdf."""
+    def messages(self) -> list[str]:
+        """Return one warning text for each kind with names."""
+        found = []
         if self.unused:
             listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
                                for what, names in self.unused.items())
-            warnings.warn(f'elements of the URDF that are not used: {listed}',
-                          ModelWarning, stacklevel=3)
+            found.append(f'the URDF states these, but they are not used: {listed}')
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:
-                warnings.warn(f'{kind.metadata["text"]}: {", ".join(names)}', ModelWarning,
-                              stacklevel=3)
+                found.append(f'{kind.metadata["text"]}: {", ".join(names)}')
+        return found

@@ -1,10 +1,11 @@
 """Kernel: one compiled program with its input checks, parameters and entry points."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 import sys
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -23,6 +24,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, size_of
 import numpy as np
 
 SYMBOL = 'kernel'  # name of the kernel function in its object file
+_TRACING = RLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], None]
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
@@ -134,13 +136,22 @@ class Kernel:
         self.address = self.code.address(SYMBOL)
 
     def _compiled(self, kind: str, text: Callable[[], str]) -> llvm.Code:
-        key = self._key
+        def traced() -> str:
+            with _TRACING:
+                return text()
+        key, source = self._key, traced
         with gc_paused():
             if key is None:
-                key = text()
-                text = partial(str, key)
+                key = traced()
+                source = partial(str, key)
             return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
-                                                lambda: llvm.assemble(text())))
+                                                lambda: llvm.assemble(source())))
+
+    def with_parameters(self, parameters: Array) -> 'Kernel':
+        """Return a kernel with the same machine code and other parameters."""
+        other = copy(self)
+        other.parameters, other._compiling = parameters, Lock()
+        return other
 
     def _entry_points(self) -> str:
         return entry.entry_points(SYMBOL, self._given, [d.size for d in self._defaults],
