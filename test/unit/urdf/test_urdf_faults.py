@@ -111,7 +111,7 @@ FAULTS = {
         'j', ' multiplier="1e50"')), joint('l', 'c', 'd', more=mimic(
             'k', ' multiplier="1e50"'))), ModelError, ("joint 'l'", 'multiplier', '1e+100')),
     'zero axis': (robot(A, B, joint('j', 'a', 'b', axis='0 0 0')), ModelError,
-                  ("joint 'j'", '<axis>', '[0.0, 0.0, 0.0]', 'not be zero')),
+                  ("joint 'j'", '<axis>', '[0.0, 0.0, 0.0]', 'nonzero')),
     'negative mass': (robot(A, link('b', -1), J), ModelError,
                       ("link 'b'", '<mass>', '-1.0', 'negative')),
     'negative moment': (robot(A, link('b', 1, (-1, 1, 1)), J), ModelError,
