@@ -304,7 +304,7 @@ def test_a_tube_is_a_beam_of_its_section():
     assert inertial.inertia[0, 0] == pytest.approx(2700.0 * area * 1.5 * (0.05**2 + 0.04**2) / 2)
     assert inertial.inertia[1, 1] == pytest.approx(2700.0 * area * 1.5 * (
         (0.05**2 + 0.04**2) / 4 + 1.5**2 / 12))
-    with pytest.raises(ModelError, match=r'has a bore of 0\.06 m'):
+    with pytest.raises(ModelError, match=r'tube: bore 0\.06 m, radius'):
         FlexibleLink.tube(1.5, 0.05, 0.06, 70e9, 26e9, 2700.0)
 
 

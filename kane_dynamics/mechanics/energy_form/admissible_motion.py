@@ -1,7 +1,7 @@
 """
 Motions of the energy formulation that satisfy the speeds and constraints.
 
-A constraint with a position-level residual, gap(q, t) = 0, is that residual differentiated,
+A constraint with a position-level residual, `gap(q, t)` = 0, is that residual differentiated,
 
     (dgap/dq) q' = -dgap/dt,
 

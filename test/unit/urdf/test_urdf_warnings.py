@@ -72,9 +72,9 @@ WARNINGS = {
 }
 
 
-@pytest.mark.parametrize('doubt', WARNINGS)
-def test_warning_names_the_link_or_joint(doubt):
-    source, words = WARNINGS[doubt]
+@pytest.mark.parametrize('problem', WARNINGS)
+def test_warning_names_the_link_or_joint(problem):
+    source, words = WARNINGS[problem]
     _, texts = load_with_warnings(source)
     assert len(texts) == 1, texts
     for word in words:
@@ -96,11 +96,11 @@ def test_warning_points_at_the_caller():
     assert caught[0].filename == __file__
 
 
-@pytest.mark.parametrize('doubt', ['zero effort', 'missing limit', 'reversed bounds'])
-def test_invalid_or_missing_limit_is_infinite(doubt):
-    model, _ = load_with_warnings(WARNINGS[doubt][0])
+@pytest.mark.parametrize('problem', ['zero effort', 'missing limit', 'reversed bounds'])
+def test_invalid_or_missing_limit_is_infinite(problem):
+    model, _ = load_with_warnings(WARNINGS[problem][0])
     limits = model.bodies[0].joint.limits
-    assert (limits.effort if doubt == 'zero effort' else limits.upper) == math.inf
+    assert (limits.effort if problem == 'zero effort' else limits.upper) == math.inf
 
 
 def test_one_bound_alone_leaves_the_other_at_zero_as_urdf_says():
