@@ -198,12 +198,12 @@ def test_mujoco_and_pinocchio_agree_on_the_mass_matrix(name):
         np.testing.assert_allclose(M, other[np.ix_(columns, columns)], atol=1e-9)
 
 
-@pytest.mark.parametrize(('name', 'posture'), [
+@pytest.mark.parametrize(('name', 'configuration'), [
     ('ur10e', [0.0, -1.2, 1.4, -1.7, -1.57, 0.0]),
     ('fr3', [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.02, 0.02])])
-def test_arm_has_no_self_collision_in_its_home_configuration(name, posture):
+def test_arm_has_no_self_collision_in_its_home_configuration(name, configuration):
     plant = mujoco.MjModel.from_xml_string(text(name))
     state = mujoco.MjData(plant)
-    state.qpos[:] = posture
+    state.qpos[:] = configuration
     mujoco.mj_forward(plant, state)
     assert state.ncon == 0
