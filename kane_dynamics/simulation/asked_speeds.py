@@ -56,6 +56,25 @@ class AskedSpeeds:
         result: Array = kernel(*given, *([t] if timed else []))
         return result
 
+    def states(self, history: Sequence[Sequence[tuple[int, Robot]]], buffer: Array, start: float,
+               step: float, done: int) -> Array:
+        """Return states (N, K, size) after `done` steps and more, in the asked speeds."""
+        result, n_q, n = buffer, self._asked.n_q, self._asked.n
+        for i, changes in enumerate(history):
+            if len(changes) == 1:
+                continue
+            ends = [*(after for after, _ in changes[1:]), done + buffer.shape[1] - 1]
+            for (after, robot), end in zip(changes, ends):
+                rows = np.arange(max(after + 1 - done, 0), end + 1 - done)
+                if len(rows) and robot.speed_names != self._asked.speed_names:
+                    result = buffer.copy() if result is buffer else result
+                    q, u = (np.ascontiguousarray(buffer[i, rows, part])
+                            for part in (slice(n_q), slice(n_q, n_q + n)))
+                    times = start + (done + rows) * np.float64(step)
+                    result[i, rows, n_q:n_q + n] = self.speeds(robot, q, u, np.zeros_like(u),
+                                                               times)[:, 0]
+        return result
+
     def results(self, history: Sequence[Sequence[tuple[int, Robot]]], kept: Array, times: Array,
                 states: Array, tau: Array) -> dict[str, Array]:
         """

@@ -19,6 +19,7 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.speed_switching import SwitchingInput
 from kane_dynamics.simulation.step_kernels import margin_count, state_names
@@ -104,6 +105,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     ModelWarning
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
         at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
+        The energy balance does not close within what the step explains: names the time at which
+        that began. Both are in `Trajectory.warnings` too.
 
     """
     starts = _starts(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
@@ -125,25 +128,31 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if watched:
         source = SwitchingInput(source, N, integrator, single)
     if callable(torque):
-        kept, states, tau, events = _run_callable(source, starts[0], count, every, torque,
-                                                  progress, t0)
+        kept, states, tau, events, balance = _run_callable(source, starts[0], count, every, torque,
+                                                           progress, t0, integrator)
     else:
-        kept, states, events = _run_native(source, starts, single, count, every, progress, t0)
+        kept, states, events, balance = _run_native(source, starts, single, count, every,
+                                                    progress, t0, integrator)
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
+    missed = balance.warning(single, doubt)
+    if missed is not None:
+        warnings.warn(missed, ModelWarning, stacklevel=2)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
     arrays = {name: x[0] if single else x for name, x in arrays.items()}
     return Trajectory(t0 + kept * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
+                      warnings=tuple(text for text in (doubt, missed) if text is not None),
                       speed_changes=tuple(source.changes) if watched else ())
 
 
 def _run_native(source: Any, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None, t0: float) -> tuple[Array, Array, LimitEvents]:
-    """Step in native chunks; return the kept step numbers, their states, and the events."""
+                progress: Progress | None, t0: float, integrator: str
+                ) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
+    """Step in native chunks; return the kept steps, their states, events, energy balance."""
     robot, (N, size) = source.robot, starts.shape
     kept = np.append(np.arange(0, count, every), count)
     states = np.empty((N, len(kept), size))
@@ -152,6 +161,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
     done, least = 0, 1 if single else LEAST_CHUNK
     chunk = FIRST_CHUNK if single else LEAST_CHUNK
     watch = LimitWatch(robot.joint_names, _watched(robot), starts, single)
+    balance = EnergyBalance(robot, source.step, starts, integrator, t0)
     while done < count:
         chunk = min(chunk, most, count - done)
         buffer = np.empty((N, chunk + 1, size))
@@ -163,6 +173,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
         watch.look(buffer[:, 1:],
                    t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step),
                    extremes)
+        balance.look(source.in_own_speeds(buffer, done), done, source.acting(buffer, done))
         here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
         states[:, here] = buffer[:, kept[here] - done]
         starts = buffer[:, -1].copy()
@@ -170,7 +181,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
         if progress is not None and progress(t0 + done * source.step) is False:
             break
         chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
-    return (*_ended(kept, states, done, starts), watch.events)
+    return (*_ended(kept, states, done, starts), watch.events, balance)
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
@@ -182,7 +193,8 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 
 def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
-                  progress: Progress | None, t0: float) -> tuple[Array, Array, Array, LimitEvents]:
+                  progress: Progress | None, t0: float, integrator: str
+                  ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
     """Ask for the torque before every step; Python in the loop."""
     robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n
@@ -190,6 +202,8 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
     watch = LimitWatch(robot.joint_names, _watched(robot), state[None], single=True)
     buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
     buffer[0, 0] = state
+    asked = np.empty((1, FIRST_CHUNK, n))
+    balance = EnergyBalance(robot, step, state[None], integrator, t0)
     reported = time.perf_counter()
     for k in range(count + 1):
         j = k % FIRST_CHUNK
@@ -204,7 +218,7 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
             taus.append(tau)
         if k == count:
             break
-        here = buffer[:, j:j + 2]
+        here, asked[0, j] = buffer[:, j:j + 2], tau
         if isinstance(source, SwitchingInput):
             source.torque = tau[None, None]
             source.advance(here, k, single=True)
@@ -218,8 +232,10 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
         if j + 1 == FIRST_CHUNK or k + 1 == count:
             watch.look(buffer[:, 1:j + 2],
                        t0 + np.arange(k - j + 1, k + 2) * np.float64(step))
+            balance.look(source.in_own_speeds(buffer[:, :j + 2], k - j), k - j,
+                         asked[:, :j + 1])
             buffer[:, 0] = buffer[:, j + 1]
-    return np.array(kept), np.array([states]), np.array([taus]), watch.events
+    return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
 
 
 def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:

@@ -266,6 +266,14 @@ class SwitchingInput:
             return q, u
         return q, self._asked.speeds(robot, q, u, np.zeros(robot.n), self._time(done))[0]
 
+    def acting(self, buffer: Array, done: int) -> Any:
+        """Return the torques of the steps of a buffer; as `TorqueInput.acting`."""
+        return self._source.acting(buffer, done)
+
+    def in_own_speeds(self, buffer: Array, done: int) -> Array:
+        """Return a buffer's states in the user's own speeds."""
+        return self._asked.states(self._history, buffer, self._source.start, self.step, done)
+
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted; as `TorqueInput.torques`."""
         return self._source.torques(kept, q, u)

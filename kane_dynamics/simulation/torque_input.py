@@ -1,5 +1,6 @@
 """Where a simulation's torques come from, as the native step reads them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +70,10 @@ class TorqueInput:
         table = self.torque[:, done:] if steps else self.torque
         return table, table.strides[0] * states, table.strides[1] * steps
 
+    def in_own_speeds(self, buffer: Array, done: int) -> Array:
+        """Return a buffer's states in the robot's speeds: they are."""
+        return buffer
+
     def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
         """Return what follows from kept states (N, K, size) and torques (N, K, n)."""
         robot, shape = self.robot, states.shape[:2]
@@ -80,6 +85,29 @@ class TorqueInput:
                  'energy': np.stack([robot.kinetic_energy(q, u, **at),
                                      robot.potential_energy(q)], axis=1)}
         return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
+
+    def acting(self, buffer: Array, done: int) -> Array | Callable[[Array], Array]:
+        """
+        Return the torques of the steps of a buffer that `advance` has filled in.
+
+        Returns
+        -------
+        (1 or N, 1 or K, n) array, or callable
+            Held during each step; or, of a law that is evaluated continuously, a function of row
+            numbers of the buffer that returns the torques there.
+
+        """
+        if isinstance(self.torque, ComputedTorque):
+            n = self.robot.n
+
+            def at(rows: Array) -> Array:
+                q, u = (np.ascontiguousarray(buffer[:, rows, part])
+                        for part in (slice(0, n), slice(n, 2 * n)))
+                return self.torques(done + rows, q, u)
+            return at
+        steps = buffer.shape[1] - 1
+        table: Array = self.torque
+        return table if table.shape[1] == 1 else table[:, done:done + steps]
 
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""

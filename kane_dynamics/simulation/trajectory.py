@@ -90,6 +90,8 @@ class Trajectory:
         missed; as the methods of `Robot` of these names.
     speed_changes : sequence of SpeedChange
         Where the simulation went on in other independent speeds.
+    warnings : tuple of str
+        What the simulation warned of.
 
     """
 
@@ -107,6 +109,7 @@ class Trajectory:
     constraint_residual: Array = field(default_factory=partial(np.zeros, 0))
     constraint_velocity_residual: Array = field(default_factory=partial(np.zeros, 0))
     speed_changes: Sequence[SpeedChange] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in what follows from the rest."""
@@ -178,7 +181,7 @@ class Trajectory:
                   for e in self.limit_events]
         arrays: dict[str, Any] = {
             **{name: getattr(self, name) for name in ARRAYS},
-            **{name: np.array(getattr(self, name), dtype=str) for name in NAMES}}
+            **{name: np.array(getattr(self, name), dtype=str) for name in (*NAMES, 'warnings')}}
         changes = [(c.t, '\n'.join(c.before), '\n'.join(c.after),
                     '' if c.state is None else c.state) for c in self.speed_changes]
         np.savez_compressed(path, limit_events=np.array(events, dtype=str).reshape(-1, 6),
@@ -199,7 +202,8 @@ class Trajectory:
                 **{name: file[name] for name in ARRAYS if name not in OF_CONSTRAINTS},
                 **{name: file[key] for name in OF_CONSTRAINTS
                    if (key := name if name in file else FORMER.get(name)) in file},
-                **{name: tuple(map(str, file[name])) for name in NAMES}}
+                **{name: tuple(map(str, file[name])) for name in NAMES},
+                'warnings': tuple(map(str, file.get('warnings', ())))}
             content.setdefault('constraint_velocity_residual',
                                np.zeros_like(content['constraint_residual']))
             return cls(**content, limit_events=events, speed_changes=changes)
