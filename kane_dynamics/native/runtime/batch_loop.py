@@ -45,7 +45,7 @@ block:
   %b.lane = insertelement <W x i64> poison, i64 %b, i32 0
   %b.lanes = shufflevector <W x i64> %b.lane, <W x i64> poison, <W x i32> zeroinitializer
   %open = add <W x i64> %b.lanes, COUNTING
-  %state = call <W x i64> @llvm_assembler.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
+  %state = call <W x i64> @llvm.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
   store <W x i64> %state, ptr %states
   br label %place
 place:
@@ -122,8 +122,8 @@ judge:
   %of.input = load <W x i64>, ptr %bad
   %of.result.at = getelementptr <W x i64>, ptr %bad, i64 1
   %of.result = load <W x i64>, ptr %of.result.at
-  %input.bits = call i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64> %of.input)
-  %result.bits = call i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64> %of.result)
+  %input.bits = call i64 @llvm.vector.reduce.or.vWi64(<W x i64> %of.input)
+  %result.bits = call i64 @llvm.vector.reduce.or.vWi64(<W x i64> %of.result)
   %input.bad = icmp ne i64 %input.bits, 0
   %result.bad = icmp ne i64 %result.bits, 0
   %input.flag = select i1 %input.bad, i64 1, i64 0
@@ -131,8 +131,8 @@ judge:
   %flags = or i64 %input.flag, %result.flag
   ret i64 %flags
 }
-declare <W x i64> @llvm_assembler.smin.vWi64(<W x i64>, <W x i64>)
-declare i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64>)
+declare <W x i64> @llvm.smin.vWi64(<W x i64>, <W x i64>)
+declare i64 @llvm.vector.reduce.or.vWi64(<W x i64>)
 """
 
 
@@ -170,7 +170,7 @@ def driver(width: int) -> llvm_assembler.Code:
 def _march(width: int) -> Callable[..., int]:
     """Return the driver as a function that releases the GIL."""
     arguments = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 2
-    function: Callable[..., int] = driver(width).function('march', ctypes.CFUNCTYPE(
+    function: Callable[..., int] = driver(width).function('run_batch', ctypes.CFUNCTYPE(
         ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3))
     return function
 

@@ -20,7 +20,7 @@ define void @repeat(ptr %kernel, ptr %pointers, ptr %strides, i64 %slots, i64 %N
 start:
   %own = alloca [SLOTS x ptr]
   %size = mul i64 %slots, 8
-  call void @llvm_assembler.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
+  call void @llvm.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
   %any = icmp sgt i64 %N, 0
   br i1 %any, label %state, label %done
 state:
@@ -46,7 +46,7 @@ done:
   ret void
 }
 
-declare void @llvm_assembler.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 """
 
 
