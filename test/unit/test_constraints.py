@@ -49,8 +49,8 @@ def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
 
 @pytest.mark.parametrize(('make', 'words'), [
     (lambda: PointVelocity('tip', (0, 0, 0)), r'direction is \[0.0, 0.0, 0.0\]'),
-    (lambda: Rolling('tip', -1.0), 'radius is -1.0; it must be positive'),
-    (lambda: Closure('tip', 'near', 'glue'), "kind is 'glue'; valid: weld, revolute, spherical")])
+    (lambda: Rolling('tip', -1.0), 'radius is -1.0; expected a positive number'),
+    (lambda: Closure('tip', 'near', 'glue'), "kind is 'glue'; expected one of weld, revolute, prismatic")])
 def test_values_that_no_constraint_has_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()

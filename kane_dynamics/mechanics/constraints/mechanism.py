@@ -74,12 +74,12 @@ class MechanismState:
         T = frame_kinematics.frame_pose(self._links, at, self.q)
         return T[:3, :3], T[:3, 3]
 
-    def partial_velocities(self, frame: str) -> Any:
-        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
-        at = self.model.frame(frame)
+    def partial_velocities(self, frame: str, at: Any = None) -> Any:
+        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
+        of = self.model.frame(frame)
         if self._links is None:
-            return kinematics.frame_partial_velocities(self.model, at, self.q)
-        return frame_kinematics.partial_velocities(self._links, at, self.q)
+            return kinematics.frame_partial_velocities(self.model, of, self.q, at)
+        return frame_kinematics.partial_velocities(self._links, of, self.q, at)
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
@@ -229,12 +229,12 @@ class Released(MechanismState):
         self._body, self._origin = body, origin
         self.width = 6
 
-    def partial_velocities(self, frame: str) -> Any:
+    def partial_velocities(self, frame: str, at: Any = None) -> Any:
         """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
-        at = self.model.frame(frame)
-        if at.body == WORLD or self._body not in self.model.path(at.body):
+        of = self.model.frame(frame)
+        if of.body == WORLD or self._body not in self.model.path(of.body):
             return np.zeros((6, 6)).astype(object)
-        r = self.pose(frame)[1] - self._origin
+        r = (self.pose(frame)[1] if at is None else at) - self._origin
         unit = np.eye(3).astype(object)
         turned = np.array([cross(axis, r) for axis in unit]).T
         return np.concatenate([np.concatenate([unit, turned], axis=1),

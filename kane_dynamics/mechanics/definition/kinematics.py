@@ -196,13 +196,18 @@ def frame_pose(model: Model, frame: Frame, q: Any) -> tuple[Any, Any]:
     return body.R_wb @ frame.rotation, body.p_wb + body.R_wb @ frame.translation
 
 
-def frame_partial_velocities(model: Model, frame: Frame, q: Any) -> Any:
-    """Return (6, n): column r is v^r at the frame's origin, then omega^r; world axes."""
+def frame_partial_velocities(model: Model, frame: Frame, q: Any, at: Any = None) -> Any:
+    """
+    Return (6, n): column r is v^r at the frame's origin, then omega^r; world axes.
+
+    With `at`, (3,), m, of the point of its body that is there.
+    """
     if frame.body == WORLD:
         return np.zeros((6, model.n))
     body = configurations(model, q)[frame.body]
     w = body.partial_angular_velocity
-    v = body.partial_velocity_origin + w @ skew(body.R_wb @ frame.translation)
+    r = body.R_wb @ frame.translation if at is None else at - body.p_wb
+    v = body.partial_velocity_origin + w @ skew(r)
     return np.concatenate([v.T, w.T])
 
 

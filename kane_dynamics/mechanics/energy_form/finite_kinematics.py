@@ -80,13 +80,20 @@ class FiniteMechanismState(MechanismState):
             R, p = T[:3, :3] @ R, T[:3, :3] @ p + T[:3, 3]
         return R, p
 
-    def partial_velocities(self, frame: str) -> Any:
-        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
-        here = self.possible_motion(*self.pose(frame))
+    def partial_velocities(self, frame: str, at: Any = None) -> Any:
+        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
+        R, p = self.pose(frame)
+        here = self.possible_motion(R, p)
         value = np.concatenate([here.displacement, here.rotation], axis=1).T
         rate = np.concatenate([here.displacement_rate, here.rotation_rate], axis=1).T
         unknown = np.full((*value.shape, self.count), np.nan)
-        return joined(Parts(value, unknown, rate, unknown))
+        J = joined(Parts(value, unknown, rate, unknown))
+        if at is None:
+            return J
+        r = at - p
+        carried = [np.array([w[1] * r[2] - w[2] * r[1], w[2] * r[0] - w[0] * r[2],
+                             w[0] * r[1] - w[1] * r[0]]) for w in J[3:].T]
+        return np.concatenate([J[:3] + np.array(carried).T, J[3:]])
 
     def possible_motion(self, R: Any, p: Any) -> PossibleMotion:
         """

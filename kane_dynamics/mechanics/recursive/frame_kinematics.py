@@ -43,9 +43,11 @@ def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
                            np.array([[0.0, 0.0, 0.0, 1.0]])])
 
 
-def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None) -> Any:
     """
     Return the (6, n) partial velocities of a frame: linear at its origin, then angular.
+
+    With `at`, (3,), m, of the point of its body that is there.
 
     The column of u_r is s_r x (p - p_r), s_r for a revolute joint on the way to the frame and
     s_r, 0 for a prismatic one, s_r being the joint's axis; joints elsewhere give zero.
@@ -55,7 +57,7 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
     _, p_f = frame_in_link(links, frame)
     k = frame.body
     if k != WORLD:
-        p_f = poses[k][0] @ p_f + poses[k][1]
+        p_f = poses[k][0] @ p_f + poses[k][1] if at is None else at
     while k != WORLD:
         link, (R, p) = links[k], poses[k]
         s = R @ Z

@@ -9,6 +9,7 @@ from kane_dynamics.native.tracing.program import Program, size_of
 import numpy as np
 
 ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
+IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def literal(value: float) -> str:
@@ -81,8 +82,14 @@ class _Function:
         elif node.op in ARITHMETIC:
             a, b = (self._value(arg) for arg in node.args)
             self._define(node, name, f'{a} {ARITHMETIC[node.op]} {b}')
+        elif node.op == 'less':
+            a, b = (self._value(arg) for arg in node.args)
+            self._define(node, name, f'{a} < {b} ? 1.0 : 0.0')
+        elif node.op == 'select':
+            chosen, a, b = (self._value(arg) for arg in node.args)
+            self._define(node, name, f'{chosen} != 0.0 ? {a} : {b}')
         else:
-            self._define(node, name, f'{node.op}({self._value(node.args[0])})')
+            self._define(node, name, f'{IN_C.get(node.op, node.op)}({self._value(node.args[0])})')
 
     def _call(self, node: Expr) -> None:
         """Lay the arguments out in memory and call."""
