@@ -88,11 +88,10 @@ def _constrained(robot: Any, model: Model, gravity: Array,
             break
     u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
 
-    def torque(u: Array, udot: Array) -> Array:
-        return nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
-                                             friction=robot.friction)
-    bias, tau = torque(u, np.zeros(robot.n)), torque(u, udot)
-    M = np.array([torque(u, unit) - bias for unit in np.eye(robot.n)]).T
+    tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
+                                        friction=robot.friction)
+    M = nonholonomic.mass_matrix(mechanism, q, t)
+    bias = tau - M @ udot
     pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
              'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
     if np.linalg.cond(M) < 1e12:

@@ -17,15 +17,15 @@ NUDGE = 1e-15  # rad: keeps the residual of an exact half turn, 0 / 0, far from 
 # Of each kind: directions along which the first frame's origin stays on the second's, and
 # directions about which the frames do not turn against each other. 'side', 'up' and 'axis' are a
 # right-handed triad of the second frame.
-WORLD_LIKE = ('x', 'y', 'z')
+CARRIED = ('x', 'y', 'z')
 ACROSS = ('side', 'up')
 ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    'weld': (WORLD_LIKE, ('side', 'up', 'axis')),
-    'revolute': (WORLD_LIKE, ACROSS),
+    'weld': (CARRIED, ('side', 'up', 'axis')),
+    'revolute': (CARRIED, ACROSS),
     'prismatic': (ACROSS, ('side', 'up', 'axis')),
     'cylindrical': (ACROSS, ACROSS),
-    'universal': (WORLD_LIKE, ('between',)),
-    'spherical': (WORLD_LIKE, ()),
+    'universal': (CARRIED, ('between',)),
+    'spherical': (CARRIED, ()),
     'planar': (('axis',), ACROSS),
     'inline': (ACROSS, ()),
     'distance': (('distance',), ()),
@@ -61,13 +61,14 @@ class Closure:
 
     Notes
     -----
-    Every row is in the axes of `second`, so what is redundant in one configuration is so in
-    every other. Rows of position hold the velocity of `second`'s point that is where `first`'s
-    origin is, relative to that origin, along x, y and z of `second` (labels `x`, `y`, `z`) or
-    along the triad (side, up, axis) that `axis` completes (`side`, `up`, `axis`; for the axis z
-    these are x, y, z). They are the exact rates of their residuals. Rows of orientation hold the
-    angular velocity of `second` relative to `first` about side, up and axis (`turn_1`, `turn_2`,
-    `turn_3`). Their residual is 2 tan(angle / 2) times the axis of the turn that is missing: it
+    Every row is in axes of a body of the loop, so what is redundant in one configuration is so in
+    every other. Rows of position hold the velocity of `second`'s origin relative to `first`'s,
+    along x, y and z (labels `x`, `y`, `z`) of the last body that carries both frames (of the
+    world, where none does), as that body sees it; or, in kinds with an axis, along the triad
+    (`side`, `up`, `axis`) of `second` that `axis` completes (for the axis z these are its x, y,
+    z), as `second` sees it. They are the exact rates of their residuals. Rows of orientation hold
+    the angular velocity of `second` relative to `first` about side, up and axis (`turn_1`,
+    `turn_2`, `turn_3`). Their residual is 2 tan(angle / 2) times the axis of the turn that is missing: it
     vanishes at the right orientation alone, grows without bound towards a half turn, and its
     rate is the row's velocity where the loop is closed (elsewhere the velocity times a regular
     matrix that tends to the unit matrix). So Newton's method with these rows converges
@@ -116,16 +117,19 @@ class Closure:
         (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
         moves, turns = ROWS[self.kind]
         side, up, axis = triad(self.axis)
-        constant = {**dict(zip(WORLD_LIKE, np.eye(3))), 'side': side, 'up': up, 'axis': axis}
+        constant = {'side': side, 'up': up, 'axis': axis}
+        seen_from = here.carrier(self.first, self.second) if moves in (CARRIED, ('distance',)) else self.second
         d = p2 - p1
-        J = here.partial_velocities(self.second, p1) - here.partial_velocities(self.first)
+        # As seen from a body, what both frames hang on does not move: it drops out of the columns.
+        J = ((here.partial_velocities(self.second) - here.partial_velocities(seen_from, p2))
+             - (here.partial_velocities(self.first) - here.partial_velocities(seen_from, p1)))
         if self.kind == 'distance':
             far = np.sqrt(d @ d)
-            J = here.partial_velocities(self.second) - here.partial_velocities(self.first)
             return ConstraintRows(np.array([(d / far) @ J[:3]]), np.zeros(1), (far - self.length,))
         rows, gap = [], []
+        fixed = dict(zip(CARRIED, here.pose(seen_from)[0].T))
         for move in moves:
-            direction = R2 @ constant[move]
+            direction = fixed[move] if move in fixed else R2 @ constant[move]
             rows.append(direction @ J[:3])
             gap.append(direction @ d)
         if turns == ('between',):

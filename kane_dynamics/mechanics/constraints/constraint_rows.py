@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from kane_dynamics.errors import ConstraintError, ModelError
-from kane_dynamics.model.model import Array, constant
+from kane_dynamics.model.model import Array, constant, Frame
 import numpy as np
 
 
@@ -15,10 +15,13 @@ class Geometry(Protocol):
     q: Any
     t: Any
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
+    def carrier(self, first: str, second: str) -> Frame:
+        """Return the axes of the last body that carries both frames, or of the world."""
+
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
         """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
 
-    def partial_velocities(self, frame: str, at: Any = None) -> Any:
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
         """
         Return (6, n_q): linear, then angular, per unit joint rate.
 

@@ -15,6 +15,7 @@ evidence (Kane & Levinson, section 4.9).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
@@ -26,7 +27,7 @@ from kane_dynamics.mechanics.constraints.speeds import chosen, Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
 from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
 
@@ -66,20 +67,35 @@ class MechanismState:
         self._speeds = speeds
         self._links = links
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
-        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
-        at = self.model.frame(frame)
-        if self._links is None:
-            return kinematics.frame_pose(self.model, at, self.q)
-        T = frame_kinematics.frame_pose(self._links, at, self.q)
-        return T[:3, :3], T[:3, 3]
+    @cached_property
+    def _bodies(self) -> tuple[kinematics.Configuration, ...]:
+        return kinematics.configurations(self.model, self.q)
 
-    def partial_velocities(self, frame: str, at: Any = None) -> Any:
-        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
-        of = self.model.frame(frame)
+    @cached_property
+    def _link_poses(self) -> list[tuple[Any, Any]]:
+        return frame_kinematics.link_poses(self._links or (), self.q)
+
+    def carrier(self, first: str, second: str) -> Frame:
+        """Return the axes of the last body that carries both frames, or of the world."""
+        one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
+        return Frame('', max(set(one) & set(other), default=WORLD))
+
+    def _frame(self, frame: str | Frame) -> Frame:
+        return frame if isinstance(frame, Frame) else self.model.frame(frame)
+
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
+        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
+        at = self._frame(frame)
         if self._links is None:
-            return kinematics.frame_partial_velocities(self.model, of, self.q, at)
-        return frame_kinematics.partial_velocities(self._links, of, self.q, at)
+            return kinematics.frame_pose(self.model, at, self.q, self._bodies)
+        return frame_kinematics.frame_axes(self._links, at, self._link_poses)
+
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
+        of = self._frame(frame)
+        if self._links is None:
+            return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
+        return frame_kinematics.partial_velocities(self._links, of, self.q, at, self._link_poses)
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
@@ -229,9 +245,9 @@ class Released(MechanismState):
         self._body, self._origin = body, origin
         self.width = 6
 
-    def partial_velocities(self, frame: str, at: Any = None) -> Any:
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
         """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
-        of = self.model.frame(frame)
+        of = self._frame(frame)
         if of.body == WORLD or self._body not in self.model.path(of.body):
             return np.zeros((6, 6)).astype(object)
         r = (self.pose(frame)[1] if at is None else at) - self._origin

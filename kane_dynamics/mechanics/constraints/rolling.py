@@ -115,7 +115,7 @@ class Rolling:
         if self.on is not None:
             v = v - here.partial_velocities(self.on, at)[:3]
         if self.axis is not None:
-            along = _unit(cross(R @ self.axis, normal))
+            along = cross(r, R @ self.axis) * (1.0 / self.radius)  # a unit vector
         elif self.surface == 'plane':
             along = Rs @ triad(self.normal)[0]
         elif self.surface == 'cylinder':

@@ -188,23 +188,29 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
     return tuple(result)
 
 
-def frame_pose(model: Model, frame: Frame, q: Any) -> tuple[Any, Any]:
-    """Return axes (3, 3, columns) and origin (3,) of a frame in the world, m."""
+def frame_pose(model: Model, frame: Frame, q: Any,
+               bodies: Sequence[Configuration] | None = None) -> tuple[Any, Any]:
+    """
+    Return axes (3, 3, columns) and origin (3,) of a frame in the world, m.
+
+    `bodies` are the `configurations`, where they are known already.
+    """
     if frame.body == WORLD:
         return frame.rotation, frame.translation
-    body = configurations(model, q)[frame.body]
+    body = (bodies or configurations(model, q))[frame.body]
     return body.R_wb @ frame.rotation, body.p_wb + body.R_wb @ frame.translation
 
 
-def frame_partial_velocities(model: Model, frame: Frame, q: Any, at: Any = None) -> Any:
+def frame_partial_velocities(model: Model, frame: Frame, q: Any, at: Any = None,
+                             bodies: Sequence[Configuration] | None = None) -> Any:
     """
     Return (6, n): column r is v^r at the frame's origin, then omega^r; world axes.
 
-    With `at`, (3,), m, of the point of its body that is there.
+    With `at`, (3,), m, of the point of its body that is there; `bodies` as for `frame_pose`.
     """
     if frame.body == WORLD:
         return np.zeros((6, model.n))
-    body = configurations(model, q)[frame.body]
+    body = (bodies or configurations(model, q))[frame.body]
     w = body.partial_angular_velocity
     r = body.R_wb @ frame.translation if at is None else at - body.p_wb
     v = body.partial_velocity_origin + w @ skew(r)

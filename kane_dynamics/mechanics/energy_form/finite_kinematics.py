@@ -13,7 +13,7 @@ from typing import Any
 from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MechanismState
 from kane_dynamics.mechanics.energy_form.energies import poses
-from kane_dynamics.model.model import Array, WORLD
+from kane_dynamics.model.model import Array, Frame, WORLD
 import numpy as np
 
 
@@ -69,18 +69,18 @@ class FiniteMechanismState(MechanismState):
         self.count = len(q) + 1
         variables = seeded([*q, t], [*qdot, 1.0], 0, self.count)
         super().__init__(mechanism.model, mechanism.speeds, variables[:-1], variables[-1])
-        self._bodies = poses(self.model, self.q)
+        self._poses = poses(self.model, self.q)
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
         """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
-        at = self.model.frame(frame)
+        at = self._frame(frame)
         R, p = at.rotation, at.translation
         if at.body != WORLD:
-            T = self._bodies[at.body]
+            T = self._poses[at.body]
             R, p = T[:3, :3] @ R, T[:3, :3] @ p + T[:3, 3]
         return R, p
 
-    def partial_velocities(self, frame: str, at: Any = None) -> Any:
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
         """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
         R, p = self.pose(frame)
         here = self.possible_motion(R, p)
@@ -111,13 +111,13 @@ class FiniteMechanismState(MechanismState):
 
     def mass_centre(self, body: int) -> PossibleMotion:
         """Return the possible motion of a body's mass centre and axes."""
-        T = self._bodies[body]
+        T = self._poses[body]
         return self.possible_motion(
             T[:3, :3], T[:3, :3] @ self.model.bodies[body].inertial.com + T[:3, 3])
 
     def axes(self, body: int) -> Array:
         """Return a body's axes, (3, 3, columns), as numbers."""
-        return parts(self._bodies[body][:3, :3], self.count).value
+        return parts(self._poses[body][:3, :3], self.count).value
 
 
 def _vectors(matrices: Array) -> Array:

@@ -33,27 +33,36 @@ def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
     return T[:3, :3], T[:3, 3]
 
 
+def frame_axes(links: Sequence[Link], frame: Frame,
+               poses: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return axes (3, 3, columns) and origin (3,) of a frame in the world, m, by `link_poses`."""
+    R, p = frame_in_link(links, frame)
+    if frame.body == WORLD:
+        return R, p
+    R_wl, p_wl = poses[frame.body]
+    return R_wl @ R, R_wl @ p + p_wl
+
+
 def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
     """Return the (4, 4) pose of a frame in the world."""
-    R, p = frame_in_link(links, frame)
-    if frame.body != WORLD:
-        R_wl, p_wl = link_poses(links, q)[frame.body]
-        R, p = R_wl @ R, R_wl @ p + p_wl
+    R, p = frame_axes(links, frame, link_poses(links, q))
     return np.concatenate([np.concatenate([R, p[:, None]], axis=1),
                            np.array([[0.0, 0.0, 0.0, 1.0]])])
 
 
-def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None) -> Any:
+def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None,
+                       poses: Sequence[tuple[Any, Any]] | None = None) -> Any:
     """
     Return the (6, n) partial velocities of a frame: linear at its origin, then angular.
 
-    With `at`, (3,), m, of the point of its body that is there.
+    With `at`, (3,), m, of the point of its body that is there; `poses` are the `link_poses`, where
+    they are known already.
 
     The column of u_r is s_r x (p - p_r), s_r for a revolute joint on the way to the frame and
     s_r, 0 for a prismatic one, s_r being the joint's axis; joints elsewhere give zero.
     """
     columns: list[Any] = [np.zeros(6)] * len(q)
-    poses = link_poses(links, q)
+    poses = poses or link_poses(links, q)
     _, p_f = frame_in_link(links, frame)
     k = frame.body
     if k != WORLD:
