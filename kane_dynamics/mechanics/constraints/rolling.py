@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry, positive,
                                                                  triad, unit)
@@ -54,9 +55,11 @@ class Rolling:
     contact makes of those on a plane (undefined where the two are opposite). The residual of
     `normal` is the distance between the bodies, m; the tangents have none.
 
-    The point of a rim that is nearest to a cylinder is found by Newton's method; it is exact to
-    rounding for an axle within 60 degrees of the cylinder's axis and a wheel that is no larger
-    than the cylinder.
+    The point of a rim that touches a cylinder is found by Newton's method from the direction of
+    the cylinder's axis, exact to rounding on the outer side for any axle that is not across the
+    cylinder's axis by more than 60 degrees; on the inner side for an axle about parallel to the
+    axis, since a tilted rim touches there at two points. Where the method fails the residual of
+    `normal` is not zero.
 
     """
 
@@ -146,19 +149,28 @@ class Rolling:
             return x if self.surface == 'sphere' else x - (x @ line) * line
         normal = outward * _unit(off(c))
         if axle is None:
-            r = -self.radius * normal
-        else:
-            spoke = -1.0 * _unit(normal - (normal @ axle) * axle)
-            if self.surface == 'cylinder':
-                for _ in range(ITERATIONS):  # where the distance of the rim from the axis rests
-                    turned = cross(axle, spoke)
-                    p, slope = off(c + self.radius * spoke), self.radius * off(turned)
-                    bend = slope @ slope - self.radius * (p @ off(spoke))
-                    spoke = _unit(spoke - ((p @ slope) / bend) * turned)
-            r = self.radius * spoke
-            normal = outward * _unit(off(c + r))
-        far = off(c + r)
-        return r, normal, outward * (np.sqrt(far @ far) - self.surface_radius)
+            gap = outward * (_length(off(c)) - self.surface_radius) - self.radius
+            return -self.radius * normal, normal, gap
+        spoke = -1.0 * _unit(normal - (normal @ axle) * axle)
+        astray: Any = 0.0
+        if self.surface == 'cylinder':
+            for k in range(ITERATIONS + 1):  # where the distance of the rim from the axis rests
+                turned = cross(axle, spoke)
+                p, slope = off(c + self.radius * spoke), self.radius * off(turned)
+                bend = slope @ slope - self.radius * (p @ off(spoke))
+                turn = (p @ slope) / bend
+                if k < ITERATIONS:
+                    spoke = _unit(spoke - turn * turned)
+            wrong = -outward * bend  # positive where it rests at the far side
+            astray = self.radius * turn * turn + select(wrong > 0.0, wrong, 0.0) / self.radius
+        r = self.radius * spoke
+        normal = outward * _unit(off(c + r))
+        gap = outward * (_length(off(c + r)) - self.surface_radius)
+        return r, normal, gap + astray
+
+
+def _length(x: Any) -> Any:
+    return np.sqrt(x @ x)
 
 
 def _unit(x: Any) -> Any:
