@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics._util.typing import Array
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray

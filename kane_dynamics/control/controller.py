@@ -10,10 +10,12 @@ from enum import StrEnum
 from functools import cached_property
 import math
 
+from kane_dynamics._util.checks import measured, per_joint
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.torque_limiter import Command, measured, per_joint, TorqueLimiter
+from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, freeze
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np

@@ -12,9 +12,12 @@ import hashlib
 import math
 from typing import Any, Literal
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.beam import Beam, Deflection
-from kane_dynamics.model.inertial import Array, constant, freeze, Inertial
+from kane_dynamics.model.inertial import Inertial
 import numpy as np
 
 __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',

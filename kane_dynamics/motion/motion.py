@@ -10,8 +10,8 @@ from bisect import bisect_right
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolynomial,
                                                     segment_coefficients, spline_velocities)
 import numpy as np

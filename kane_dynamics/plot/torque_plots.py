@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, INK, legend_below, ORANGE, Path,
                                       RED, rms, SKY, styled, THIN, time_axis, unit, zero_line)
 from kane_dynamics.robot.robot import Robot

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.dispatch import Dispatch
 
 

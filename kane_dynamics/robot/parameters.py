@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, Frame, Inertial, Model
+from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
 
 

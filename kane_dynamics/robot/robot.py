@@ -6,12 +6,13 @@ import os
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
-from kane_dynamics.model.model import Array, Inertial, Model
+from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.constraint_methods import ConstraintMethods, raise_where_singular
 from kane_dynamics.robot.dynamics_methods import DynamicsMethods

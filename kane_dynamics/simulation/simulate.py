@@ -13,8 +13,8 @@ import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
@@ -81,7 +81,7 @@ class TorqueInput:
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
-                  states: int | None, integrator: str) -> TorqueInput:
+                 states: int | None, integrator: str) -> TorqueInput:
     """
     Compile the step for a torque source and lay out its inputs.
 
@@ -112,9 +112,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                            np.concatenate([torque.kp, torque.kd, [step], block]), torque)
+                           np.concatenate([torque.kp, torque.kd, [step], block]), torque)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                        np.concatenate([[step], block]), _table(robot, torque, count, states))
+                       np.concatenate([[step], block]), _table(robot, torque, count, states))
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:

@@ -8,8 +8,10 @@ import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis import model_checks
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
@@ -21,10 +23,9 @@ from kane_dynamics.cli.tables import (read_motion, read_rows, read_states, read_
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation.simulate import simulate
-from kane_dynamics.simulation.trajectory import increasing
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.document import read_source
 import numpy as np
@@ -161,7 +162,8 @@ def identify(options: Namespace) -> None:
     if options.base_parameters:
         data, printed = identify_command.run_base(options, model), identify_command.print_base
     elif options.payload:
-        data, printed = identify_command.run_payload(options, model), identify_command.print_payload
+        data = identify_command.run_payload(options, model)
+        printed = identify_command.print_payload
     else:
         data = identify_command.run(options, source_of(options), model)
         printed = identify_command.print_data
@@ -191,7 +193,7 @@ def feasible(options: Namespace) -> int:
     plot = pictures.plotter(options)  # before the work
     model, robot = load(options, payload_frame=options.payload_frame)
     data, asked = feasible_command.run(options, robot,
-                                  read_motion(options.trajectory, robot.joint_names))
+                                       read_motion(options.trajectory, robot.joint_names))
     if plot is not None:
         plot.plot_demand(asked, options.plot, prismatic=model.sliding)
         data['files'].append(options.plot)

@@ -6,8 +6,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, Joint, Model, WORLD
+from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

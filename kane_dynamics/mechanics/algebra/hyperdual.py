@@ -11,7 +11,7 @@ import math
 import numbers
 from typing import Any, NamedTuple
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
+from kane_dynamics._util.checks import constant
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.user_functions import Unknown
-from kane_dynamics.model.model import Array, constant
 import numpy as np
 
 MOST_PIECES = 5000  # of a polynomial that is traced: each is compared with in every call
@@ -101,7 +102,7 @@ def clamped_spline(times: Any, positions: Any) -> PiecewisePolynomial:
     t = constant(times, (np.size(times),), 'times')
     q = constant(positions, t.shape, 'positions')
     if len(t) < 2 or len(t) > MOST_PIECES or not (np.diff(t) > 0.0).all():
-        raise InputError(f'times are {len(t)} from {t[:1].tolist()} to {t[-1:].tolist()}; expected '
-                         f'2 to {MOST_PIECES}, strictly increasing')
+        raise InputError(f'times are {len(t)}, from {t[:1].tolist()} to {t[-1:].tolist()}; '
+                         f'expected 2 to {MOST_PIECES}, strictly increasing')
     u = spline_velocities(t, q[:, None], np.zeros(1))
     return PiecewisePolynomial(t, segment_coefficients(t, q[:, None], u, None)[:, :, 0])

@@ -275,8 +275,8 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
         if used or isinstance(error, _Unsupported):
             name = f'numpy.{used[1]}' if used else str(error)
             raise ConstraintError(f'{what} uses {name}; expected {KNOWN}') from error
-        raise ConstraintError(f'{what} raises {type(error).__name__}: {error}; expected a function '
-                              f'of {KNOWN}') from error
+        raise ConstraintError(f'{what} raises {type(error).__name__}: {error}; expected a '
+                              f'function of {KNOWN}') from error
     numbers_only = [x for x in map(_value, result.ravel()) if isinstance(x, float)]
     if not all(map(math.isfinite, numbers_only)):
         shown = [_value(x) for x in result.ravel()]

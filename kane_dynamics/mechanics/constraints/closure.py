@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry, positive,
-                                                                 triad, unit)
-from kane_dynamics.model.model import freeze
+from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+                                                                 positive, triad, unit)
 import numpy as np
 
 FLOOR = 1e-16  # rounding of 1 + cos(angle): less of it is a half turn
@@ -68,7 +68,7 @@ class Closure:
     (`side`, `up`, `axis`) of `second` that `axis` completes (for the axis z these are its x, y,
     z), as `second` sees it. They are the exact rates of their residuals. Rows of orientation hold
     the angular velocity of `second` relative to `first` about side, up and axis (`turn_1`,
-    `turn_2`, `turn_3`). Their residual is 2 tan(angle / 2) times the axis of the turn that is missing: it
+    `turn_2`, `turn_3`). Their residual is 2 tan(angle / 2) times the axis of the missing turn: it
     vanishes at the right orientation alone, grows without bound towards a half turn, and its
     rate is the row's velocity where the loop is closed (elsewhere the velocity times a regular
     matrix that tends to the unit matrix). So Newton's method with these rows converges
@@ -91,7 +91,7 @@ class Closure:
         freeze(self, 'name', self.name or f'closure of {self.first} and {self.second}')
         what = f"constraint '{self.name}'"
         if self.kind not in ROWS:
-            raise ConstraintError(f"{what}: kind is {self.kind!r}; expected one of "
+            raise ConstraintError(f'{what}: kind is {self.kind!r}; expected one of '
                                   f'{", ".join(ROWS)}')
         freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
         for key, kind in (('second_axis', 'universal'), ('length', 'distance')):
@@ -118,7 +118,8 @@ class Closure:
         moves, turns = ROWS[self.kind]
         side, up, axis = triad(self.axis)
         constant = {'side': side, 'up': up, 'axis': axis}
-        seen_from = here.carrier(self.first, self.second) if moves in (CARRIED, ('distance',)) else self.second
+        seen_from = (here.carrier(self.first, self.second)
+                     if moves in (CARRIED, ('distance',)) else self.second)
         d = p2 - p1
         # As seen from a body, what both frames hang on does not move: it drops out of the columns.
         J = ((here.partial_velocities(self.second) - here.partial_velocities(seen_from, p2))

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_rows import ConstraintRows, Geometry
-from kane_dynamics.model.model import freeze
 import numpy as np
 
 
@@ -92,8 +92,9 @@ class Prescribed:
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
         if not callable(self.position):
-            raise ConstraintError(f'{what}: position is a {type(self.position).__name__}; expected '
-                                  'a function of t, a Motion, or a table (times, positions)')
+            raise ConstraintError(f'{what}: position is a {type(self.position).__name__}; '
+                                  'expected a function of t, a Motion, or a table (times, '
+                                  'positions)')
 
     @property
     def labels(self) -> tuple[str, ...]:

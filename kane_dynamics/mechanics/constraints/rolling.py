@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry, positive,
-                                                                 triad, unit)
-from kane_dynamics.model.model import constant, freeze
+from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+                                                                 positive, triad, unit)
 import numpy as np
 
 SURFACES = ('plane', 'cylinder', 'sphere')
@@ -86,7 +87,7 @@ class Rolling:
         if self.axis is not None:
             freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
         if self.surface not in SURFACES:
-            raise ConstraintError(f"{what}: surface is {self.surface!r}; expected one of "
+            raise ConstraintError(f'{what}: surface is {self.surface!r}; expected one of '
                                   f'{", ".join(SURFACES)}')
         curved = self.surface != 'plane'
         if curved != (self.surface_radius is not None):

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
                                                                  relative_partials, unit)
-from kane_dynamics.model.model import freeze
 import numpy as np
 
 
@@ -61,7 +61,8 @@ class PointVelocity:
         J = relative_partials(here, self.frame, self.relative_to)
         b = evaluated_scalar(self.value, f"constraint '{self.name}': value(t)", here.t) if (
             callable(self.value)) else self.value
-        return ConstraintRows(np.array([d @ (J[3:] if self.angular else J[:3])]), np.array([b]), (None,))
+        row = d @ (J[3:] if self.angular else J[:3])
+        return ConstraintRows(np.array([row]), np.array([b]), (None,))
 
 
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:

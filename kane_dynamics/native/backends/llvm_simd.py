@@ -12,7 +12,7 @@ import math
 
 from kane_dynamics.native.backends.llvm_math import largest, scale, Vector, vector_type
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program, size_of
 
@@ -24,7 +24,7 @@ LINE = 8  # doubles that memory delivers together
 @cache
 def width() -> int:
     """Return how many doubles this processor takes at once."""
-    features = llvm_assembler.features()
+    features = llvm.features()
     return 8 if features.get('avx512f') else 4 if features.get('avx2') else 2
 
 

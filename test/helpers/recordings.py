@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 DATA = Path(os.environ.get('KANE_DYNAMICS_RECORDINGS',
-                           Path(__file__).resolve().parents[2] / 'shared' / 'data'))
+                           Path(__file__).resolve().parents[3] / 'shared' / 'data'))
 
 
 def real(recording, urdf, n):

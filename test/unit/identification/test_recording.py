@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from recordings import simulated
 
-URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'two_link.urdf'
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'two_link.urdf'
 NAMES = ('joint1', 'joint2')
 
 

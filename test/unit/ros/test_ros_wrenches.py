@@ -1,4 +1,4 @@
-"""WrenchInput on a topic: sign, axes, what is dropped and why; and the observer beside them."""
+"""Wrenches on a topic: sign, axes, what is dropped and why; and the observer beside them."""
 
 import math
 from types import SimpleNamespace
@@ -13,7 +13,8 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
-from kane_dynamics.ros.monitors.contact_monitor import ContactMonitor, Outputs, settings  # noqa: E402
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
+                                                        Outputs, settings)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
@@ -21,9 +22,11 @@ from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa:
 from kane_dynamics.ros.torque_path import wrench_input  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import DISORDER, FUTURE, GARBLED, NOT_FINITE  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
+                                                              FUTURE, GARBLED, NOT_FINITE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.wrench_input import FRAME, LARGE, OLD, SILENT, WrenchInput  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import (FRAME, LARGE,  # noqa: E402
+                                                        OLD, SILENT, WrenchInput)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -68,7 +71,7 @@ class Rig:
         self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
         self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
-                                                      self.reject)
+                                                         self.reject)
         self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)
         self.path.add_watch(self.contact, need_effort=True)
         self.path.start()
@@ -276,7 +279,7 @@ def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, mot
                              publish.append(call))
     rig = Rig()
     explainer = TorqueBreakdownTopic(server, SimpleNamespace(publish=sent.append), 10.0,
-                          Controller(ROBOT, mode=mode), rig.wrenches, rig.reject)
+                                     Controller(ROBOT, mode=mode), rig.wrenches, rig.reject)
     rig.wrench(PUSH)
     state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
     external = rig.wrenches.torques(Q, rig.time)

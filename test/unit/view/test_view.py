@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-URDFS = Path(__file__).resolve().parents[2] / 'urdf'
+URDFS = Path(__file__).resolve().parents[3] / 'urdf'
 ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="base"/>
 <link name="upper"><inertial><origin xyz="0.3 0 0"/><mass value="2"/>
@@ -99,7 +99,7 @@ def test_rods_from_joint_to_joint_stand_for_links_that_look_like_nothing(arm):
     model = load_urdf(arm)
     shown = link_shapes(model, load_visuals(arm), 1.0)
     rods = {body: visual for body, visual in shown if visual.kind == 'cylinder'}
-    assert set(rods) == {-1, 1}  # the upper arm has link_shapes of its own
+    assert set(rods) == {-1, 1}  # the upper arm has looks of its own
     np.testing.assert_allclose(rods[-1].pose[:3, 3], [0.0, 0.0, 0.25])
     assert rods[1].size[1] == pytest.approx(0.4)  # to the tool
     bare = [visual for _, visual in link_shapes(model, (), 1.0) if visual.kind == 'cylinder']

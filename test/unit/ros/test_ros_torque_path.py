@@ -15,8 +15,8 @@ from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E40
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path import trajectory_input  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER, FUTURE, MISSING, NO_CLOCK,
-                                                              OLD)  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
+                                                              FUTURE, MISSING, NO_CLOCK, OLD)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.trajectory_input import take_trajectory  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
@@ -315,9 +315,9 @@ def test_states_of_other_joints_alone_are_no_fault():
 def test_a_wrench_does_not_outlive_deactivation():
     rig = Rig()
     rig.path.wrenches = WrenchInput(Robot(load_urdf(URDF), wrench_frames=('tip',)),
-                                 lambda: rig.time, {'wrench.timeout': 60.0,
-                                                    'wrench.max_force': 100.0,
-                                                    'wrench.max_moment': 10.0}, print)
+                                    lambda: rig.time, {'wrench.timeout': 60.0,
+                                                       'wrench.max_force': 100.0,
+                                                       'wrench.max_moment': 10.0}, print)
     push = WrenchStamped()
     push.header.frame_id, push.wrench.force.x = 'tip', 50.0
     rig.path.wrenches.take(serialize_message(push))

@@ -10,7 +10,7 @@ import time
 from kane_dynamics import InputError, Robot
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.backends.llvm_simd import lane_text
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import threads
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, BAD_RESULT, run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
@@ -169,7 +169,7 @@ def test_lanes_of_every_width_compute_the_same(width):
         second = call(inner, [first[0], x[2]])
         return [*second, np.tanh(y[0]) * block[1], np.sqrt(y[1] * y[1]), 4.0, *first]
     program = trace_program('outer', outer, [('x', (3,)), ('y', (2,)), ('block', (2,))])
-    code = llvm_assembler.Code(llvm_assembler.assemble(lane_text(program, 'f', width)))
+    code = llvm.Code(llvm.assemble(lane_text(program, 'f', width)))
     rng = np.random.default_rng(0)
     x, y, block = rng.normal(size=(13, 3)), rng.normal(size=(13, 2)), np.array([9.0, 3.0])
     out = np.full((14, 7), -7.0)
@@ -250,8 +250,8 @@ def test_compile_leaves_nothing_for_the_first_batch(monkeypatch):
 
     def refuse(*_, **__):
         raise AssertionError('compiled in a call')
-    monkeypatch.setattr(llvm_assembler, 'assemble', refuse)
-    monkeypatch.setattr(llvm_assembler, 'Code', refuse)
+    monkeypatch.setattr(llvm, 'assemble', refuse)
+    monkeypatch.setattr(llvm, 'Code', refuse)
     given = np.ones((3, 4, 2))
     for name, quantity in QUANTITIES.items():
         getattr(robot, name)(*given[:len(quantity.arguments)])

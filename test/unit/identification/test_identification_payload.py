@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recordings import simulated
 
-URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'ur10e.urdf'
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 LOAD = Inertial(2.0, np.array([0.03, -0.02, 0.08]), np.diag([0.02, 0.015, 0.01]))
 FRICTION = {joint: {'damping': 3.0, 'friction': 4.0} for joint in load_urdf(URDF).joint_names}
 PAYLOAD = {'link': 'tool0', 'mass': LOAD.mass, 'com': LOAD.com.tolist(), 'inertia': dict(

@@ -174,13 +174,14 @@ def test_files_keep_every_number_and_pictures_need_one_motion(robot, tmp_path):
 
 def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypatch):
     robot = Robot(random_model(22, 2))
-    for shared in (loop_support.support, loop_support._repeat, batch_loop.driver, batch_loop._march):
+    for shared in (loop_support.support, loop_support._repeat, batch_loop.driver,
+                   batch_loop._driver_function):
         shared.cache_clear()  # what other tests have compiled for all robots
     compile_simulation(robot)
 
     def refuse(*_, **__):
         raise AssertionError('compiled in a call')
-    monkeypatch.setattr('kane_dynamics.native.machine_code.llvm_assembler.Code', refuse)
+    monkeypatch.setattr('kane_dynamics.native.machine_code.llvm.Code', refuse)
     motion = Motion.from_points([0.0, 0.1], [[0.0, 0.0], [0.1, 0.1]],
                                 joint_names=robot.joint_names)
     for torque in (None, ComputedTorque(motion, 1.0, 1.0)):

@@ -4,7 +4,7 @@ from kane_dynamics import InputError
 from kane_dynamics.native.backends.llvm_math import LARGEST
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
@@ -22,7 +22,7 @@ def functions(request):
     width = request.param
     program = trace_program('f', lambda x, none: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
                             [('x', (1,)), ('none', (1,))])
-    code = llvm_assembler.Code(llvm_assembler.assemble(module_text(program, 'f') if width == 1
+    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
                                    else lane_text(program, 'f', width)))
 
     def run(x):

@@ -7,7 +7,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PLANT = ROOT / 'config' / 'plant.yaml'
 LAUNCH = ROOT / 'launch' / 'kane_dynamics.launch.py'
 

@@ -21,7 +21,7 @@ import warnings
 
 from kane_dynamics.errors import ModelWarning
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
 FENCE = re.compile(r'(?:<!-- not run: (?P<reason>.*?) -->\n+)?'
                    r'^```(?P<language>\S*)[^\n]*\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)

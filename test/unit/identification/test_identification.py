@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from recordings import exciting, quiet, real, simulated
 
-URDF = Path(__file__).resolve().parents[2] / 'urdf' / 'ur10e.urdf'
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 SUPPLEMENT = {'joints': {joint: {
     'armature': 0.2, 'damping': 3.0, 'friction': 4.0, 'friction_speed': 0.05,
     'friction_offset': 0.5} for joint in load_urdf(URDF).joint_names}}
@@ -166,7 +166,8 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     A, b = stacked(equations, np.full(6, 0.5))
     prior = [body.inertial for body in wrong().bodies]
     direct = physical(A, b, prior, 6, 100.0)
-    monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained', lambda *_: None)
+    monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained',
+                        lambda *_: None)
     program = physical(A, b, prior, 6, 100.0)
     misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)

@@ -133,8 +133,9 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
     for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
-        served = ServedRobot.from_values(robot, robot, GravityAndPayload(robot.model.gravity), values | {
-            'simulation.integrator': integrator}, WrenchFrames(robot))
+        served = ServedRobot.from_values(robot, robot, GravityAndPayload(robot.model.gravity),
+                                         values | {'simulation.integrator': integrator},
+                                         WrenchFrames(robot))
         request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
             Simulate.Response())
         with warnings.catch_warnings():

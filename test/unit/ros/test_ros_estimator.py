@@ -10,11 +10,13 @@ pytest.importorskip('kane_dynamics_interfaces')
 pytest.importorskip('mujoco')
 
 from kane_dynamics import Controller, Inertial, load_urdf, Robot  # noqa: E402, I100
-from kane_dynamics.demo.demo_settings import desired_motion, JOINTS, KD, KP, RATE, URDF  # noqa: E402
+from kane_dynamics.demo.demo_settings import (desired_motion, JOINTS,  # noqa: E402
+                                              KD, KP, RATE, URDF)
 from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
-from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor  # noqa: E402
+from kane_dynamics.ros.monitors.payload_monitor import (estimator_settings,  # noqa: E402
+                                                        PayloadMonitor)
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
@@ -54,8 +56,8 @@ class Rig:
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
         timers = SimpleNamespace(create_timer=self.timer)
         self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
-                                   SimpleNamespace(publish=self.heard.append),
-                                   lambda *words: self.rejected.append(words))
+                                        SimpleNamespace(publish=self.heard.append),
+                                        lambda *words: self.rejected.append(words))
         self.path.add_watch(self.estimator, need_effort=True)
         self.path.start()
 

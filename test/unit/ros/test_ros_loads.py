@@ -28,7 +28,8 @@ def tensor(xx, xy, xz, yy, yz, zz):
 @pytest.mark.parametrize('frame', ['', 'wrist_3_link', 'tool0'])
 def test_a_payload_in_any_frame_of_its_link_equals_a_heavier_model(frame):
     robot = Robot(MODEL, payload_frame='wrist_3_link')
-    GravityAndPayload(MODEL.gravity, checked_payload(MODEL, BOUNDS, frame, 3.0, COM, INERTIA)).apply(robot)
+    payload = checked_payload(MODEL, BOUNDS, frame, 3.0, COM, INERTIA)
+    GravityAndPayload(MODEL.gravity, payload).apply(robot)
     heavier = Robot(with_payload(MODEL, frame or 'wrist_3_link',
                                  Inertial(3.0, np.array(COM), tensor(*INERTIA))))
     np.testing.assert_allclose(robot.inverse_dynamics(*STATE), heavier.inverse_dynamics(*STATE),

@@ -15,7 +15,7 @@ import pytest
 from ros_lines import flat
 import yaml
 
-FOLDER = Path(__file__).parents[2] / 'config'
+FOLDER = Path(__file__).parents[3] / 'config'
 TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
 # What a file says about its own arm; everything else stands there with its default.

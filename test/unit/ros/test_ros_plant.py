@@ -357,7 +357,8 @@ def test_an_arm_that_bends_rests_where_its_weight_has_bent_it():
 
 def test_an_arm_that_bends_moves_as_the_library_says_and_stops_take_its_joints_alone():
     start, tau = np.array([0.2, 0.1]), np.array([9.0, 2.0])
-    bends = PlantState(Robot(flexible()), values(initial__position=[0.2, 0.1], after_timeout='hold'))
+    bends = PlantState(Robot(flexible()),
+                       values(initial__position=[0.2, 0.1], after_timeout='hold'))
     modes = QuasiStatic(Robot(flexible())).modes(start, np.zeros(2), np.zeros(2))
     bends.command(tau)
     moved = [m for (m,) in run(bends, 101)]

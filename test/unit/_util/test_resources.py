@@ -9,14 +9,15 @@ from kane_dynamics._util import resources
 from kane_dynamics.errors import KaneError
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FOLDERS = ('config', 'launch', 'urdf')
 
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
     """Pretend that the module lies in site-packages, with nothing beside it, and no prefix."""
-    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site/kane_dynamics/_util/resources.py'))
+    monkeypatch.setattr(resources, '__file__',
+                        str(tmp_path / 'site/kane_dynamics/_util/resources.py'))
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'prefix'))
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     return tmp_path

@@ -14,7 +14,7 @@ from kane_dynamics.identification.excitation.optimal_excitation import random_mo
 import numpy as np
 import pytest
 
-FOLDER = Path(__file__).resolve().parents[2] / 'urdf'
+FOLDER = Path(__file__).resolve().parents[3] / 'urdf'
 FLOOR, SHARE = 0.05, 0.8
 
 

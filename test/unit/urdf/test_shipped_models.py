@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-FOLDER = Path(__file__).resolve().parents[2] / 'urdf'
+FOLDER = Path(__file__).resolve().parents[3] / 'urdf'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.urdf'))
 SOLID = ['fr3', 'human_hand', 'two_link', 'two_link_planar', 'ur10e']
 # MuJoCo refuses particles and thin rods.
