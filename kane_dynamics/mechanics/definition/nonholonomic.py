@@ -110,7 +110,7 @@ def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array, t:
     return -(reduced(mechanism, q, active, t) + reduced(mechanism, q, inertia, t))
 
 
-def mass_matrix(mechanism: Mechanism, q: Array, t: float = 0.0) -> Array:
+def mass_matrix(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Array:
     """Return M of the independent speeds, (n, n): F~_r* is linear in u', with this coefficient."""
     parts = reduction(mechanism, q, t)
     T = (parts.W[:, mechanism.free]
