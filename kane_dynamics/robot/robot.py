@@ -8,7 +8,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
-from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
@@ -88,16 +88,18 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
             'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
         self._choices: dict[str, Any] = {
-            'speeds': speeds, 'constraints': tuple(constraints), 'independent': independent,
-            'actuated': actuated}
+            'speeds': speeds, 'constraints': checked_constraints(constraints),
+            'independent': checked_names(independent, 'independent'),
+            'actuated': checked_names(actuated, 'actuated')}
         self.model = model
         self.friction = bool(friction)
         tree = self.equations = TreeEquations(model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
         reason = None
         if any(value not in (None, ()) for value in self._choices.values()):
-            mechanism = choose_independent(model, speeds, constraints, independent)
-            self.equations = ConstrainedEquations(tree, mechanism, actuated)
+            mechanism = choose_independent(model, speeds, self._choices['constraints'],
+                                           independent)
+            self.equations = ConstrainedEquations(tree, mechanism, self._choices['actuated'])
             key = mechanism.key and f'{key}{mechanism.key}{actuated!r}'
             reason = partial(raise_where_singular, mechanism)
         self.parameters = Parameters(model, tree.payload_frame)

@@ -10,7 +10,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names,
+                                                 Constraint)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -47,6 +48,8 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
         does not fit.
 
     """
+    constraints = checked_constraints(constraints)
+    independent = checked_names(independent, 'independent')
     everything = Mechanism(model, speeds, constraints)
     for constraint in everything.constraints:
         try:
@@ -93,8 +96,16 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         None is found; names the constraint with the largest remaining gap.
 
     """
-    here = np.array(q, dtype=np.float64)
     names = mechanism.model.coordinate_names
+    try:
+        here, at = np.array(q, dtype=np.float64), float(t)
+    except (TypeError, ValueError):
+        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
+                         ) from None
+    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
+        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
+                         f'({", ".join(names)}) and a time in s')
+    fixed = checked_names(fixed, 'fixed') or ()
     unknown = sorted(set(fixed) - set(names))
     if unknown:
         raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
