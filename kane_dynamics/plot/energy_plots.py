@@ -41,9 +41,11 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     """
     trajectory.require(robot, 'plot_energy')
     t, energy = trajectory.t, trajectory.energy.sum(axis=1)
-    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot)
+    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot, t=t)
     strain = strain_energy(robot, trajectory.q)
     springs = {'springs': (strain, GREEN, '-')} if strain.any() else {}
+    drives = ({'prescribed motion': (power.constraints, GREEN, '-')}
+              if np.any(power.constraints) else {})
     with styled(10.0, 9.0, title, path) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 3, 1.4, 1.4))
         draw(panels[0], t, {
@@ -52,8 +54,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
             'total': (energy, INK, '--')})
         draw(panels[1], t, {
             'motors': (power.joints, BLUE, '-'), 'friction': (-power.friction, RED, '-'),
-            'rate of energy': (power.energy_rate, INK, '--')})
-        lost = unaccounted_energy(t, energy, power.joints - power.friction)
+            'rate of energy': (power.energy_rate, INK, '--'), **drives})
+        lost = unaccounted_energy(t, energy, power.joints + power.constraints - power.friction)
         draw(panels[2], t, {f'largest {np.abs(power.residual).max():.2g} W':
                             (power.residual, INK, '-')})
         draw(panels[3], t, {f'largest {np.abs(lost).max():.2g} J': (lost, INK, '-')})

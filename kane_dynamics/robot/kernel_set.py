@@ -8,6 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
@@ -15,7 +16,7 @@ from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
-                                            QUANTITIES, Quantity, Sizes)
+                                            QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse is not written out
@@ -38,17 +39,18 @@ class KernelSet:
         are among it: then programs are traced and tell themselves apart.
     parameters : array
         The block that kernels read at each call.
-    reason : callable, optional
-        Raises a better error than the kernels' own for the arguments of a state whose result is
-        not finite, or returns.
+    instead : callable, optional
+        Given the arguments of a state whose result is not finite: raises a better error than the
+        kernels' own, or returns the kernels that can answer there, or None.
 
     """
 
     def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
-                 parameters: Array, reason: Reason | None = None) -> None:
+                 parameters: Array,
+                 instead: Callable[[dict[str, Array]], 'KernelSet | None'] | None = None) -> None:
         """Compile nothing yet."""
         self.equations = equations
-        self._reason = reason
+        self._instead = instead
         self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
         self._key = key
@@ -82,7 +84,7 @@ class KernelSet:
             quantity = FRAME_QUANTITIES[name]
             method = partial(getattr(self.equations, name), at)
             return self._kernel(name, lambda: self._traced(name, method, quantity), quantity,
-                                frame)
+                                frame, lambda other: other.at_frame(name, frame))
         at = self.equations.model.frame(frame)
         return self._kept((name, frame), make)
 
@@ -97,7 +99,7 @@ class KernelSet:
         method = partial(self.equations.joint_reaction, body)
         return self._kept(('joint_reaction', joint), lambda: self._kernel(
             'joint_reaction', lambda: self._traced('joint_reaction', method, JOINT_REACTION),
-            JOINT_REACTION, joint))
+            JOINT_REACTION, joint, lambda other: other.reaction(joint)))
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
@@ -192,12 +194,20 @@ class KernelSet:
         return self._made[key]
 
     def _kernel(self, name: str, program: Callable[[], Program], quantity: Quantity,
-                at: str = '') -> Kernel:
+                at: str = '', same: Callable[['KernelSet'], Kernel] | None = None) -> Kernel:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
+        instead = self._instead
+        reason: Reason | None = None
+        if instead is not None:
+            def reason(state: dict[str, Array]) -> Kernel | None:
+                other = instead(state)
+                if other is None or other is self:
+                    return None
+                return other.quantity(name) if same is None else same(other)
         return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size), self._reason)
+                      self._parameters, quantity.shape(size), reason)
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations
@@ -216,8 +226,16 @@ class KernelSet:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
             values += [given.get('wrench')] if quantity.wrench else []
-            values += [given['parameters']] if quantity.parameters else []
-            return method(*values, **({'t': given['t'][()]} if 't' in given else {}))
+            parameters, limits = given['parameters'], None
+            if isinstance(equations, ConstrainedEquations):
+                parameters, limits = np.split(parameters, [len(parameters) - LIMITS])
+            values += [parameters] if quantity.parameters else []
+            time = {'t': given['t'][()]} if 't' in given else {}
+            result = method(*values, **time)
+            if limits is None or not equations.watched or name in UNWATCHED:
+                return result
+            return guarded(result, equations.margins(given['q'], time.get('t', 0.0), limits))
+        equations: Any = self.equations
         inputs = self._inputs(quantity)
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)

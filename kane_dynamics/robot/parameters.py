@@ -22,11 +22,13 @@ class JointLimits:
 class Parameters:
     """What may change while a robot runs, without compiling anew."""
 
-    def __init__(self, model: Model, payload_frame: Frame | None) -> None:
-        """Start with the model's gravity and no payload."""
+    def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0) -> None:
+        """Start with the model's gravity and no payload; `watched` numbers are limits."""
         self._frame = payload_frame
         self._payload: Inertial | None = None
-        self.block = np.zeros(3 if payload_frame is None else 13)
+        self._tolerance: tuple[float, float] | None = None
+        self.physical = 3 if payload_frame is None else 13  # entries before the limits
+        self.block = np.zeros(self.physical + watched)
         self.gravity = model.gravity
 
     @property
@@ -45,6 +47,33 @@ class Parameters:
         self.block[:3] = array
 
     @property
+    def closure_tolerance(self) -> tuple[float, float] | None:
+        """
+        Largest residual of conditions on positions that calls accept, (m, rad); None: any.
+
+        Set it to a number for both, to a pair, or to None. Residuals count together, as the root
+        of the sum of their squares.
+        """
+        return self._tolerance
+
+    @closure_tolerance.setter
+    def closure_tolerance(self, value: Any) -> None:
+        if value is None:
+            self._tolerance = None
+        else:
+            try:
+                pair = np.broadcast_to(np.asarray(value, dtype=np.float64), 2)
+            except (TypeError, ValueError):
+                pair = np.full(2, np.nan)
+            if not (np.isfinite(pair).all() and (pair > 0.0).all()):
+                raise InputError(f'closure_tolerance is {value!r}; expected a positive number, m '
+                                 'and rad, a pair of them, or None')
+            self._tolerance = float(pair[0]), float(pair[1])
+        if len(self.block) > self.physical:
+            self.block[self.physical + 1:self.physical + 3] = (
+                0.0 if self._tolerance is None else np.array(self._tolerance)**-2.0)
+
+    @property
     def payload(self) -> Inertial | None:
         """Return what the robot carries, in the axes of its `payload_frame`."""
         return self._payload
@@ -56,5 +85,5 @@ class Parameters:
         if not (value is None or isinstance(value, Inertial)):
             raise InputError(f'payload is a {type(value).__name__}; expected an Inertial or None')
         P = np.zeros((4, 4)) if value is None else value.pseudo_inertia
-        self.block[3:] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]]
+        self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]]
         self._payload = value

@@ -9,22 +9,27 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS, SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.constraint_methods import ConstraintMethods, raise_where_singular
+from kane_dynamics.robot.constraint_methods import ConstraintMethods
 from kane_dynamics.robot.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import JointLimits, Parameters
+from kane_dynamics.robot.speed_sets import EXCESS, limits_of, SpeedSets
 from kane_dynamics.robot.verification import verified
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
+
+
+CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 
 class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
@@ -49,9 +54,19 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         `Prescribed`, `DependentSpeeds`. u are then the n independent speeds, tau is dual to
         them, and q keeps n_q > n entries.
     independent : sequence of str, optional
-        Names of the speeds to take as independent; the best conditioned by default.
+        Names of the speeds to take as independent. By default the best conditioned, and
+        `simulate` goes on with others where these come to depend on each other.
     actuated : sequence of str, optional
         The joints that have actuators (see `joint_torques`).
+    configuration : (n_q,) array_like, optional
+        A configuration, rad or m, that is closed or nearly: speeds and rows are chosen there, and
+        `closed_posture` stays on its branch. By default places within the limits are tried.
+    closure_tolerance : float, (float, float) or None
+        Largest residual of loops and other conditions on positions that calls accept, m and rad;
+        None accepts any. `parameters.closure_tolerance` changes it.
+    redundant : 'minimum_norm' or 'kept'
+        How constraint rows that follow from others share their force: with the least sum of
+        squares, moments divided by `mechanism.length`, or so that those left out carry nothing.
     wrench_frames : sequence of str
         Frames on which the environment may push (`wrench=`, one row each).
     payload_frame : str, optional
@@ -74,9 +89,10 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
 
     def __init__(self, model: Model, *, speeds: Any = None,
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
-                 actuated: Sequence[str] | None = None, wrench_frames: Sequence[str] = (),
-                 payload_frame: str | None = None, friction: bool = True,
-                 frame_reduction: bool = True) -> None:
+                 actuated: Sequence[str] | None = None, configuration: Any = None,
+                 closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
+                 wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
+                 friction: bool = True, frame_reduction: bool = True) -> None:
         """Prepare the equations; nothing is compiled yet."""
         if not isinstance(model, Model):
             raise InputError(f'model is a {type(model).__name__}; expected a Model '
@@ -90,26 +106,62 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         self._choices: dict[str, Any] = {
             'speeds': speeds, 'constraints': checked_constraints(constraints),
             'independent': checked_names(independent, 'independent'),
-            'actuated': checked_names(actuated, 'actuated')}
+            'actuated': checked_names(actuated, 'actuated'), 'configuration': configuration,
+            'redundant': redundant}
         self.model = model
         self.friction = bool(friction)
         tree = self.equations = TreeEquations(model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
-        reason = None
-        if any(value not in (None, ()) for value in self._choices.values()):
-            mechanism = choose_independent(model, speeds, self._choices['constraints'],
-                                           independent)
-            self.equations = ConstrainedEquations(tree, mechanism, self._choices['actuated'])
-            key = mechanism.key and f'{key}{mechanism.key}{actuated!r}'
-            reason = partial(raise_where_singular, mechanism)
-        self.parameters = Parameters(model, tree.payload_frame)
-        self.kernels = KernelSet(self.equations, key, self.parameters.block, reason)
+        constraints, independent, actuated = (self._choices[key] for key in (
+            'constraints', 'independent', 'actuated'))
+        self.speed_sets: SpeedSets | None = None
+        if redundant not in ('minimum_norm', 'kept'):
+            raise InputError(f"redundant is {redundant!r}; expected 'minimum_norm' or 'kept'")
+        if speeds is None and not constraints and independent is None and actuated is None:
+            self.parameters = Parameters(model, tree.payload_frame)
+            self.kernels = KernelSet(tree, key, self.parameters.block)
+        else:
+            mechanism = choose_independent(model, speeds, constraints, independent, configuration)
+            self.parameters = Parameters(model, tree.payload_frame, LIMITS)
+            self.parameters.block[-LIMITS:] = limits_of(SINGULAR, None, EXCESS)
+            self.parameters.closure_tolerance = closure_tolerance
+            self.speed_sets = SpeedSets(
+                mechanism, partial(ConstrainedEquations, tree, actuated=actuated,
+                                   redundant=redundant),
+                f'{key}{actuated!r}{redundant}', self.parameters)
+            self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
+            self.equations = self.kernels.equations
         self._entries = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as model, options and parameters; kernels load again from the cache."""
-        return _restored, (self.model, {**self._choices, **self._options}, self.parameters.gravity,
-                           self.parameters.payload)
+        choices = {**self._choices, **self._options,
+                   'closure_tolerance': self.parameters.closure_tolerance}
+        return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload)
+
+    @property
+    def speeds_are_given(self) -> bool:
+        """Tell whether the independent speeds are those that the user named."""
+        return self._choices['independent'] is not None
+
+    def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Robot':
+        """
+        Return this robot with other independent speeds and constraint rows, by number.
+
+        It shares the parameters; its u and tau are those of the other speeds.
+        """
+        if self.speed_sets is None:
+            raise InputError('this robot has no constraints among which to choose')
+        kernels = self.speed_sets.kernels(free, kept)
+        if kernels is self.kernels:
+            return self
+        other = object.__new__(type(self))
+        names = kernels.equations.speed_names
+        other.__dict__.update({name: self.__dict__[name] for name in (
+            '_options', 'model', 'friction', 'speed_sets', 'parameters')})
+        other._choices = {**self._choices, 'independent': names}
+        other.kernels, other.equations, other._entries = kernels, kernels.equations, {}
+        return other
 
     @property
     def n(self) -> int:

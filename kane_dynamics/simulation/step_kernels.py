@@ -1,9 +1,12 @@
 """One integration step of a robot as a kernel, its dynamics as subroutines."""
 
+from functools import partial
 from typing import Any
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import speed_places
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -18,7 +21,8 @@ import numpy as np
 INTEGRATORS = ('rk4', 'implicit')
 # What `simulate` asks for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
-              'potential_energy', 'constraint_forces', 'constraint_gap')
+              'potential_energy', 'constraint_forces', 'constraint_residual',
+              'constraint_velocity_residual')
 
 
 def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
@@ -47,14 +51,18 @@ def loop_kernels(robot: Robot) -> list[str]:
     return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
 
 
-def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4') -> Kernel:
+def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
+                dual_to: tuple[str, ...] | None = None) -> Kernel:
     """
     Return the kernel of one step of one of `INTEGRATORS`.
 
     Its pointers: state, as `state_names`, inputs, constants, next state. With held torques the
     inputs are tau (n) and the constants the step and the robot's parameters. With feedback the
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
-    constants begin with kp and kd.
+    constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
+
+    Of a constrained robot the next state is not a number where the step is not to be trusted: the
+    limits that `conditioning.margins` takes are the last of the constants.
 
     Raises
     ------
@@ -70,6 +78,10 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4') -> Kernel
                          "joint rates, without constraints; valid here: 'rk4'")
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     name = name if integrator == 'rk4' else f'{name}_{integrator}'
+    if dual_to not in (None, robot.speed_names):
+        places = speed_places(robot.mechanism.speeds, dual_to)
+        name = f'{name}_dual_to_{"_".join(map(str, places))}'
+        program = partial(_program, dual_to=dual_to)
     inputs = _inputs(robot, feedback)
     arguments = [Argument(key, shape) for key, shape in inputs[:2]]
     return robot.kernels.extra(name, lambda: program(robot, name, feedback), arguments,
@@ -88,11 +100,12 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
             ('constants', ((2 * n if feedback else 0) + 1 + parameters,))]
 
 
-def _program(robot: Robot, name: str, feedback: bool) -> Program:
+def _program(robot: Robot, name: str, feedback: bool,
+             dual_to: tuple[str, ...] | None = None) -> Program:
     """Trace one step; where q' is not u, what it misses of closed loops is taken back after it."""
     n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
     constrained = isinstance(equations, ConstrainedEquations)
-    motion = _state_program(robot)
+    motion = _state_program(robot, dual_to)
     law = kernels.feedback_program() if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
@@ -108,8 +121,11 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
             return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time)])
         moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
         after = runge_kutta_4(rates, state, moments, h[0])
-        if isinstance(equations, ConstrainedEquations):
-            after[:n_q] = equations.closer(after[:n_q], *after[n_q + n:])
+        if isinstance(equations, ConstrainedEquations) and equations.watched:
+            at = [after[:n_q], after[n_q + n] if equations.timed else 0.0]
+            margins = equations.margins(*at, constants[-LIMITS:])
+            after[:n_q] = equations.closer(*at)
+            after = guarded(after, margins)
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 
@@ -152,7 +168,7 @@ def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
         *vectors, ('g', ()), *pushes, ('parameters', robot.parameters.block.shape)])
 
 
-def _state_program(robot: Robot) -> Program:
+def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
     """Trace udot or, where q' is not u, q' and udot."""
     equations, kernels = robot.equations, robot.kernels
     if not isinstance(equations, ConstrainedEquations):
@@ -163,8 +179,9 @@ def _state_program(robot: Robot) -> Program:
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
         *moment, parameters = rest[len(wrench):]
-        return equations.state_rates(q, u, tau, rest[0] if wrench else None, parameters,
-                                     moment[0][()] if moment else 0.0)
+        return equations.state_rates(q, u, tau, rest[0] if wrench else None,
+                                     parameters[:-LIMITS], moment[0][()] if moment else 0.0,
+                                     dual_to)
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
         ('parameters', robot.parameters.block.shape)])

@@ -23,6 +23,7 @@ class TorqueInput:
     step: float
     constants: Array  # gains and step, then the robot's parameters
     torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques; one serves all
+    start: float = 0.0  # s
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """
@@ -59,8 +60,8 @@ class TorqueInput:
     def _inputs(self, done: int, count: int) -> tuple[Array, int, int]:
         """Return the inputs of `count` steps from `done` on; bytes between states and steps."""
         if isinstance(self.torque, ComputedTorque):
-            halves: Array = np.arange(2 * done, 2 * (done + count) + 1) * np.float64(
-                0.5 * self.step)
+            halves: Array = self.start + np.arange(
+                2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
             rows = np.concatenate(self.torque.motion.sample(halves), axis=1)
             return rows, 0, 2 * rows.strides[0]
         states, steps = (length > 1 for length in self.torque.shape[:2])
@@ -73,7 +74,7 @@ class TorqueInput:
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
-        q_d, u_d, udot_d = torque.motion.sample(kept * np.float64(self.step))
+        q_d, u_d, udot_d = torque.motion.sample(self.start + kept * np.float64(self.step))
         wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
         rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]
         tau: Array = self.robot.inverse_dynamics(*rigid) - self.robot.friction_force(rigid[1])
@@ -81,7 +82,7 @@ class TorqueInput:
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
-                 states: int | None, integrator: str) -> TorqueInput:
+                 states: int | None, integrator: str, start: float = 0.0) -> TorqueInput:
     """
     Compile the step for a torque source and lay out its inputs.
 
@@ -112,9 +113,10 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                           np.concatenate([torque.kp, torque.kd, [step], block]), torque)
+                            np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                       np.concatenate([[step], block]), _table(robot, torque, count, states))
+                        np.concatenate([[step], block]), _table(robot, torque, count, states),
+                       start)
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:

@@ -13,8 +13,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.constraints.conditioning import margins
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism, Released
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
@@ -33,6 +35,10 @@ class ConstrainedEquations:
     actuated : sequence of str, optional
         Names of the joints that have actuators, which share a load with the least sum of
         squares. By default what acts is the force dual to each independent speed, nothing else.
+    redundant : 'minimum_norm' or 'kept'
+        How rows that follow from others share their force. By default so that the sum of squares
+        of all forces is least, moments divided by the length of the mechanism: the same for every
+        way to write the constraints down. Or rows left out carry nothing.
 
     Raises
     ------
@@ -47,8 +53,10 @@ class ConstrainedEquations:
     """
 
     def __init__(self, tree: TreeEquations, mechanism: Mechanism,
-                 actuated: Sequence[str] | None = None) -> None:
+                 actuated: Sequence[str] | None = None,
+                 redundant: str = 'minimum_norm') -> None:
         """Keep the parts."""
+        self._redundant = redundant
         self.tree, self.mechanism = tree, mechanism
         self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n
         self.speed_names = mechanism.speed_names
@@ -66,6 +74,11 @@ class ConstrainedEquations:
             raise ConstraintError(f'actuated names {len(places)} joints; {self.n} independent '
                                   f'speeds ({", ".join(self.speed_names)}) need as many')
         return places
+
+    @property
+    def watched(self) -> bool:
+        """Tell whether there are constraints whose state calls and simulations watch."""
+        return bool(self.mechanism.labels)
 
     @property
     def unsupported(self) -> tuple[str, ...]:
@@ -112,12 +125,35 @@ class ConstrainedEquations:
         return inverse(factorize(self.mass_matrix(q, parameters, t), order), order)
 
     def state_rates(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
-                    t: Any = 0.0) -> Any:
-        """Return q' then udot, (n_q + n,): the system that is integrated."""
+                    t: Any = 0.0, dual_to: Sequence[str] | None = None) -> Any:
+        """
+        Return q' then udot, (n_q + n,): the system that is integrated.
+
+        With `dual_to`, tau is dual to the speeds of these names instead of the independent ones.
+        """
         if self.n == self.n_q:
             return np.concatenate(self._free(q, u, tau, wrench, parameters, t))
+        if dual_to is not None:
+            tau = self.tau_from(dual_to, q, tau, t)
         motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
         return np.concatenate([motion.qdot, udot])
+
+    def tau_from(self, names: Sequence[str], q: Any, tau: Any, t: Any = 0.0) -> Any:
+        """Return what amounts to forces dual to other speeds, given by name, (n,)."""
+        if tuple(names) == self.speed_names:
+            return tau
+        motion = self.at_rest(q, t)
+        rows = self.mechanism.posture(q, t, self.tree.geometry).speed_rows(names)[0]
+        return motion.T.T @ (rows.T @ tau)
+
+    def other_speeds(self, names: Sequence[str], q: Any, u: Any, udot: Any,
+                     t: Any = 0.0) -> Any:
+        """Return other speeds, given by name, and their rates in this motion, (2, k)."""
+        motion = self.joint_motion(q, u, udot, t)
+        Y, Z = self.mechanism.posture(moving(q, motion.qdot), moving(t, 1.0),
+                                      self.tree.geometry).speed_rows(names)
+        return np.array([values(Y) @ motion.qdot + values(Z),
+                         values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])
 
     def closer(self, q: Any, t: Any = 0.0) -> Any:
         """
@@ -128,6 +164,10 @@ class ConstrainedEquations:
         gap = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry)).gap
         missed = [0.0 if gap[k] is None else gap[k] for k in self.mechanism.kept]
         return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
+
+    def margins(self, q: Any, t: Any, limits: Any) -> list[Any]:
+        """Return numbers that are positive where a state may be trusted; see `conditioning`."""
+        return margins(self.mechanism, q, t, limits, self.tree.geometry)
 
     def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                  t: Any) -> tuple[JointMotion, Any, Any]:
@@ -179,17 +219,51 @@ class ConstrainedEquations:
 
     def constraint_forces(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                           t: Any = 0.0) -> Any:
-        """Return the force of every constraint row, (m,); zero of a row that others imply."""
+        """Return the force of every constraint row, (m,); of redundant rows as `redundant`."""
         motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
-        kept = motion.N.T @ (force - self.joint_torques(q, tau, t))
-        result = np.zeros(len(self.mechanism.labels)).astype(object)
-        result[self.mechanism.kept] = kept
+        return self._shared(q, t, motion, motion.N.T @ (force - self.joint_torques(q, tau, t)))
+
+    def _shared(self, q: Any, t: Any, motion: JointMotion, kept: Any) -> Any:
+        """
+        Return the forces of all rows, (m,), that amount to forces of the rows kept.
+
+        Rows left out are J_R = C J_K, and J_K N = 1 gives C = J_R N. The least sum of squares
+        with the same effect is lambda = [1; C] (1 + C^T C)^-1 lambda_K.
+        """
+        mechanism = self.mechanism
+        result = np.zeros(len(mechanism.labels)).astype(object)
+        others = mechanism.left_out
+        rows = mechanism.rows(mechanism.posture(q, t, self.tree.geometry))
+        weight = np.array([1.0 / mechanism.length if turns else 1.0
+                           for turns in mechanism.turning])
+        C = (np.array([_product(row, motion.N) for row in rows.J[others]]).reshape(
+            len(others), len(mechanism.kept))
+             * weight[mechanism.kept] / weight[others][:, None])
+        if self._redundant == 'kept' or all(is_zero(x) for x in C.ravel()):
+            result[mechanism.kept] = kept
+            return result
+        order = list(range(len(mechanism.kept)))
+        share = solve(factorize(np.eye(len(order)) + _gram(C), order), order,
+                      weight[mechanism.kept] * kept)
+        result[mechanism.kept] = share / weight[mechanism.kept]
+        result[others] = (C @ share) / weight[others]
         return result
 
-    def constraint_gap(self, q: Any, t: Any = 0.0) -> Any:
+    def constraint_residual(self, q: Any, t: Any = 0.0) -> Any:
         """Return what each row's condition on positions is missed by, (m,); 0 without one."""
         rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
         return np.array([0.0 if gap is None else gap for gap in rows.gap], dtype=object)
+
+    constraint_gap = constraint_residual  # its former name
+
+    def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
+        """Return by what each row's velocity is missed, J q' - b, (m,)."""
+        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
+        return rows.J @ self.joint_rates(q, u, t) - rows.b
+
+    def joint_accelerations(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
+        """Return q'', (n_q,)."""
+        return self.joint_motion(q, u, udot, t).qddot
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                        t: Any = 0.0) -> Any:
@@ -202,13 +276,13 @@ class ConstrainedEquations:
         motion = self.joint_motion(q, u, udot, t)
         force = self._joint_forces(q, motion, wrench, parameters)
         applied = self.joint_torques(q, motion.T.T @ force, t)
-        held = motion.N.T @ (force - applied)
+        held = self._shared(q, t, motion, motion.N.T @ (force - applied))
         here = self.mechanism.posture(q, t, self.tree.geometry)
         of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
         result = []
         for body, (origin, whole) in enumerate(zip(self.tree.joint_origins(q), of_tree)):
             rows = self.mechanism.rows(Released(here, body, origin))
-            result.append(whole - rows.J[self.mechanism.kept].T @ held)
+            result.append(whole - rows.J.T @ held)
         return np.array(result)
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
@@ -264,6 +338,19 @@ class ConstrainedEquations:
     def zeros(self) -> Any:
         """Return n zeros that cost a traced program nothing."""
         return np.zeros(self.n).astype(object)
+
+
+def _product(row: Any, matrix: Any) -> list[Any]:
+    """Return row @ matrix without the terms that are zero by structure."""
+    return [sum((x * y for x, y in zip(row, column) if not (is_zero(x) or is_zero(y))),
+                start=0.0) for column in matrix.T]
+
+
+def _gram(C: Any) -> Any:
+    """Return C^T C, symmetric to the last bit."""
+    n = C.shape[1]
+    upper = {(r, s): _product(C[:, r], C[:, s:s + 1])[0] for r in range(n) for s in range(r, n)}
+    return np.array([[upper[min(r, s), max(r, s)] for s in range(n)] for r in range(n)])
 
 
 def congruent(M: Any, T: Any) -> Any:

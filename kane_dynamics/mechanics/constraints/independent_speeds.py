@@ -1,8 +1,9 @@
 """
 Which speeds are independent and which constraint rows are: found once, at sample postures.
 
-Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out
-and carries no force; one that contradicts others is an error.
+Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out;
+one that contradicts others is an error. What is found holds where it was looked for: calls and
+simulations watch it (`conditioning`), and choose again where a motion needs it.
 """
 
 from collections.abc import Sequence
@@ -10,8 +11,9 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names,
-                                                 Constraint)
+from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
+                                                 DependentSpeeds, PointVelocity, Prescribed)
+from kane_dynamics.mechanics.constraints.conditioning import pivots, rank, RANK, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -19,13 +21,14 @@ import numpy as np
 CLOSED = 1e-11  # m or rad: a gap this small is closed
 ITERATIONS = 100
 STRIDE = 0.5  # rad or m: longest step of the search for a closed posture
-RANK = 1e-9  # relative size at which a singular value counts as zero
+SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 STARTS = 12  # postures from which closing is tried
 SAMPLES = 4  # closed postures at which the structure is looked at
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
-                       independent: Sequence[str] | None = None) -> Mechanism:
+                       independent: Sequence[str] | None = None,
+                       configuration: Any = None) -> Mechanism:
     """
     Return the mechanism with its independent speeds and rows chosen.
 
@@ -39,39 +42,63 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
         What holds.
     independent : sequence of str, optional
         Names of the speeds to take as independent; the best conditioned by default.
+    configuration : (n_q,) array_like, optional
+        Where to look, rad or m; closed, or nearly. By default places within the joints' limits
+        are tried.
 
     Raises
     ------
     ConstraintError
         A constraint names what the model does not have, the constraints contradict each other,
-        cannot be met in any posture found, leave no freedom; Y is singular; or `independent`
-        does not fit.
+        cannot be met in any posture found, leave no freedom and are not driven either; Y is
+        singular; or `independent` does not fit.
 
     """
     constraints = checked_constraints(constraints)
     independent = checked_names(independent, 'independent')
     everything = Mechanism(model, speeds, constraints)
+    start = np.zeros(model.n) if configuration is None else np.asarray(configuration)
     for constraint in everything.constraints:
         try:
-            constraint.rows(everything.posture(np.zeros(model.n)))
+            constraint.rows(everything.posture(start))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
-    samples = [_velocity_rows(everything, q) for q in _closed_postures(everything)]
+    places = (_closed_postures(everything) if configuration is None
+              else _postures_near(everything, start))
+    samples = [_velocity_rows(everything, q) for q in places]
     if not everything.labels and independent is None:
         return everything
-    ranks = [_rank(C) for C, _ in samples]
+    sizes = _row_sizes(everything, places)
+    ranks = [rank(C) for C, _ in samples]
     m = max(ranks)
     samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
-    kept = sorted(_pivots(samples[0][0].T, m))
+    kept = sorted(pivots(samples[0][0].T, m))
     _check_consistent(everything, samples, kept)
-    if m == model.n:
+    if m == model.n and not any(_driven(constraint) for constraint in constraints):
         raise ConstraintError(f'{m} independent constraint rows leave no freedom to '
                               f'{model.n} speeds: {", ".join(everything.labels)}')
     if independent is None:
         free = _best_free([C[kept] for C, _ in samples])
     else:
         free = _given_free(everything, independent, [C[kept] for C, _ in samples])
-    return Mechanism(model, speeds, constraints, free, kept)
+    return Mechanism(model, speeds, constraints, free, kept, sizes)
+
+
+def _driven(constraint: Constraint) -> bool:
+    """Tell whether a constraint may prescribe a motion other than rest."""
+    if isinstance(constraint, PointVelocity):
+        return callable(constraint.value) or constraint.value != 0.0
+    return isinstance(constraint, Prescribed | DependentSpeeds)
+
+
+def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
+    """Return the largest size, in units of the mechanism, of any row like each at the places."""
+    found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
+                    for q in places], axis=0)
+    kinds = list(zip(mechanism.owners, mechanism.turning))
+    largest = [max(float(size) for size, kind in zip(found, kinds) if kind == own)
+               for own in kinds]
+    return [size if size > RANK * max(largest) else 1.0 for size in largest]
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
@@ -122,6 +149,60 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
                           f'(m or rad) remain after {ITERATIONS} steps')
 
 
+def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
+                     fixed: Sequence[str] = ()) -> Array:
+    """
+    Return the closed posture on the branch of another one.
+
+    The fixed coordinates go there from their values at the start in small steps, and the others
+    follow.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Whose conditions to meet.
+    start : (n_q,) array
+        A closed posture, rad or m; it says which branch is meant.
+    q : (n_q,) array
+        Of it the values of the fixed coordinates count.
+    t, fixed
+        As in `closed_posture`.
+
+    Raises
+    ------
+    ConstraintError
+        None is found, or the loops jump: another branch begins on the way.
+
+    """
+    here = closed_posture(mechanism, start, t=t, fixed=())
+    names = mechanism.model.coordinate_names
+    unknown = sorted(set(fixed) - set(names))
+    if unknown:
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
+    places = [k for k, name in enumerate(names) if name in fixed]
+    first, last = here[places], np.asarray(q, dtype=np.float64)[places]
+    way = np.abs(last - first) / mechanism.units[places]
+    count = int(np.ceil(way.max(initial=0.0) / SMALL)) or 1
+    units, side = np.eye(len(names))[places], 0.0
+    for share in np.arange(1, count + 1) / count:
+        ahead = here.copy()
+        ahead[places] = first + share * (last - first)
+        closed = closed_posture(mechanism, ahead, t=t, fixed=fixed)
+        moved = np.abs(closed - here) / mechanism.units
+        worst = int(np.argmax(moved))
+        before, side = side, 0.0
+        if len(places) == mechanism.n:
+            J = stacked(mechanism, closed, t).J[mechanism.kept]
+            side = float(np.sign(np.linalg.det(np.concatenate([units, J]))))
+        if moved[worst] > STRIDE or before * side < 0.0:
+            raise ConstraintError(
+                f"no posture on this branch: with {', '.join(fixed)} at {ahead[places].tolist()} "
+                f"'{names[worst]}' jumps by {abs(closed - here)[worst]:.3g} rad or m; the branch "
+                'ends there')
+        here = closed
+    return here
+
+
 def _gaps(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
     """Return the rows that have a condition on positions, their gaps, their labels."""
     rows = mechanism.rows(mechanism.posture(q, t))
@@ -153,6 +234,29 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
     return found
 
 
+def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
+    """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
+    if q.shape != (mechanism.model.n,) or not np.isfinite(q).all():
+        raise ConstraintError(f'configuration is {q.tolist()}; expected {mechanism.model.n} '
+                              f'finite numbers: {", ".join(mechanism.model.coordinate_names)}')
+    closed = closed_posture(mechanism, q)
+    moved = np.abs(closed - q) / mechanism.units
+    worst = int(np.argmax(moved))
+    if moved[worst] > STRIDE:
+        raise ConstraintError(
+            f"configuration: closing its loops moves '{mechanism.model.coordinate_names[worst]}' "
+            f'by {abs(closed - q)[worst]:.3g} rad or m; expected a configuration that is closed '
+            'to within a small correction, so that it stays on its branch')
+    found, rng = [closed], np.random.default_rng(0)
+    for _ in range(SAMPLES - 1):
+        try:
+            found.append(closed_posture(mechanism, closed + 0.05 * mechanism.units * rng.uniform(
+                -1.0, 1.0, len(q))))
+        except ConstraintError:
+            continue
+    return found
+
+
 def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
     """Return C and d of C u = d, the constraints in terms of all speeds."""
     here = mechanism.posture(q)
@@ -164,25 +268,6 @@ def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
                               'rates there')
     C: Array = np.linalg.solve(Y.T, np.array(rows.J, dtype=np.float64).T).T.astype(np.float64)
     return C, np.array(rows.b, dtype=np.float64) + C @ Z
-
-
-def _rank(C: Array) -> int:
-    size = np.linalg.svd(C, compute_uv=False)
-    return int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
-
-
-def _pivots(C: Array, count: int) -> list[int]:
-    """Return the columns that Gram-Schmidt with pivoting takes first."""
-    rest = C.copy()
-    taken: list[int] = []
-    for _ in range(count):
-        size = np.linalg.norm(rest, axis=0)
-        size[taken] = -1.0
-        k = int(np.argmax(size > (1.0 - 1e-9) * size.max()))  # ties: the first
-        taken.append(k)
-        direction = rest[:, k] / np.linalg.norm(rest[:, k])
-        rest = rest - np.outer(direction, direction @ rest)
-    return taken
 
 
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
@@ -206,7 +291,7 @@ def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
 def _best_free(rows: list[Array]) -> list[int]:
     """Return the independent speeds that leave the dependent ones best determined."""
     count, n = rows[0].shape
-    choices = [sorted(_pivots(C, count)) for C in rows]
+    choices = [sorted(pivots(C, count)) for C in rows]
     best = max(choices, key=lambda dependent: _conditioning(rows, dependent))
     return [r for r in range(n) if r not in best]
 

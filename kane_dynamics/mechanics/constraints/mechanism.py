@@ -22,7 +22,8 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows
+from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, Coupling,
+                                                 PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.speeds import chosen, Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
@@ -129,12 +130,23 @@ class Mechanism:
     constraints : sequence of constraints
     free, kept : sequences of int
         Numbers of the independent speeds, and of the rows that are independent of each other;
-        `structure.structured` finds them.
+        `structured` finds them.
+    sizes : sequence of float, optional
+        How large each row is about, in units of the mechanism; 1 by default.
+
+    Attributes
+    ----------
+    length : float
+        m: the longest distance between neighbouring joints, or from a body to one of its frames;
+        1 where there is none. Moments and turns are compared with forces and distances by it.
+    units : (n_q,) array
+        `length` for coordinates that slide, 1 rad for others.
 
     """
 
     def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
-                 free: Sequence[int] | None = None, kept: Sequence[int] | None = None) -> None:
+                 free: Sequence[int] | None = None, kept: Sequence[int] | None = None,
+                 sizes: Sequence[float] | None = None) -> None:
         """Keep the parts; without `free` and `kept` every speed and every row counts."""
         self.model = model
         self.speeds = chosen(model, speeds)
@@ -142,6 +154,11 @@ class Mechanism:
         self.labels = tuple(label for c in self.constraints for label in c.labels)
         self.free = list(range(model.n)) if free is None else list(free)
         self.kept = list(range(len(self.labels))) if kept is None else list(kept)
+        self.owners = tuple(c.name for c in self.constraints for _ in c.labels)
+        self.sizes = (1.0,) * len(self.labels) if sizes is None else tuple(sizes)
+        self.length = _length(model)
+        self.units = np.array([self.length if name in model.sliding else 1.0
+                               for name in model.coordinate_names])
         names = [c.name for c in self.constraints]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -159,9 +176,29 @@ class Mechanism:
 
         Those alone may depend on time.
         """
-        parts = [repr(self.free), repr(self.kept), self.speeds.key or None,
+        parts = [repr(self.free), repr(self.kept), repr(self.sizes), self.speeds.key or None,
                  *(_described(constraint) for constraint in self.constraints)]
         return None if None in parts else '\n'.join(part for part in parts if part)
+
+    @property
+    def left_out(self) -> list[int]:
+        """Return the numbers of the rows that follow from those kept."""
+        return [k for k in range(len(self.labels)) if k not in self.kept]
+
+    @property
+    def system_sizes(self) -> list[float | None]:
+        """Return how large the rows of S are about; None for a speed, which is its own size."""
+        return [*(None for _ in self.free), *(self.sizes[k] for k in self.kept)]
+
+    @property
+    def turning(self) -> tuple[bool, ...]:
+        """Tell of each row whether it is of a turn: rad and N m, not m and N."""
+        return tuple(turns for constraint in self.constraints
+                     for turns in _turning(constraint, self.model))
+
+    def with_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Mechanism':
+        """Return the same mechanism with other independent speeds or rows."""
+        return Mechanism(self.model, self.speeds, self.constraints, free, kept, self.sizes)
 
     @property
     def speed_names(self) -> tuple[str, ...]:
@@ -263,6 +300,22 @@ class Released(MechanismState):
     def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
         """Return no change: speeds are of the joints that the mechanism has."""
         return np.zeros((len(names), 6)), np.zeros(len(names))
+
+
+def _length(model: Model) -> float:
+    places = [body.joint.translation for body in model.bodies if body.parent != WORLD]
+    places += [frame.translation for frame in model.frames if frame.body != WORLD]
+    longest = max((float(np.linalg.norm(place)) for place in places), default=0.0)
+    return longest if longest > 1e-9 else 1.0
+
+
+def _turning(constraint: Constraint, model: Model) -> list[bool]:
+    """Tell of each row of a constraint whether it is of a turn."""
+    if isinstance(constraint, Coupling | Prescribed):
+        return [constraint.joint not in model.sliding]
+    if isinstance(constraint, PointVelocity):
+        return [constraint.angular]
+    return [label.rpartition('/')[2].startswith('turn_') for label in constraint.labels]
 
 
 def _described(constraint: Constraint) -> str | None:

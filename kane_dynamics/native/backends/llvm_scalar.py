@@ -161,6 +161,8 @@ class Function:
 
     def _in_a_row(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
         """Return a pointer to where an argument or a call's results hold these entries."""
+        if not entries:
+            return None
         first = entries[0]
         if not (isinstance(first, Expr) and first.op in self.in_place):
             return None

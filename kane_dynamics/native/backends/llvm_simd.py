@@ -169,7 +169,7 @@ class RowFunction(Function):
     def _ask(self, rows: list[str], size: int, writing: bool) -> None:
         """Ask memory for the rows of a block that comes later."""
         v = self._vector
-        if size > LONG_ROW:
+        if size > LONG_ROW or not size:
             return
         block = v.width * size
         distance = -(-AHEAD // (8 * block)) * block

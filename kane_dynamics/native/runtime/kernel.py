@@ -23,7 +23,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, size_of
 import numpy as np
 
 SYMBOL = 'kernel'  # the name of every kernel's own function in its object file
-Reason = Callable[[dict[str, Array]], None]
+Reason = Callable[[dict[str, Array]], 'Kernel | None']
 MOST_RESULTS = 2**31  # entries of one batch's result: past this a typing error is likelier
 
 
@@ -112,7 +112,7 @@ class Kernel:
         Of the result for one state.
     reason : callable, optional
         Given the arguments of a state whose result is not finite, raises an error that explains
-        it, or returns.
+        it, or returns another kernel that answers in this one's place, or None.
 
     """
 
@@ -241,16 +241,18 @@ class Kernel:
         """Raise where the result is not finite, whatever the arguments: no torque is made up."""
         if np.isfinite(result).all():
             return
-        place, state = '', list(arrays)
-        if count is not None:
-            bad = int(np.argmax(~np.isfinite(result).reshape(count, -1).all(axis=1)))
-            place = f' of state {bad}'
+        rows = result.reshape(count or 1, -1)
+        for bad in np.flatnonzero(~np.isfinite(rows).all(axis=1)).tolist():
+            place = '' if count is None else f' of state {bad}'
             state = [x[bad] if x.ndim > len(a.shape) else x
                      for a, x in zip(self.arguments, arrays)]
-        if self._reason is not None:
-            self._reason(dict(zip((a.name for a in self.arguments), state)))
-        raise InputError(f'{self.name}: the result{place} is not finite: the numbers are too '
-                         'large, or the mass matrix is singular there (a massless moving body)')
+            other = None if self._reason is None else self._reason(
+                dict(zip((a.name for a in self.arguments), state)))
+            if other is None:
+                raise InputError(f'{self.name}: the result{place} is not finite: the numbers are '
+                                 'too large, or the mass matrix is singular there (a massless '
+                                 'moving body)')
+            rows[bad] = np.ravel(other(*state))
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:
