@@ -9,7 +9,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
-from kane_dynamics.mechanics.constraints.conditioning import LIMITS, SINGULAR
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS, RANK, SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
@@ -67,6 +67,10 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
     redundant : 'minimum_norm' or 'kept'
         How constraint rows that follow from others share their force: with the least sum of
         squares, moments divided by `mechanism.length`, or so that those left out carry nothing.
+    rank_tolerance : float
+        Part of the largest singular value of the constraint rows up to which one counts as zero:
+        a larger one accepts loops whose description is rounded (a URDF's rpy="1.5708"), which may
+        then stay open by so much, m or rad.
     wrench_frames : sequence of str
         Frames on which the environment may push (`wrench=`, one row each).
     payload_frame : str, optional
@@ -91,8 +95,9 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
                  actuated: Sequence[str] | None = None, configuration: Any = None,
                  closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
-                 wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
-                 friction: bool = True, frame_reduction: bool = True) -> None:
+                 rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
+                 payload_frame: str | None = None, friction: bool = True,
+                 frame_reduction: bool = True) -> None:
         """Prepare the equations; nothing is compiled yet."""
         if not isinstance(model, Model):
             raise InputError(f'model is a {type(model).__name__}; expected a Model '
@@ -107,7 +112,7 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             'speeds': speeds, 'constraints': checked_constraints(constraints),
             'independent': checked_names(independent, 'independent'),
             'actuated': checked_names(actuated, 'actuated'), 'configuration': configuration,
-            'redundant': redundant}
+            'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)
         tree = self.equations = TreeEquations(model, **self._options)
@@ -121,7 +126,8 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             self.parameters = Parameters(model, tree.payload_frame)
             self.kernels = KernelSet(tree, key, self.parameters.block)
         else:
-            mechanism = choose_independent(model, speeds, constraints, independent, configuration)
+            mechanism = choose_independent(model, speeds, constraints, independent,
+                                           configuration, rank_tolerance)
             self.parameters = Parameters(model, tree.payload_frame, LIMITS)
             self.parameters.block[-LIMITS:] = limits_of(SINGULAR, None, EXCESS)
             self.parameters.closure_tolerance = closure_tolerance

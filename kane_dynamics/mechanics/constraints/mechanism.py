@@ -133,6 +133,9 @@ class Mechanism:
         `structured` finds them.
     sizes : sequence of float, optional
         How large each row is about, in units of the mechanism; 1 by default.
+    rank_tolerance : float
+        Singular values up to this part of the largest count as zero, and so do residuals of rows
+        that follow from others then (m or rad).
 
     Attributes
     ----------
@@ -146,7 +149,7 @@ class Mechanism:
 
     def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
                  free: Sequence[int] | None = None, kept: Sequence[int] | None = None,
-                 sizes: Sequence[float] | None = None) -> None:
+                 sizes: Sequence[float] | None = None, rank_tolerance: float = 1e-9) -> None:
         """Keep the parts; without `free` and `kept` every speed and every row counts."""
         self.model = model
         self.speeds = chosen(model, speeds)
@@ -156,6 +159,7 @@ class Mechanism:
         self.kept = list(range(len(self.labels))) if kept is None else list(kept)
         self.owners = tuple(c.name for c in self.constraints for _ in c.labels)
         self.sizes = (1.0,) * len(self.labels) if sizes is None else tuple(sizes)
+        self.rank_tolerance = rank_tolerance
         self.length = _length(model)
         self.units = np.array([self.length if name in model.sliding else 1.0
                                for name in model.coordinate_names])
@@ -198,7 +202,8 @@ class Mechanism:
 
     def with_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Mechanism':
         """Return the same mechanism with other independent speeds or rows."""
-        return Mechanism(self.model, self.speeds, self.constraints, free, kept, self.sizes)
+        return Mechanism(self.model, self.speeds, self.constraints, free, kept, self.sizes,
+                         self.rank_tolerance)
 
     @property
     def speed_names(self) -> tuple[str, ...]:
