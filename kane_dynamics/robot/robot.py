@@ -130,6 +130,8 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
                                            configuration, rank_tolerance)
             self.parameters = Parameters(model, tree.payload_frame, LIMITS)
             self.parameters.block[-LIMITS:] = limits_of(SINGULAR, None, EXCESS)
+            if closure_tolerance is CLOSURE_TOLERANCE:
+                closure_tolerance = max(closure_tolerance, rank_tolerance)
             self.parameters.closure_tolerance = closure_tolerance
             self.speed_sets = SpeedSets(
                 mechanism, partial(ConstrainedEquations, tree, actuated=actuated,
@@ -144,6 +146,11 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         choices = {**self._choices, **self._options,
                    'closure_tolerance': self.parameters.closure_tolerance}
         return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload)
+
+    @property
+    def configuration(self) -> Any:
+        """Return the configuration at which speeds and rows were chosen; None without one."""
+        return self._choices['configuration']
 
     @property
     def speeds_are_given(self) -> bool:

@@ -82,10 +82,13 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     """Return the same where speeds are chosen or constraints given, at a regular state."""
     mechanism = copy(robot.mechanism)
     mechanism.model = model
-    t = float(rng.uniform(0.0, 2.0)) if robot.equations.timed else 0.0
+    middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
+    if robot.configuration is not None:  # functions of a user are asked about it alone
+        middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
+    t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
         try:
-            q = robot.closed_posture(rng.uniform(-2.0, 2.0, robot.n_q), t=t)
+            q = robot.closed_posture(middle + rng.uniform(-spread, spread, robot.n_q), t=t)
         except ConstraintError:
             continue
         stack = stacked(mechanism, q, t)

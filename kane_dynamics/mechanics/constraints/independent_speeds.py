@@ -105,7 +105,7 @@ def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
     kinds = list(zip(mechanism.owners, mechanism.turning))
     largest = [max(float(size) for size, kind in zip(found, kinds) if kind == own)
                for own in kinds]
-    return [size if size > RANK * max(largest) else 1.0 for size in largest]
+    return [size if size > mechanism.rank_tolerance * max(largest) else 1.0 for size in largest]
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
