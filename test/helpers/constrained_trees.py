@@ -125,3 +125,18 @@ def rolling(kind):
     return Rolling('end', 0.4, axis, (0.1, 0.2, 0.9), 0.1 if surface == 'plane' else 0.0,
                    'roll', 'socket', surface, surface_axis=(0.2, 0.1, 1.0), inside=inside,
                    **curved)
+
+
+# A tilted rim touches the inner side of a cylinder at two points: no residual tells it there.
+ROLLING_TESTED = [kind for kind in ROLLING if kind != 'wheel inside cylinder']
+
+
+@cache
+def rolling_pair(kind):
+    """Return the two bodies, one of which rolls on the other, found where they touch."""
+    model = two_bodies_on_a_base()
+    start = np.zeros(model.n)
+    start[9:12] = (0.5, 0.3, -0.2) if 'inside' in kind else (1.2, 0.9, -0.8)
+    free = choose_independent(model, None, (rolling(kind),), rank_tolerance=1e-9)
+    return choose_independent(model, None, (rolling(kind),),
+                              configuration=closed_posture(free, start))

@@ -153,9 +153,9 @@ class HyperDual:
         slope = 1.0 / (1.0 + self.value * self.value)
         return self._mapped(math.atan(self.value), slope, -2.0 * self.value * slope * slope)
 
-    def __floor__(self) -> int:
+    def __floor__(self) -> float:
         """Return the whole number below, a constant: numpy's floor calls this."""
-        return math.floor(self.value)
+        return float(math.floor(self.value))
 
     def _reciprocal(self) -> 'HyperDual':
         y = 1.0 / self.value

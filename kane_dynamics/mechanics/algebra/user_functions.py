@@ -227,7 +227,7 @@ def _inner(x: Any) -> Any:
         return _inner(x[()])
     if isinstance(x, numbers.Real | np.bool_):
         return float(x)
-    raise _Unsupported(f'{x!r}, where a number is')
+    raise _Unsupported(f'{str(x)!r}, where a number is')
 
 
 def _given(x: Any) -> Any:
