@@ -135,7 +135,7 @@ class HyperDual:
 
     def sqrt(self) -> 'HyperDual':
         """Return the square root: numpy's sqrt calls this."""
-        y = math.sqrt(self.value)
+        y = math.sqrt(self.value) if self.value >= 0.0 else math.nan
         return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
 
     def exp(self) -> 'HyperDual':
@@ -146,7 +146,8 @@ class HyperDual:
     def log(self) -> 'HyperDual':
         """Return the natural logarithm: numpy's log calls this."""
         y = 1.0 / self.value
-        return self._mapped(math.log(self.value), y, -y * y)
+        value = math.log(self.value) if self.value > 0.0 else math.nan
+        return self._mapped(value, y, -y * y)
 
     def arctan(self) -> 'HyperDual':
         """Return the arctangent: numpy's arctan calls this."""

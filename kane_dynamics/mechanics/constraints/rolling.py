@@ -34,7 +34,7 @@ class Rolling:
     height : float
         Distance of the plane from the origin of the surface's frame along the normal, m.
     name : str
-    on : str, optional
+    surface_frame : str, optional
         Frame that carries the surface; world by default. Both bodies may move.
     surface : 'plane', 'cylinder' or 'sphere'
         A cylinder or sphere is centered on the origin of the surface's frame.
@@ -70,7 +70,7 @@ class Rolling:
     normal: Any = (0.0, 0.0, 1.0)
     height: float = 0.0
     name: str = ''
-    on: str | None = None
+    surface_frame: str | None = None
     surface: Literal['plane', 'cylinder', 'sphere'] = 'plane'
     surface_radius: float | None = None
     surface_axis: Any = (0.0, 0.0, 1.0)
@@ -111,13 +111,14 @@ class Rolling:
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the rows: the point of contact has no velocity relative to the surface."""
         R, center = here.pose(self.frame)
-        Rs, origin = ((np.eye(3), np.zeros(3)) if self.on is None else here.pose(self.on))
+        Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
+                      here.pose(self.surface_frame))
         r, normal, gap = self._contact(center - origin, Rs, None if self.axis is None else
                                        R @ self.axis)
         at = center + r
         v = here.partial_velocities(self.frame, at)[:3]
-        if self.on is not None:
-            v = v - here.partial_velocities(self.on, at)[:3]
+        if self.surface_frame is not None:
+            v = v - here.partial_velocities(self.surface_frame, at)[:3]
         if self.axis is not None:
             along = cross(r, R @ self.axis) * (1.0 / self.radius)  # a unit vector
         elif self.surface == 'plane':

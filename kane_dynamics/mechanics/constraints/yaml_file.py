@@ -15,8 +15,9 @@ Schema; frames and joints are named as in the URDF, lengths in m, angles in rad:
       wheel:
         rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], normal: [0, 0, 1], height: 0.0}
       planet:
-        rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], on: sun, surface: cylinder,
-                  surface_radius: 0.3, surface_axis: [0, 0, 1], inside: false}
+        rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], surface: cylinder,
+                  surface_frame: sun, surface_radius: 0.3, surface_axis: [0, 0, 1],
+                  inside: false}
       drift:
         point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
                          value: 0.0, angular: false}
@@ -32,14 +33,15 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling, knife_edge,
                                                  PointVelocity, Rolling)
 
-FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame', 'on')
+FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame', 'surface_frame')
 # Of each kind: what makes it, what must be given, and what may be.
 KINDS: dict[str, tuple[Callable[..., Constraint], tuple[str, ...], tuple[str, ...]]] = {
     'closure': (Closure, ('first', 'second'), ('kind', 'axis', 'second_axis', 'length')),
     'coupling': (Coupling, ('joint', 'ratios'), ('offset',)),
     'knife_edge': (knife_edge, ('frame', 'direction'), ()),
-    'rolling': (Rolling, ('frame', 'radius'), ('axis', 'normal', 'height', 'on', 'surface',
-                                              'surface_radius', 'surface_axis', 'inside')),
+    'rolling': (Rolling, ('frame', 'radius'), ('axis', 'normal', 'height', 'surface_frame',
+                                              'surface', 'surface_radius', 'surface_axis',
+                                              'inside')),
     'point_velocity': (PointVelocity, ('frame', 'direction'),
                        ('axes', 'relative_to', 'value', 'angular')),
 }

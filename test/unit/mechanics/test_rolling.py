@@ -80,7 +80,7 @@ def test_a_wheel_on_a_parallel_cylinder_is_a_pair_of_gears(inside):
     b.body('planet', 'arm', axis=(0, 0, 1), at=(R - r if inside else R + r, 0, 0),
            matter=disc(0.5, r))
     robot = Robot(b.model(), independent=['sun', 'arm'], constraints=[
-        Rolling('planet', r, (0, 0, 1), name='mesh', on='sun', surface='cylinder',
+        Rolling('planet', r, (0, 0, 1), name='mesh', surface_frame='sun', surface='cylinder',
                 surface_radius=R, inside=inside)])
     rates = robot.joint_rates([0.3, 0.5, 0.2], [2.0, 0.7])
     # Willis: without slip R (sun - arm) = -+ r (planet - arm), rates of absolute angles
@@ -97,7 +97,7 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
     b.body('ball', kind='floating', at=(0, 0, R), matter=Inertial(1.0, np.zeros(3),
                                                                    ball * np.eye(3)))
     b.frame('bowl', 'world', at=(0, 0, R))
-    robot = Robot(b.model(), constraints=[Rolling('ball', r, on='bowl', surface='sphere',
+    robot = Robot(b.model(), constraints=[Rolling('ball', r, surface_frame='bowl', surface='sphere',
                                                   surface_radius=R, inside=True)],
                   configuration=np.array([0.01, 0, -(R - r), 0, 0, 0]),
                   independent=['ball/x', 'ball/y', 'ball/rz'])

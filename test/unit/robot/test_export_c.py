@@ -9,6 +9,8 @@ import sys
 
 from kane_dynamics import Inertial, InputError, load_urdf, Model, Robot
 from kane_dynamics._util.resources import package_version, resource_path
+from kane_dynamics.native.backends.c99 import c_functions, prototype
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS
 from kane_dynamics.robot.quantities import QUANTITIES
 from mechanisms import random_model
@@ -224,3 +226,20 @@ def test_a_process_exports_from_the_command_line(tmp_path):
     assert built(path, tmp_path).arm_self_test() == 0
     done = run('-o', str(path), '--kernel', 'torque')
     assert done.returncode == 2 and "no kernel 'torque'; valid:" in done.stderr
+
+
+def test_every_operation_that_is_traced_is_written(tmp_path):
+    def f(x):
+        return np.array([np.exp(-x[0]) * np.log(2.0 + x[0] ** 2) + np.arctan(x[0]),
+                         np.floor(3.0 * x[0]), (x[0] < 0.5).select(x[0] ** 1.5, 2.0),
+                         np.tanh(x[0]) - np.sqrt(x[0])])
+    program = trace_program('f', f, [('x', (1,))])
+    source = tmp_path / 'f.c'
+    head = prototype(program, 'f')
+    source.write_text(f'#include <math.h>\n#include <stddef.h>\n{head};\n'
+                      + c_functions(program, 'f', {}) + '\n')
+    function = built(source, tmp_path).f
+    for x in (0.3, 0.7, 2.4):
+        want = [np.exp(-x) * np.log(2.0 + x * x) + np.arctan(x), np.floor(3.0 * x),
+                x**1.5 if x < 0.5 else 2.0, np.tanh(x) - np.sqrt(x)]
+        np.testing.assert_allclose(called(function, [np.array([x])], 4), want, rtol=1e-14)
