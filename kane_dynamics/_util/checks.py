@@ -2,21 +2,23 @@
 
 from collections.abc import Sequence
 import math
+from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.errors import InputError, KaneError, ModelError
 import numpy as np
 from numpy.typing import ArrayLike
 
 
-def constant(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """Return `value` as a finite, read-only float array of `shape`, or raise ModelError."""
+def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
+             error: type[KaneError] = ModelError) -> Array:
+    """Return `value` as a finite, read-only float array of `shape`, or raise `error`."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ModelError(f'{what} is {value!r}; expected {shape} finite numbers') from None
+        raise error(f'{what} is {value!r}; expected {shape} finite numbers') from None
     if array.shape != shape or not np.isfinite(array).all():
-        raise ModelError(f'{what} is {value!r}; expected finite numbers of shape {shape}')
+        raise error(f'{what} is {value!r}; expected finite numbers of shape {shape}')
     array.flags.writeable = False
     return array
 
@@ -48,22 +50,49 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
     return array
 
 
-def measured(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
-    """Return (n,) finite numbers that were measured; InputError names `what` and the joint."""
+def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
+    """
+    Return one finite number per joint, (n,).
+
+    Raises
+    ------
+    InputError
+        Names `what`, the joint and its value.
+
+    """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'the measured {what} is {values!r}; expected {len(names)} '
-                         f'numbers ({", ".join(names)})') from None
+        raise InputError(f'{what} is {values!r}; expected {len(names)} numbers '
+                         f'({", ".join(names)})') from None
     if array.shape != (len(names),):
-        raise InputError(f'the measured {what} has shape {array.shape}; expected '
-                         f'{(len(names),)} ({", ".join(names)})')
+        raise InputError(f'{what} has shape {array.shape}; expected {(len(names),)} '
+                         f'({", ".join(names)})')
     if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
         for name, value in zip(names, array.tolist(), strict=True):
             if not math.isfinite(value):
-                raise InputError(f"the measured {what} of joint '{name}' is {value}; "
-                                 'expected a finite number')
+                raise InputError(f"{what} of joint '{name}' is {value}; expected a finite number")
     return array
+
+
+def positive_time(value: Any, what: str, otherwise: str = '') -> float:
+    """
+    Return a positive, finite time in s.
+
+    Raises
+    ------
+    InputError
+        Names `what` and the value; `otherwise` names what else is accepted.
+
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        given = f'{number:g} s' if math.isfinite(number) else repr(value)
+        raise InputError(f'{what} is {given}; expected a positive, finite time in s{otherwise}')
+    return number
 
 
 def increasing(t: ArrayLike, count: int, what: str) -> Array:

@@ -9,7 +9,8 @@ import sys
 from typing import Any
 import warnings
 
-from kane_dynamics.errors import ModelWarning
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
@@ -62,6 +63,21 @@ def told(caught: list[str] | None = None) -> Iterator[None]:
                     print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
                 else:
                     caught.append(str(record.message))
+
+
+def vector(options: Namespace, name: str, robot: Robot) -> Array:
+    """Return an argument as one number a joint; zeros if it was not given."""
+    given = getattr(options, name)
+    if given is None:
+        return np.zeros(robot.n)
+    try:
+        values = np.array([float(part) for part in split(given)])
+    except ValueError as error:
+        raise InputError(f'--{name}: {error}') from None
+    if len(values) != robot.n:
+        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
+                         f'{", ".join(robot.joint_names)}')
+    return values
 
 
 def split(tokens: Iterable[str]) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture, followed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism

@@ -11,7 +11,7 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
@@ -24,7 +24,7 @@ LONG = 16  # and from which on a product with it is none of the compiler's busin
 OUTLINED = 40  # and from which on derivatives would
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
-FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
+Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
 
 class KernelSet:
@@ -46,8 +46,7 @@ class KernelSet:
     """
 
     def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
-                 parameters: Array,
-                 instead: Callable[[dict[str, Array]], 'KernelSet | None'] | None = None) -> None:
+                 parameters: Array, instead: Instead | None = None) -> None:
         """Compile nothing yet."""
         self.equations = equations
         self._instead = instead
@@ -56,6 +55,26 @@ class KernelSet:
         self._key = key
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
+        self._same: dict[tuple[str, str], Callable[[KernelSet], Kernel]] = {}  # of another set
+
+    def with_parameters(self, parameters: Array, instead: Instead | None = None) -> 'KernelSet':
+        """
+        Return the kernels, those compiled so far among them, on another block of parameters.
+
+        `instead` is that of the result.
+        """
+        other = KernelSet(self.equations, self._key, parameters, instead)
+        other._same = dict(self._same)
+        other._made = {place: kernel.with_parameters(
+            parameters if kernel.parameters is self._parameters else kernel.parameters.copy(),
+            partial(other._another, place) if place in self._same else None)
+            for place, kernel in self._made.items()}
+        return other
+
+    def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
+        """Return the kernel that answers at a state where that of a place does not."""
+        other = None if self._instead is None else self._instead(state)
+        return None if other is None or other is self else self._same[place](other)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -118,50 +137,6 @@ class KernelSet:
                 method = partial(method, share=Subroutines())
         return self._traced(name, method, ALL[name])
 
-    def computed_torque(self) -> Kernel:
-        """
-        Return the kernel of computed torque.
-
-        Its arguments are q, u measured, q, u, udot desired, and the gains: kp, then kd, (2 n,).
-        """
-        def make() -> Kernel:
-            n = self.equations.n
-            arguments = [Argument(name, (n,), self.equations.model.coordinate_names)
-                         for name in FEEDBACK] + [Argument('gains', (2 * n,))]
-            if len(self.no_wrench):
-                arguments.append(Argument('wrench', self.no_wrench.shape,
-                                          default=self.no_wrench))
-            return Kernel('computed_torque', self.feedback_program, self._key, arguments,
-                          self._parameters, (n,))
-        return self._kept(('computed_torque', ''), make)
-
-    def feedback_program(self) -> Program:
-        """
-        Trace the law of computed torque, with friction at the desired speed.
-
-        ``tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)``: at the
-        measured speed, compensating friction would push a resting arm on.
-        """
-        equations = self.equations
-        if not isinstance(equations, TreeEquations):
-            raise InputError('computed torque follows a motion of all joints: it needs a robot '
-                             'whose speeds are the joint rates, without constraints')
-        n = equations.n
-
-        def function(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any,
-                     *rest: Any) -> Any:
-            kp, kd = gains[:n], gains[n:]
-            wrench = rest[0] if len(self.no_wrench) else None
-            wanted = udot_d + (kd * (u_d - u) + kp * (q_d - q))
-            return (np.array(equations.rigid_dynamics(q, u, wanted, wrench, rest[-1]))
-                    + equations.friction_force(u_d))
-        inputs: list[tuple[str, Shape]] = [(name, (n,)) for name in FEEDBACK]
-        inputs.append(('gains', (2 * n,)))
-        if len(self.no_wrench):
-            inputs.append(('wrench', self.no_wrench.shape))
-        return trace_program('computed_torque', function,
-                             [*inputs, ('parameters', self._parameters.shape)])
-
     def _large_inverse(self, equations: TreeEquations) -> Program:
         """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""
         n = equations.n
@@ -198,16 +173,10 @@ class KernelSet:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
-        instead = self._instead
-        reason: Reason | None = None
-        if instead is not None:
-            def reason(state: dict[str, Array]) -> Kernel | None:
-                other = instead(state)
-                if other is None or other is self:
-                    return None
-                return other.quantity(name) if same is None else same(other)
+        self._same[name, at] = same or (lambda other: other.quantity(name))
         return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size), reason)
+                      self._parameters, quantity.shape(size),
+                      partial(self._another, (name, at)))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations
@@ -234,7 +203,7 @@ class KernelSet:
             result = method(*values, **time)
             if limits is None or not equations.watched or name in UNWATCHED:
                 return result
-            return guarded(result, equations.margins(given['q'], time.get('t', 0.0), limits))
+            return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
         inputs = self._inputs(quantity)
         names = [key for key, _ in inputs]

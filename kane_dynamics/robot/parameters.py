@@ -1,10 +1,13 @@
 """What a robot's kernels read at each call, and what bounds its joints."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.conditioning import EXCESS
 from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
 
@@ -31,6 +34,12 @@ class Parameters:
         self.block = np.zeros(self.physical + watched)
         self.gravity = model.gravity
 
+    def copy(self) -> 'Parameters':
+        """Return the same values in a block of their own."""
+        other = copy(self)
+        other.block = self.block.copy()
+        return other
+
     @property
     def gravity(self) -> Array:
         """Acceleration of free fall, (3,), m/s^2, world axes."""
@@ -38,13 +47,7 @@ class Parameters:
 
     @gravity.setter
     def gravity(self, value: Any) -> None:
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        if array.shape != (3,) or not np.isfinite(array).all():
-            raise InputError(f'gravity is {value!r}; expected three finite numbers, m/s^2')
-        self.block[:3] = array
+        self.block[:3] = constant(value, (3,), 'gravity (m/s^2)', InputError)
 
     @property
     def closure_tolerance(self) -> tuple[float, float] | None:
@@ -69,9 +72,9 @@ class Parameters:
                 raise InputError(f'closure_tolerance is {value!r}; expected a positive number, m '
                                  'and rad, a pair of them, or None')
             self._tolerance = float(pair[0]), float(pair[1])
-        if len(self.block) > self.physical:
-            self.block[self.physical + 1:self.physical + 3] = (
-                0.0 if self._tolerance is None else np.array(self._tolerance)**-2.0)
+        if len(self.block) > self.physical:  # rows left out follow from others where loops close
+            self.block[self.physical + 1:] = (0.0 if self._tolerance is None else np.array(
+                [*self._tolerance, EXCESS])**-2.0)
 
     @property
     def payload(self) -> Inertial | None:
@@ -85,5 +88,6 @@ class Parameters:
         if not (value is None or isinstance(value, Inertial)):
             raise InputError(f'payload is a {type(value).__name__}; expected an Inertial or None')
         P = np.zeros((4, 4)) if value is None else value.pseudo_inertia
-        self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]]
+        self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2],
+                            P[2, 2]]
         self._payload = value

@@ -1,6 +1,7 @@
 """`Robot`: a model with its dynamics compiled, what users hold."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property, partial
 import os
 from pathlib import Path
@@ -14,6 +15,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.constraint_methods import ConstraintMethods
 from kane_dynamics.robot.dynamics_methods import DynamicsMethods
@@ -21,8 +23,7 @@ from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import JointLimits, Parameters
-from kane_dynamics.robot.speed_sets import EXCESS, limits_of, SpeedSets
-from kane_dynamics.robot.verification import verified
+from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
 
@@ -129,7 +130,7 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             mechanism = choose_independent(model, speeds, constraints, independent,
                                            configuration, rank_tolerance)
             self.parameters = Parameters(model, tree.payload_frame, LIMITS)
-            self.parameters.block[-LIMITS:] = limits_of(SINGULAR, None, EXCESS)
+            self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
             if closure_tolerance is CLOSURE_TOLERANCE:
                 closure_tolerance = max(closure_tolerance, rank_tolerance)
             self.parameters.closure_tolerance = closure_tolerance
@@ -174,6 +175,27 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             '_options', 'model', 'friction', 'speed_sets', 'parameters')})
         other._choices = {**self._choices, 'independent': names}
         other.kernels, other.equations, other._entries = kernels, kernels.equations, {}
+        return other
+
+    def copy(self) -> 'Robot':
+        """
+        Return a robot on the same machine code, with parameters of its own.
+
+        For another thread, which may then carry another payload; nothing is compiled twice.
+        """
+        other = object.__new__(type(self))
+        for name in ('_options', '_choices', 'model', 'friction', 'equations'):
+            setattr(other, name, getattr(self, name))
+        other.parameters = self.parameters.copy()
+        other.speed_sets = None
+        if self.speed_sets is None:
+            other.kernels = self.kernels.with_parameters(other.parameters.block)
+        else:
+            mechanism = self.mechanism
+            other.speed_sets = self.speed_sets.with_parameters(other.parameters)
+            other.kernels = other.speed_sets.kernels(mechanism.free, mechanism.kept)
+            other.equations = other.kernels.equations
+        other._entries = {}
         return other
 
     @property
@@ -224,14 +246,15 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             No such kernel; the message lists the valid names.
 
         """
-        for name in names or self.kernels.names:
-            try:
-                self.kernels.quantity(name)
-                getattr(self, name)
-                if batches:
-                    self.kernels.quantity(name).compile_lanes()
-            except ModelError:
-                continue  # no forward dynamics with massless joints; a call says so
+        names = names or self.kernels.names
+        run_concurrently([partial(self._compile, name, batches) for name in names])
+
+    def _compile(self, name: str, batches: bool) -> None:
+        with suppress(ModelError):  # no forward dynamics with massless joints; a call says so
+            kernel = self.kernels.quantity(name)
+            if batches:
+                kernel.compile_lanes()
+            getattr(self, name)
 
     def verify(self, states: int = 5) -> float:
         """
@@ -251,6 +274,7 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             An error is larger than 1e-9: names the quantity and the error.
 
         """
+        from kane_dynamics.robot.verification import verified  # and with it the definition
         return verified(self, states)
 
     def operation_count(self) -> dict[str, OperationCount]:

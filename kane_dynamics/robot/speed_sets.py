@@ -2,20 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, figure,
-                                                              scaled_rows, singular_error,
-                                                              SINGULAR, Stack, stacked)
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
+                                                              figure, scaled_rows, SHARE,
+                                                              SINGULAR, singular_error, Stack,
+                                                              stacked)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
 import numpy as np
-
-EXCESS = 1e-3  # of their size: motion that rows left out may stop before it is an error
 
 
 class SpeedSets:
@@ -53,6 +51,15 @@ class SpeedSets:
                                            partial(self.instead, mechanism))
         return self._made[choice]
 
+    def with_parameters(self, parameters: Parameters) -> 'SpeedSets':
+        """Return the same kernels on other parameters."""
+        other = SpeedSets(self.asked, self._equations, self._key, parameters)
+        other._made = {choice: kernels.with_parameters(
+            parameters.block, partial(other.instead, kernels.equations.mechanism))
+            for choice, kernels in self._made.items()
+            if isinstance(kernels.equations, ConstrainedEquations)}
+        return other
+
     def instead(self, own: Mechanism, state: dict[str, Array]) -> KernelSet | None:
         """
         Return the kernels that answer where the robot's own do not, or None.
@@ -82,18 +89,19 @@ class SpeedSets:
         choice = best_choice(own, stack, own.free)
         if not choice.figure < SINGULAR:
             raise singular_error(own, stack, q, t)
-        self._require_closed(stack, q, t)
-        left_out_error(own, stack, q, t, EXCESS)
+        if self._parameters.closure_tolerance is not None:
+            self._require_closed(stack, q, t, self._parameters.closure_tolerance)
+            left_out_error(own, stack, q, t, SHARE * EXCESS)
         now = figure(own, stack, own.free, own.kept)
+        if now > SHARE * SINGULAR and choice.figure > SHARE * now:
+            raise singular_error(own, stack, q, t)
         return self.kernels(choice.free, choice.kept) if choice.figure < now else None
 
-    def _require_closed(self, stack: Stack, q: Array, t: float) -> None:
+    def _require_closed(self, stack: Stack, q: Array, t: float,
+                        limits: tuple[float, float]) -> None:
         """Raise ConstraintError where a condition on positions is missed by too much."""
-        limits = self._parameters.closure_tolerance
-        if limits is None or not len(stack.gap):
-            return
         share = np.abs(stack.gap) / np.where(self.asked.turning, limits[1], limits[0])
-        if np.linalg.norm(share) < 1.0:
+        if np.linalg.norm(share) < SHARE:
             return
         k = int(np.argmax(share))
         unit, most = ('rad', limits[1]) if self.asked.turning[k] else ('m', limits[0])
@@ -142,7 +150,7 @@ def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:
     return ', '.join(f"'{mechanism.labels[k]}'" for k in rows)
 
 
-def limits_of(figure: float, residual: tuple[float, float] | None, excess: float) -> Any:
-    """Return the four numbers that `conditioning.margins` compares with."""
-    linear, angular = (0.0, 0.0) if residual is None else (residual[0]**-2.0, residual[1]**-2.0)
-    return np.array([figure**-2.0, linear, angular, excess**-2.0])
+def limits_of(figure: float, residual: float | None = None) -> Array:
+    """Return the four numbers that `conditioning.margin` compares with; None: no residual's."""
+    others = np.zeros(3) if residual is None else np.array([residual, residual, EXCESS])**-2.0
+    return np.array([figure**-2.0, *others])

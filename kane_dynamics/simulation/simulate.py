@@ -13,6 +13,7 @@ import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.checks import positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.native.runtime.kernel import Argument, checked
@@ -20,7 +21,7 @@ from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.speed_switching import SwitchingInput
-from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.step_kernels import margin_count, state_names
 from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.simulation.torque_input import torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
@@ -108,8 +109,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = _starts(robot, q0, u0, t0 := _time(t0))
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
-    step = _positive('step', step)
-    count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
+    step = positive_time(step, 'step')
+    count = _whole('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
     doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
     if doubt is not None:
         warnings.warn(doubt, ModelWarning, stacklevel=2)
@@ -250,7 +251,8 @@ def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
             raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
                              '(m or rad): start from robot.closed_posture(q0)')
     time = np.full((*q.shape[:-1], 1 if robot.equations.timed else 0), t0)
-    return np.concatenate([q, u, time], axis=-1)
+    margins = np.ones((*q.shape[:-1], margin_count(robot)))
+    return np.concatenate([q, u, time, margins], axis=-1)
 
 
 def _watched(robot: Robot) -> JointLimits:
@@ -266,7 +268,7 @@ def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int
         rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
         every = max(1, -(-count // rows))
     else:
-        every = _whole('sample', _positive('sample', sample), step, MOST_STEPS)
+        every = _whole('sample', positive_time(sample, 'sample'), step, MOST_STEPS)
     rows = count // every + 1
     if N * (rows + 1) > MOST_SAMPLES:
         which = '' if single else f' for each of {N} initial states'
@@ -281,16 +283,6 @@ def _vector(robot: Robot, name: str, value: Any) -> Array:
     if array.ndim != 1:
         raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
     return array
-
-
-def _positive(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f'{name} is {value!r}; expected a positive, finite time in s')
-    return number
 
 
 def _time(value: Any) -> float:

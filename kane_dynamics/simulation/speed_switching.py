@@ -1,11 +1,11 @@
 """
 Simulations of constrained robots: their conditioning is watched, and other speeds taken in time.
 
-Every native step ends in numbers that are not finite where its state is not to be trusted
-(`mechanics.constraints.conditioning`). What is wrong is then found out in Python: independent
-speeds or rows that come to depend on each other are replaced by the best ones, and the simulation
-goes on from the last good state; anything else is an error that says what happened. Near a
-singularity of all choices every step is looked at.
+Every native step ends in a margin, which is positive where its state may be trusted
+(`mechanics.constraints.conditioning`). Where it is not, what is wrong is found out in Python:
+independent speeds or rows that come to depend on each other are replaced by the best ones, and the
+simulation goes on from the last good state; anything else is an error that says what happened.
+Near a singularity of all choices every step is looked at.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,16 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
-                                                              described, figure, LIMITS,
-                                                              singular_error, SINGULAR, stacked,
-                                                              WELL_CHOSEN)
+                                                              described, EXCESS, figure, LIMITS,
+                                                              SHARE, SINGULAR, singular_error,
+                                                              stacked, WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.robot.speed_sets import EXCESS, left_out_error, limits_of
+from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
@@ -43,6 +44,13 @@ class Phase:
 
     robot: Robot
     limit: float
+
+
+def trusted(states: Array) -> Any:
+    """Tell which states, (..., size), are finite and end in a positive margin; the first is."""
+    good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
+    good[..., 0] = True
+    return good
 
 
 class SwitchingInput:
@@ -73,6 +81,7 @@ class SwitchingInput:
         mechanism = self._mechanism(source.robot)
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
         self._phases = [Phase(source.robot, self._usual)] * count
+        self._elsewhere: set[int] = set()  # simulations in another phase than the first
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
@@ -82,31 +91,36 @@ class SwitchingInput:
     def _mechanism(robot: Robot) -> Mechanism:
         return robot.mechanism
 
+    @staticmethod
+    def _equations(robot: Robot) -> ConstrainedEquations:
+        assert isinstance(robot.equations, ConstrainedEquations)
+        return robot.equations
+
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """Fill in the states after each step; as `TorqueInput.advance`."""
+        every = list(range(len(buffer)))
         groups: dict[tuple[int, float], list[int]] = {}
-        for i, phase in enumerate(self._phases):
-            groups.setdefault((id(phase.robot), phase.limit), []).append(i)
+        for i in every if self._elsewhere else []:
+            groups.setdefault((id(self._phases[i].robot), self._phases[i].limit), []).append(i)
         extremes = None
-        for places in groups.values():
+        for places in list(groups.values()) or [every]:
             source = self._source_of(places)
-            if len(groups) == 1:
+            if len(places) == len(buffer):
                 extremes = source.advance(buffer, done, single)
             else:
                 part = np.ascontiguousarray(buffer[places])
                 source.advance(part, done, False)
                 buffer[places] = part
-        resumed = False
-        for i in range(len(buffer)):
-            good = np.isfinite(buffer[i]).all(axis=1)
-            if good.all():
+        good = trusted(buffer)
+        whole = good.all(axis=1)
+        for i in sorted(self._elsewhere):
+            if whole[i]:
                 self._look_closely(i, buffer[i], done)
-            else:
-                self._resume(i, buffer[i], int(np.argmin(good)), done)
-                resumed = True
+        for i in np.flatnonzero(~whole).tolist():
+            self._resume(i, buffer[i], int(np.argmin(good[i])), done)
         if single:
             return None
-        if resumed or extremes is None:
+        if extremes is None or not whole.all():
             extremes = buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
         return extremes
 
@@ -116,7 +130,7 @@ class SwitchingInput:
         key = id(phase.robot), phase.limit
         if key not in self._sources:
             constants = self._source.constants.copy()
-            constants[-LIMITS:] = limits_of(phase.limit, (STEP_RESIDUAL, STEP_RESIDUAL), EXCESS)
+            constants[-LIMITS:] = limits_of(phase.limit, STEP_RESIDUAL)
             kernel = step_kernel(phase.robot, False, self._integrator, self.robot.speed_names)
             self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
                                              self._source.start)
@@ -138,7 +152,7 @@ class SwitchingInput:
                 local = np.empty((1, min(piece, last - start) + 1, rows.shape[1]))
                 local[0, 0] = state
                 self._source_of([i]).advance(local, done + start, True)
-                good = np.isfinite(local[0]).all(axis=1)
+                good = trusted(local[0])
                 reached = len(good) - 1 if good.all() else int(np.argmin(good)) - 1
                 self._look_closely(i, local[0, :reached + 1], done + start)
                 rows[start + 1:start + reached + 1] = local[0, 1:reached + 1]
@@ -182,22 +196,22 @@ class SwitchingInput:
         if not np.isfinite(stack.J).all():
             raise self._diverged(i, done + 1)
         now = figure(mechanism, stack, mechanism.free, mechanism.kept)
-        if now > phase.limit:
+        if now > SHARE * phase.limit:
             best = self._preferred(stack)
             if best.figure >= SINGULAR:
                 raise singular_error(mechanism, stack, q_next, t_next, where, u)
             if GAIN * best.figure < now:
                 return self._changed(i, state, best, done)
-            self._phases[i] = Phase(phase.robot, ROOM * now)
+            self._enter(i, Phase(phase.robot, ROOM * now))
             return state
         worst = int(np.argmax(np.abs(stack.gap)))
-        if np.linalg.norm(stack.gap) > STEP_RESIDUAL and worst in mechanism.kept:
+        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL and worst in mechanism.kept:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
                 f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
                 f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}: shorten the step')
-        left_out_error(mechanism, stack, q_next, t_next, EXCESS, where)
-        if np.linalg.norm(stack.gap) > STEP_RESIDUAL:
+        left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
+        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
                 f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
@@ -220,12 +234,16 @@ class SwitchingInput:
             q, t).speed_rows(new.speed_names))
         state = state.copy()
         state[old.n_q:old.n_q + old.n] = Y @ old.joint_rates(q, u, **at) + Z
-        self._phases[i] = Phase(new, max(self._usual, ROOM * choice.figure))
+        self._enter(i, Phase(new, max(self._usual, ROOM * choice.figure)))
         self._history[i].append((done, new))
         if new.speed_names != old.speed_names:
             self.changes.append(SpeedChange(t, old.speed_names, new.speed_names,
                                             None if self._single else i))
         return state
+
+    def _enter(self, i: int, phase: Phase) -> None:
+        self._phases[i] = phase
+        self._elsewhere.add(i)
 
     def _next(self, i: int, state: Array, done: int) -> Array:
         """Return the configuration one step on, before loops are closed, in plain numbers."""
@@ -238,10 +256,11 @@ class SwitchingInput:
         tau = table[min(done, len(table) - 1)]
 
         def rates(x: Any, given: Any) -> Any:
-            time = x[n_q + n:]
+            time = x[n_q + n:-1]
             found = equations.state_rates(x[:n_q], x[n_q:n_q + n], tau, wrench, block,
                                           time[0] if len(time) else 0.0, self.robot.speed_names)
-            return np.array([*found, *(1.0 for _ in time)], dtype=np.float64)
+            return np.array([*found, *(1.0 for _ in time), 0.0],
+                            dtype=np.float64)
         with np.errstate(all='ignore'):
             try:
                 after = runge_kutta_4(rates, state, (tau, tau, tau), self.step)
@@ -304,7 +323,7 @@ class SwitchingInput:
     def _rows_kernel(self) -> Kernel:
         """Return the kernel of all rows of speeds and constraints, (n_q + m, n_q), by q and t."""
         robot = self.robot
-        mechanism, equations = self._mechanism(robot), robot.equations
+        mechanism, equations = self._mechanism(robot), self._equations(robot)
         inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
         shape = robot.n_q + len(mechanism.labels), robot.n_q
 
@@ -330,7 +349,7 @@ class SwitchingInput:
 
     def _in_asked(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's own speeds and their rates, (2, n) or (K, 2, n)."""
-        names, equations = self.robot.speed_names, robot.equations
+        names, equations = self.robot.speed_names, self._equations(robot)
         arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
                      Argument('udot', (robot.n,))]
         return self._extra(robot, 'other_speeds', arguments, (2, len(names)), lambda q, u, udot, t:
@@ -338,7 +357,7 @@ class SwitchingInput:
 
     def _tau_from(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
         """Return what amounts to forces dual to the user's own speeds."""
-        names, equations = self.robot.speed_names, robot.equations
+        names, equations = self.robot.speed_names, self._equations(robot)
         return self._extra(robot, 'tau_from', [Argument('q', (robot.n_q,)),
                                                Argument('tau', (len(names),))], (robot.n,),
                            lambda q, tau, t: equations.tau_from(names, q, tau, t), (q, tau), t)
@@ -373,7 +392,7 @@ class SwitchingInput:
             u, udot, energy, forces and residuals of constraints.
 
         """
-        groups: dict[int, tuple[Robot, list[tuple[int, int]]]] = {}
+        groups: dict[int, tuple[Robot, list[tuple[int, slice]]]] = {}
         for i, history in enumerate(self._history):
             begins = np.searchsorted(kept, [step for step, _ in history], side='right')
             for (_, robot), first, last in zip(history, begins, [*begins[1:], len(kept)]):

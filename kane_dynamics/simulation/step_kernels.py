@@ -3,15 +3,19 @@
 from functools import partial
 from typing import Any
 
+from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import speed_places
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.runtime.batch_loop import driver
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
@@ -20,16 +24,16 @@ import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
 # What `simulate` asks for all rows of its result at once.
-AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
-              'potential_energy', 'constraint_forces', 'constraint_residual',
-              'constraint_velocity_residual')
+AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
+              'constraint_residual', 'constraint_velocity_residual')
 
 
-def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
+def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
     """
     Compile every kernel that `simulate` may need, so that no request waits for a compiler.
 
-    Those that step many simulations at once are not among them.
+    Those that step many simulations at once are not among them. `names` are further quantities to
+    compile at the same time.
 
     Raises
     ------
@@ -37,13 +41,18 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
         The integrator is none, or none for this robot.
 
     """
-    support()  # the loop that steps
-    robot.compile(*loop_kernels(robot))
-    for feedback in (False, True)[:1 if robot.constraint_names else 2]:
+    def step(feedback: bool) -> None:
         step_kernel(robot, feedback, integrator)
-    for name in loop_kernels(robot):
-        if name in AFTERWARDS:
-            robot.kernels.quantity(name).compile_lanes()
+
+    def law() -> None:
+        law_kernel(robot).compile_lanes()
+    support()  # the loop that steps
+    driver(width())  # and that of batches
+    loops = loop_kernels(robot)
+    jobs = [partial(step, False)] if robot.constraint_names else [
+        partial(step, True), partial(step, False), law]
+    jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
+    run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
 
 
 def loop_kernels(robot: Robot) -> list[str]:
@@ -61,8 +70,8 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
     constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
 
-    Of a constrained robot the next state is not a number where the step is not to be trusted: the
-    limits that `conditioning.margins` takes are the last of the constants.
+    The state of a constrained robot ends in `conditioning.margin`, whose limits are the last of
+    the constants: a state is not to be trusted from where that is not positive.
 
     Raises
     ------
@@ -89,9 +98,16 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Name the entries of a state: q, then u, then the time where the robot depends on it."""
+    """Name the entries of a state: q, u, the time where the robot depends on it, the margin."""
     return (*robot.coordinate_names, *robot.speed_names,
-            *(['time'] if robot.equations.timed else []))
+            *(['time'] if robot.equations.timed else []),
+            *['margin'] * margin_count(robot))
+
+
+def margin_count(robot: Robot) -> int:
+    """Return how many entries of a state, one or none, tell whether it is to be trusted."""
+    equations = robot.equations
+    return int(isinstance(equations, ConstrainedEquations) and equations.watched)
 
 
 def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
@@ -106,26 +122,28 @@ def _program(robot: Robot, name: str, feedback: bool,
     n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
     constrained = isinstance(equations, ConstrainedEquations)
     motion = _state_program(robot, dual_to)
-    law = kernels.feedback_program() if feedback else None
+    law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
+    margins = margin_count(robot)
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
 
         def rates(x: Any, given: Any) -> Any:
-            q, u, time = np.split(x, [n_q, n_q + n])
+            q, u, time = np.split(x[:len(x) - margins], [n_q, n_q + n])
             tau = given
-            if law is not None:  # the law of control.Controller
+            if law is not None:
                 tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
             found = call(motion, q, u, tau, *wrench, *time, parameters)
-            return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time)])
+            return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
+                             *[0.0] * margins])
         moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
         after = runge_kutta_4(rates, state, moments, h[0])
-        if isinstance(equations, ConstrainedEquations) and equations.watched:
-            at = [after[:n_q], after[n_q + n] if equations.timed else 0.0]
-            margins = equations.margins(*at, constants[-LIMITS:])
-            after[:n_q] = equations.closer(*at)
-            after = guarded(after, margins)
+        if isinstance(equations, ConstrainedEquations):
+            q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
+            if equations.watched:  # an entry that no next step reads: to wait would cost time
+                after[-1] = equations.margin(q, t, constants[-LIMITS:])
+            after[:n_q] = equations.closer(q, t)
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 
@@ -136,7 +154,7 @@ def _implicit_program(robot: Robot, name: str, feedback: bool) -> Program:
     assert isinstance(equations, TreeEquations)
     method = ImplicitStep(equations)
     motion = implicit_rates(robot, method)
-    law = kernels.feedback_program() if feedback else None
+    law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:

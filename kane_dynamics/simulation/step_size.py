@@ -66,11 +66,13 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     # the first order, and what is missed to the second is the same on both sides.
     still = robot.joint_rates(q, rest, t=t)
     along = [robot.joint_rates(q, v, t=t) - still for v in turned]
-    by_u, by_z = (np.array([robot.forward_dynamics(*ahead, rest, t=t)
-                            - robot.forward_dynamics(*back, rest, t=t)
-                            for ahead, back in pairs]).T / (2.0 * DIFFERENCE) for pairs in (
-        [((q, v), (q, -v)) for v in turned],
-        [((q + d, rest), (q - d, rest)) for d in along]))
+
+    def slopes(moved: list[tuple[Array, Array]]) -> Array:
+        """Return the slope of udot by each of some small motions of q and u."""
+        return np.array([robot.forward_dynamics(q + dq, du, rest, t=t)
+                         - robot.forward_dynamics(q - dq, -du, rest, t=t)
+                         for dq, du in moved]).T / (2.0 * DIFFERENCE)
+    by_u, by_z = slopes([(0.0 * q, v) for v in turned]), slopes([(d, rest) for d in along])
     J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])
     values, vectors = np.linalg.eig(J)
     # What grows by itself, such as an arm that stands on its head, may go on doing so.

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
@@ -75,10 +76,11 @@ class TorqueInput:
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
         q_d, u_d, udot_d = torque.motion.sample(self.start + kept * np.float64(self.step))
-        wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
-        rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]
-        tau: Array = self.robot.inverse_dynamics(*rigid) - self.robot.friction_force(rigid[1])
-        return tau.reshape(q.shape) + self.robot.friction_force(u_d)
+        gains = np.concatenate([torque.kp, torque.kd])
+        desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
+        rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
+        tau: Array = law_kernel(self.robot)(*rows, np.tile(gains, (len(rows[0]), 1)))
+        return tau.reshape(q.shape)
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
@@ -99,7 +101,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     states : int or None
         Number of simulations; None for a single one.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `step_kernels.INTEGRATORS`.
+    start : float
+        Time at the first step's beginning, s.
 
     Raises
     ------
@@ -113,9 +117,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                            np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
+                           np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                        np.concatenate([[step], block]), _table(robot, torque, count, states),
+                       np.concatenate([[step], block]), _table(robot, torque, count, states),
                        start)
 
 

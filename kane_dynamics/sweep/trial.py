@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -186,7 +187,7 @@ class Trial:
         """Return the controller's torque as a function of q, u and the desired q, u, udot."""
         kernels = self.robot.kernels
         if controller == Mode.COMPUTED_TORQUE:
-            computed = kernels.feedback_program()
+            computed = law_program(self.robot)
             return lambda q, u, wanted: np.array(
                 call(computed, q, u, *np.split(wanted, 3), gains, assumed))
         if controller == Mode.GRAVITY_COMPENSATION:

@@ -1,9 +1,6 @@
-"""Doubts about a model, gathered while it is loaded and issued one warning a kind."""
+"""Doubts about a model, gathered while it is loaded, one warning a kind."""
 
 from dataclasses import dataclass, field, fields
-import warnings
-
-from kane_dynamics.errors import ModelWarning
 
 Names = list[str]
 
@@ -16,7 +13,7 @@ def _kind(text: str) -> Names:
 
 @dataclass
 class Notices:
-    """Lists of what each doubt concerns; `issue` turns each that is not empty into a warning."""
+    """Lists of what each doubt concerns; `messages` makes a warning of each that is not empty."""
 
     unused: dict[str, Names] = field(default_factory=dict)
     no_axis: Names = _kind('joints without <axis>, taken as "1 0 0" as URDF says')
@@ -40,15 +37,15 @@ class Notices:
         """Note that `what` is stated of the link or joint `name`, but not used."""
         self.unused.setdefault(what, []).append(name)
 
-    def issue(self) -> None:
-        """Warn, once for each kind of doubt, as from the caller of load_urdf."""
+    def messages(self) -> list[str]:
+        """Return one warning for each kind of doubt."""
+        found = []
         if self.unused:
             listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
                                for what, names in self.unused.items())
-            warnings.warn(f'the URDF states these, but they are not used: {listed}',
-                          ModelWarning, stacklevel=3)
+            found.append(f'the URDF states these, but they are not used: {listed}')
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:
-                warnings.warn(f'{kind.metadata["text"]}: {", ".join(names)}', ModelWarning,
-                              stacklevel=3)
+                found.append(f'{kind.metadata["text"]}: {", ".join(names)}')
+        return found

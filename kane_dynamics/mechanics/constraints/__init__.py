@@ -31,8 +31,8 @@ def checked_constraints(given: Any) -> tuple[Constraint, ...]:
     kinds = get_args(Constraint)
     valid = ', '.join(kind.__name__ for kind in kinds)
     if isinstance(given, kinds):
-        raise ConstraintError(f'constraints is a {type(given).__name__}; expected a sequence, such '
-                              'as [pin]')
+        raise ConstraintError(f'constraints is a {type(given).__name__}; expected a sequence, '
+                              'such as [pin]')
     try:
         found = () if isinstance(given, str) else tuple(given)
     except TypeError:

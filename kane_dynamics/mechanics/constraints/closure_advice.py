@@ -1,11 +1,12 @@
 """What to say of loops that leave no freedom or cannot be closed: which rows, which kinds fit."""
 
 from dataclasses import replace
+from typing import get_args
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.closure import Closure, ROWS
-from kane_dynamics.mechanics.constraints.conditioning import rank, scaled_rows, stacked
+from kane_dynamics.mechanics.constraints.closure import Closure, Kind
+from kane_dynamics.mechanics.constraints.conditioning import rank_of, scaled_rows, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
@@ -23,8 +24,8 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     stack = stacked(mechanism, q)
     size = np.linalg.svd(scaled_rows(mechanism, stack)[1], compute_uv=False)
     size = size / max(float(size.max(initial=0.0)), 1e-300)
-    words = [f'singular values of the rows, relative to the largest: '
-             f'{", ".join(f"{x:.3g}" for x in size if x > 1e-15)}']
+    shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
+    words = [f'singular values of the rows, relative to the largest: {shown}']
     small = size[(size > 1e-15) & (size < SMALL)]
     if small.size and np.abs(stack.gap).max(initial=0.0) < OPEN:
         figure = 2.0 * max(float(small.max()), float(np.abs(stack.gap).max(initial=0.0)))
@@ -40,19 +41,19 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
     for k, own in enumerate(mechanism.constraints):
         if not isinstance(own, Closure):
             continue
-        for kind in ROWS:
+        for kind in get_args(Kind):
             if kind in ('distance', own.kind):
                 continue
             others = list(mechanism.constraints)
             others[k] = replace(own, kind=kind, second_axis=None, length=None)
             changed = Mechanism(mechanism.model, mechanism.speeds, others)
             stack = stacked(changed, q)
-            freedom = mechanism.model.n - rank(scaled_rows(changed, stack)[1])
+            freedom = mechanism.model.n - rank_of(scaled_rows(changed, stack)[1])
             if freedom > 0 and np.abs(stack.gap).max(initial=0.0) < OPEN:
                 found.append((freedom, f"'{own.name}' as kind {kind!r}"))
     least = min((freedom for freedom, _ in found), default=0)
-    return [f'{", or ".join(text for freedom, text in found if freedom == least)} would leave '
-            f'{least}'] if found else []
+    fitting = ', or '.join(text for freedom, text in found if freedom == least)
+    return [f'{fitting} would leave {least}'] if found else []
 
 
 def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:

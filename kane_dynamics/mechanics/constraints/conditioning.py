@@ -6,7 +6,7 @@ to depending on each other. Its figure here is the Frobenius norm of S^-1 in uni
 mechanism: rates of sliding joints count in its length, each row in the size that it has where the
 structure was found. S^-1 is at hand in every kernel, so the figure costs a sum of squares.
 
-`margins` is traced into the kernels of constrained robots. The other functions are numbers only:
+`margin` is traced into the kernels of constrained robots. The other functions are numbers only:
 they explain what a margin refuses, and choose the speeds and the rows to go on with.
 """
 
@@ -20,10 +20,12 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-SINGULAR = 1e7  # a figure that costs seven of sixteen digits: calls refuse a larger one
+SINGULAR = 1e4  # accelerations lose twice its digits, eight of sixteen: no larger one is served
+EXCESS = 1e-3  # of their size: motion that rows left out may stop before it is an error
 WELL_CHOSEN = 8.0  # figure, relative to sqrt(n_q), up to which speeds are kept in a simulation
 RANK = 1e-9  # relative size of a singular value that counts as zero
-LIMITS = 4  # numbers that `margins` compares with
+LIMITS = 4  # numbers that `margin` compares with
+SHARE = 0.5  # of a limit: past it that limit is what a margin is about
 
 
 def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
@@ -32,17 +34,17 @@ def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
     total: Any = 0.0
     for r in range(len(S)):
         size = mechanism.system_sizes[r]
-        if size is None:  # a speed: its own row
-            size_2 = _square(S[r] * mechanism.units)
-        else:
-            size_2 = size * size
+        size_2 = _square(S[r] * mechanism.units) if size is None else size * size
         total = total + size_2 * _square(inverse[:, r] * reciprocal)
     return total
 
 
-def margins(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None) -> list[Any]:
+def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None) -> Any:
     """
-    Return numbers that are positive where a state may be trusted, over any scalar.
+    Return a number that is positive where a state may be trusted, over any scalar.
+
+    It is 1 less the squares, relative to their limits, of the figure, of residuals of positions,
+    and of the motion that rows left out would stop.
 
     Parameters
     ----------
@@ -61,15 +63,13 @@ def margins(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None
     S, s = mechanism.system(here)
     inverse = mechanism.solved(S, np.eye(len(S)))
     rows = mechanism.rows(here)
-    found = [1.0 - limits[0] * squared_figure(mechanism, S, inverse)]
-    missed: Any = 0.0
+    missed: list[Any] = [0.0, 0.0]  # m^2, rad^2
     for gap, turning in zip(rows.gap, mechanism.turning):
         if gap is not None and not is_zero(gap):
-            missed = missed + limits[2 if turning else 1] * (gap * gap)
-    found.append(1.0 - missed)
-    excess = squared_excess(mechanism, S, s, inverse, rows)
-    found.append(1.0 - limits[3] * excess)
-    return [margin for margin in found if not isinstance(margin, float)]
+            missed[turning] = missed[turning] + gap * gap
+    return 1.0 - (limits[0] * squared_figure(mechanism, S, inverse)
+                  + limits[1] * missed[0] + limits[2] * missed[1]
+                  + limits[3] * squared_excess(mechanism, S, s, inverse, rows))
 
 
 def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any) -> Any:
@@ -87,22 +87,20 @@ def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any
     return total
 
 
-def guarded(values: Any, conditions: Sequence[Any]) -> Any:
+def guarded(values: Any, condition: Any) -> Any:
     """
-    Return an array, or a scalar, whose first entry is not a number unless all are positive.
+    Return an array, or a scalar, whose first entry is not a number unless a number is positive.
 
     In arithmetic alone, because a traced program does not branch: the root of a negative number
     is not a number, and what is divided by itself is 1 otherwise.
     """
     result = np.array(values, dtype=object)
-    if not conditions or not result.size:
+    if isinstance(condition, float) or not result.size:
         return values
-    root: Any = 1.0
-    for condition in conditions:
-        root = root * np.sqrt(condition)
+    root = np.sqrt(condition)
+    one = root / root
     first = (0,) * result.ndim
-    result[first] = result[first] * (root / root) if not is_zero(result[first]) else (
-        root / root - 1.0)
+    result[first] = one - 1.0 if is_zero(result[first]) else result[first] * one
     return result
 
 
@@ -202,7 +200,7 @@ def best_choice(mechanism: Mechanism, stack: Stack,
     kept = tuple(sorted(pivots(J.T, count)))
     if free is None:
         try:
-            C = np.linalg.solve(Y.T, J[list(kept)].T).T
+            C: Array = np.linalg.solve(Y.T, J[list(kept)].T).T.astype(np.float64)
         except np.linalg.LinAlgError:
             return Choice(tuple(mechanism.free), kept, np.inf)
         dependent = pivots(C, count)
@@ -224,7 +222,7 @@ def pivots(C: Array, count: int) -> list[int]:
     return taken
 
 
-def rank(C: Array, tolerance: float = RANK) -> int:
+def rank_of(C: Array, tolerance: float = RANK) -> int:
     """Return the number of singular values larger than a part of the largest."""
     size = np.linalg.svd(C, compute_uv=False)
     return int(np.sum(size > tolerance * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
@@ -253,9 +251,9 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, where
                    u: Array | None = None) -> ConstraintError:
     """Return what to raise where speeds and constraints do not determine the motion."""
     if not stack.J.size:
-        return ConstraintError(f'{where}Y is singular at {described(mechanism, q)}, t = {t:.6g} s: '
-                               f'the speeds {", ".join(mechanism.speed_names)} do not determine '
-                               'the joint rates there; choose others (speeds=)')
+        return ConstraintError(f'{where}Y is singular at {described(mechanism, q)}, t = {t:.6g} '
+                               f's: the speeds {", ".join(mechanism.speed_names)} do not '
+                               'determine the joint rates there; choose others (speeds=)')
     at = f'{where}speeds and constraints are singular at {described(mechanism, q)}, t = {t:.6g} s'
     if u is not None:
         at += f', u = {np.round(u, 9).tolist()}'

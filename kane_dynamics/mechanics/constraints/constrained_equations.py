@@ -16,7 +16,7 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
-from kane_dynamics.mechanics.constraints.conditioning import margins
+from kane_dynamics.mechanics.constraints.conditioning import margin
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism, Released
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
@@ -165,9 +165,9 @@ class ConstrainedEquations:
         missed = [0.0 if gap[k] is None else gap[k] for k in self.mechanism.kept]
         return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
 
-    def margins(self, q: Any, t: Any, limits: Any) -> list[Any]:
-        """Return numbers that are positive where a state may be trusted; see `conditioning`."""
-        return margins(self.mechanism, q, t, limits, self.tree.geometry)
+    def margin(self, q: Any, t: Any, limits: Any) -> Any:
+        """Return a number that is positive where a state may be trusted; see `conditioning`."""
+        return margin(self.mechanism, q, t, limits, self.tree.geometry)
 
     def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                  t: Any) -> tuple[JointMotion, Any, Any]:

@@ -14,7 +14,7 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
                                                  DependentSpeeds, PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
-from kane_dynamics.mechanics.constraints.conditioning import pivots, rank, RANK, stacked
+from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
 from kane_dynamics.mechanics.constraints.constraint_rows import positive
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Model
@@ -64,7 +64,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     independent = checked_names(independent, 'independent')
     tolerance = positive(rank_tolerance, 'rank_tolerance')
     everything = Mechanism(model, speeds, constraints, rank_tolerance=tolerance)
-    start = np.zeros(model.n) if configuration is None else np.asarray(configuration)
+    start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
             constraint.rows(everything.posture(start))
@@ -76,7 +76,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     if not everything.labels and independent is None:
         return everything
     sizes = _row_sizes(everything, places)
-    ranks = [rank(C, tolerance) for C, _ in samples]
+    ranks = [rank_of(C, tolerance) for C, _ in samples]
     m = max(ranks)
     place = places[ranks.index(m)]
     samples = [sample for sample, found in zip(samples, ranks) if found == m]
@@ -256,11 +256,21 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
     return found
 
 
+def _checked(mechanism: Mechanism, configuration: Any) -> Array:
+    """Return a configuration as an array; ConstraintError unless it is one."""
+    names = mechanism.model.coordinate_names
+    try:
+        q = np.array(configuration, dtype=np.float64)
+    except (TypeError, ValueError):
+        q = np.array(np.nan)
+    if q.shape != (len(names),) or not np.isfinite(q).all():
+        raise ConstraintError(f'configuration is {configuration!r}; expected {len(names)} finite '
+                              f'numbers: {", ".join(names)}')
+    return q
+
+
 def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
     """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
-    if q.shape != (mechanism.model.n,) or not np.isfinite(q).all():
-        raise ConstraintError(f'configuration is {q.tolist()}; expected {mechanism.model.n} '
-                              f'finite numbers: {", ".join(mechanism.model.coordinate_names)}')
     closed = closed_posture(mechanism, q)
     moved = np.abs(closed - q) / mechanism.units
     worst = int(np.argmax(moved))

@@ -7,6 +7,7 @@ tests run them on numbers.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ModelError
@@ -49,21 +50,33 @@ class TreeEquations:
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
-        """Prepare the links; raises InputError for an unknown frame."""
+        """Find the frames; raises InputError for an unknown one."""
         self.model = model
         self.n = self.n_q = model.n
         self.speed_names = model.coordinate_names
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
-        links = self._raw_links = linkage(model)
-        self._links = denavit_hartenberg(links) if frame_reduction else links
-        self.order = list(dict.fromkeys(k for link in links for k in (
-            *([] if link.deflection else [link.coordinate]),
-            *(link.beam.coordinates if link.beam else []))))
+        self.frame_reduction = frame_reduction
         self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
 
     timed = False  # no method depends on time
+
+    @cached_property
+    def _raw_links(self) -> tuple[Link, ...]:  # of use only where something is traced
+        return linkage(self.model)
+
+    @cached_property
+    def _links(self) -> tuple[Link, ...]:
+        links = self._raw_links
+        return denavit_hartenberg(links) if self.frame_reduction else links
+
+    @cached_property
+    def order(self) -> list[int]:
+        """Return the coordinates, parents first: the order in which M is factorised."""
+        return list(dict.fromkeys(k for link in self._raw_links for k in (
+            *([] if link.deflection else [link.coordinate]),
+            *(link.beam.coordinates if link.beam else []))))
 
     @property
     def geometry(self) -> tuple[Link, ...]:

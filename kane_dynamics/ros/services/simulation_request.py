@@ -6,6 +6,7 @@ import math
 import time
 from typing import Any
 
+from kane_dynamics._util.checks import positive_time
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -20,6 +21,7 @@ import numpy as np
 
 STEP = 1e-3  # s, where a request leaves it open
 GAP = 0.01   # m or rad, by which encoders and tolerances may miss a closed loop
+MOST_CHANGES = 20  # of independent speeds, told in an answer
 ROWS = 100   # points of the answer, about, where a request leaves the sample period open
 
 
@@ -64,10 +66,10 @@ def closed(robot: Robot, q: Array) -> Array:
     """
     if not robot.constraint_names:
         return q
-    gap = np.nan_to_num(np.abs(robot.constraint_gap(q)))
-    if gap.max() > GAP:
-        raise InputError(f"position misses '{robot.constraint_names[int(gap.argmax())]}' by "
-                         f'{gap.max():.3g} m or rad; valid: at most {GAP:g}')
+    residual = np.nan_to_num(np.abs(robot.constraint_residual(q)))
+    if residual.max() > GAP:
+        raise InputError(f"position misses '{robot.constraint_names[int(residual.argmax())]}' by "
+                         f'{residual.max():.3g} m or rad; valid: at most {GAP:g}')
     return robot.closed_posture(q, fixed=robot.speed_names)
 
 
@@ -185,7 +187,8 @@ class SimulationRequest:
         except InputError as error:
             raise error if doubt is None else InputError(f'{error}: {doubt}') from None
         wall_time = time.perf_counter() - began
-        response.message = doubt or ''
+        changes = [str(change) for change in trajectory.speed_changes[:MOST_CHANGES]]
+        response.message = '; '.join([*([] if doubt is None else [doubt]), *changes])
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)
@@ -200,10 +203,7 @@ def _seconds(request: Any, field: str, default: float | None = None) -> float:
     value = float(getattr(request, field))
     if value == 0.0 and default is not None:
         return default
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f'{field} is {value:g} s; valid: positive and finite'
-                         + (', or 0 for a default' if default is not None else ''))
-    return value
+    return positive_time(value, field, '' if default is None else ', or 0 for a default')
 
 
 def _times(request: Any, bounds: Bounds) -> tuple[float, float, float]:

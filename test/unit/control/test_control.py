@@ -17,12 +17,14 @@ MASS, ARM, SLIDE, SPRING = 2.0, 0.5, 1.5, 7.0
 class ClosedForm:
     """A pendulum that carries a spring-loaded radial slide: M, Coriolis, gravity by hand."""
 
-    joint_names = NAMES
+    joint_names = coordinate_names = NAMES
+    n = len(NAMES)
 
     def __init__(self, effort=(np.inf, np.inf)):
         self.limits = SimpleNamespace(effort=np.array(effort))
-        self.kernels = SimpleNamespace(computed_torque=lambda: SimpleNamespace(
-            entry=lambda doc, fallback: self.computed_torque))
+        law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
+        self.kernels = SimpleNamespace(extra=lambda *_: law, no_wrench=())
+        self.parameters = SimpleNamespace(block=None)
 
     def computed_torque(self, q, u, q_d, u_d, udot_d, gains):
         """Return the law of computed torque with friction at the desired speed."""

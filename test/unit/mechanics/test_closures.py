@@ -30,7 +30,7 @@ def residual(mechanism, q):
 def test_a_closed_loop_is_what_its_kind_says(kind):
     mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
     rng = np.random.default_rng(1)
-    moved = {word: 0.0 for word in ('along', 'across', 'turn', 'tilt')}
+    moved = dict.fromkeys(('along', 'across', 'turn', 'tilt'), 0.0)
     for _ in range(20):
         r, Q = at(mechanism, closed_posture(mechanism, rng.uniform(-1.5, 1.5, 15)))
         tilt = np.arccos(np.clip(AXIS @ Q @ AXIS, -1.0, 1.0))

@@ -25,8 +25,8 @@ PYTHON = (Closure('end', 'ground', 'revolute', (0, 1, 0), 'pin'),
           PointVelocity('tool', (1, 0, 0), 'tool', 'base', 0.5, True, 'drift'),
           Closure('a', 'b', 'distance', name='rod', length=0.5),
           Closure('a', 'b', 'universal', (1, 0, 0), 'cross', (0, 1, 0)),
-          Rolling('planet', 0.1, (0, 0, 1), name='gear_rim', surface_frame='ring', surface='cylinder',
-                  surface_radius=0.3, inside=True))
+          Rolling('planet', 0.1, (0, 0, 1), name='gear_rim', surface_frame='ring',
+                  surface='cylinder', surface_radius=0.3, inside=True))
 
 
 def plain(constraint):

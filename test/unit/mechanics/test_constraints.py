@@ -50,7 +50,8 @@ def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
 @pytest.mark.parametrize(('make', 'words'), [
     (lambda: PointVelocity('tip', (0, 0, 0)), r'direction is \[0.0, 0.0, 0.0\]'),
     (lambda: Rolling('tip', -1.0), 'radius is -1.0; expected a positive number'),
-    (lambda: Closure('tip', 'near', 'glue'), "kind is 'glue'; expected one of weld, revolute, prismatic")])
+    (lambda: Closure('tip', 'near', 'glue'),
+     "kind is 'glue'; expected one of weld, revolute, prismatic")])
 def test_values_that_no_constraint_has_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()
@@ -125,7 +126,8 @@ def test_rates_follow_the_rules_of_differentiation():
 
 
 @pytest.mark.parametrize(('options', 'words'), [
-    ({'constraints': Coupling('joint1', {'joint0': 2.0})}, r'constraints is a Coupling; .*\[pin\]'),
+    ({'constraints': Coupling('joint1', {'joint0': 2.0})},
+     r'constraints is a Coupling; .*\[pin\]'),
     ({'constraints': ['pin']}, r"constraints\[0\] is 'pin'; expected one of .*Closure"),
     ({'constraints': 'pin'}, "constraints is 'pin'; expected a sequence"),
     ({'constraints': 3}, r'constraints\[0\] is 3'),

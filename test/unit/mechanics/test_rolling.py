@@ -97,8 +97,9 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
     b.body('ball', kind='floating', at=(0, 0, R), matter=Inertial(1.0, np.zeros(3),
                                                                    ball * np.eye(3)))
     b.frame('bowl', 'world', at=(0, 0, R))
-    robot = Robot(b.model(), constraints=[Rolling('ball', r, surface_frame='bowl', surface='sphere',
-                                                  surface_radius=R, inside=True)],
+    roll = Rolling('ball', r, surface_frame='bowl', surface='sphere', surface_radius=R,
+                   inside=True)
+    robot = Robot(b.model(), constraints=[roll],
                   configuration=np.array([0.01, 0, -(R - r), 0, 0, 0]),
                   independent=['ball/x', 'ball/y', 'ball/rz'])
     q = robot.closed_posture([0.01, 0.0, -(R - r), 0.0, 0.0, 0.0], fixed=['ball/x', 'ball/y'])

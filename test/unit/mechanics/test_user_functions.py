@@ -38,7 +38,8 @@ FUNCTIONS = {
     'log of what is positive': lambda t: np.where(t > 5.0, np.log(t - 5.0), t * t),
     'piecewise': lambda t: np.piecewise(t, [t < 1.0, t >= 1.0], [lambda x: x, lambda x: x**2]),
     'polyval': lambda t: np.polyval([1.0, 2.0, 3.0], t), 'constant': lambda t: 1,
-    'Polynomial': np.polynomial.Polynomial([1.0, 2.0, 3.0]), 'float64': lambda t: np.float64(2) * t,
+    'Polynomial': np.polynomial.Polynomial([1.0, 2.0, 3.0]),
+    'float64': lambda t: np.float64(2) * t,
     'two': lambda t: np.exp(np.sin(t)) / (1.0 + t**2)}
 T = 1.3
 

@@ -1,0 +1,59 @@
+"""`kane-dynamics torque`: inverse dynamics of a state or of a trajectory."""
+
+from argparse import Namespace
+import sys
+
+from kane_dynamics.cli import pictures
+from kane_dynamics.cli.commands.inspect_command import print_table
+from kane_dynamics.cli.shared import load, print_json, vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+
+
+def torque(options: Namespace) -> None:
+    """Print the torques of one state, or write those of a trajectory."""
+    plot = pictures.plotter(options)
+    if options.trajectory is None:
+        for name in ('out', 'plot'):
+            if getattr(options, name):
+                raise InputError(f'--{name} is for a --trajectory; the torque of one state is '
+                                 'printed')
+    model, robot = load(options)
+    if options.trajectory is None:
+        _print_torque(options, model, robot)
+        return
+    if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
+        raise InputError('--trajectory holds the states; leave out --q, --u and --udot')
+    from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states  # YAML too
+    t, state = read_rows(options.trajectory, robot.joint_names)
+    rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
+    rows['tau'] = robot.inverse_dynamics(*state)
+    if plot is not None:
+        pictures.draw(plot, options, robot, read_trajectory(options.trajectory, robot))
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, t, rows, robot.joint_names)
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 't': t, **rows})
+    elif options.out or options.plot:
+        if options.out:
+            print(f'wrote {len(rows["tau"])} rows to {options.out}')
+        if options.plot:
+            print(f'wrote {options.plot}')
+    else:
+        write_states(sys.stdout, t, rows, robot.joint_names)
+
+
+def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
+    """Print the torque of one state, and what it is made of."""
+    state = [vector(options, name, robot) for name in ('q', 'u', 'udot')]
+    tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 'tau': tau,
+                    'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
+        return
+    slides = model.sliding
+    print_table(['joint', 'torque', '', *TORQUE_TERMS], [
+        [name, total, 'N' if name in slides else 'N m', *row]
+        for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])
