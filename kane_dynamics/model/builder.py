@@ -95,6 +95,7 @@ class ModelBuilder:
             A joint of one freedom that this one, of one freedom too, follows: its position is
             `multiplier` times that joint's + `offset` (rad or m). It has no entry in q.
         multiplier, offset : float
+            Of a joint that mimics another; offset in rad or m.
         **properties
             Of a `Joint` of one freedom: limits, damping, friction, friction_speed,
             friction_offset, armature, stiffness, rest; for joints of more freedoms see `joint`.

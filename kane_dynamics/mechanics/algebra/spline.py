@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.typing import Array
 from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.user_functions import Unknown
 import numpy as np

@@ -247,6 +247,7 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
     Parameters
     ----------
     function : callable
+        Of `Unknown` numbers.
     what : str
         What it is, for errors: "constraint 'shaker': position(t)".
     *arguments : scalars or arrays of scalars
