@@ -10,6 +10,7 @@ not know they refuse by name, on floats as on traced values: a function that Pyt
 from collections.abc import Callable
 import math
 import numbers
+import operator
 import re
 from typing import Any
 
@@ -32,26 +33,22 @@ def _cosh(x: Any) -> Any:
 
 def _arctan2(y: Any, x: Any) -> Any:
     """Return the angle of (x, y): by y / x near the x axis, by x / y elsewhere."""
-    steep = _less(_absolute(x), _absolute(y))
-    turned = select(_less(y, 0.0), -math.pi, math.pi)
-    flat = np.arctan(y / select(steep, 1.0, x)) + select(_less(x, 0.0), turned, 0.0)
+    steep = operator.lt(_absolute(x), _absolute(y))
+    turned = select(operator.lt(y, 0.0), -math.pi, math.pi)
+    flat = np.arctan(y / select(steep, 1.0, x)) + select(operator.lt(x, 0.0), turned, 0.0)
     return select(steep, 0.5 * turned - np.arctan(x / select(steep, y, 1.0)), flat)
 
 
-def _less(x: Any, y: Any) -> Any:
-    return x < y
-
-
 def _absolute(x: Any) -> Any:
-    return select(_less(x, 0.0), -x, x)
+    return select(operator.lt(x, 0.0), -x, x)
 
 
 def _minimum(x: Any, y: Any) -> Any:
-    return select(_less(y, x), y, x)
+    return select(operator.lt(y, x), y, x)
 
 
 def _maximum(x: Any, y: Any) -> Any:
-    return select(_less(x, y), y, x)
+    return select(operator.lt(x, y), y, x)
 
 
 def _power(x: Any, exponent: Any) -> Any:
@@ -63,15 +60,11 @@ def _power(x: Any, exponent: Any) -> Any:
 
 
 def _sign(x: Any) -> Any:
-    return select(_less(0.0, x), 1.0, select(_less(x, 0.0), -1.0, 0.0))
-
-
-def _remainder(x: Any, y: Any) -> Any:
-    return x - y * np.floor(x / y)
+    return select(operator.lt(0.0, x), 1.0, select(operator.lt(x, 0.0), -1.0, 0.0))
 
 
 def _heaviside(x: Any, at_zero: Any) -> Any:
-    return select(_less(x, 0.0), 0.0, select(_less(0.0, x), 1.0, at_zero))
+    return select(operator.lt(x, 0.0), 0.0, select(operator.lt(0.0, x), 1.0, at_zero))
 
 
 # Functions of numpy by name, of numbers that are floats, dual numbers or traced values.
@@ -93,9 +86,9 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     'rad2deg': lambda x: x * (180.0 / math.pi), 'degrees': lambda x: x * (180.0 / math.pi),
     'add': lambda x, y: x + y, 'subtract': lambda x, y: x - y, 'multiply': lambda x, y: x * y,
     'divide': lambda x, y: x / y, 'negative': lambda x: -x, 'positive': lambda x: x,
-    'power': _power, 'float_power': _power, 'remainder': _remainder, 'mod': _remainder,
+    'power': _power, 'float_power': _power, 'remainder': lambda x, y: x - y * np.floor(x / y),
     'floor_divide': lambda x, y: np.floor(x / y), 'conjugate': lambda x: x,
-    'less': _less, 'greater': lambda x, y: y < x,
+    'less': operator.lt, 'greater': lambda x, y: y < x,
     'less_equal': lambda x, y: 1.0 - (y < x), 'greater_equal': lambda x, y: 1.0 - (x < y),
     'equal': lambda x, y: (1.0 - (y < x)) * (1.0 - (x < y)),
     'not_equal': lambda x, y: 1.0 - (1.0 - (y < x)) * (1.0 - (x < y)),
@@ -170,12 +163,12 @@ class Unknown:
 
 def _install(name: str, function: str) -> None:
     """Give `Unknown` an operator and its reflection."""
-    def operator(self: Unknown, other: Any) -> Any:
+    def applied(self: Unknown, other: Any) -> Any:
         return _applied(function, (self, other))
 
     def reflected(self: Unknown, other: Any) -> Any:
         return _applied(function, (other, self))
-    setattr(Unknown, f'__{name}__', operator)
+    setattr(Unknown, f'__{name}__', applied)
     if name not in COMPARISONS:
         setattr(Unknown, f'__r{name}__', reflected)
 

@@ -39,9 +39,9 @@ KINDS: dict[str, tuple[Callable[..., Constraint], tuple[str, ...], tuple[str, ..
     'closure': (Closure, ('first', 'second'), ('kind', 'axis', 'second_axis', 'length')),
     'coupling': (Coupling, ('joint', 'ratios'), ('offset',)),
     'knife_edge': (knife_edge, ('frame', 'direction'), ()),
-    'rolling': (Rolling, ('frame', 'radius'), ('axis', 'normal', 'height', 'surface_frame',
-                                              'surface', 'surface_radius', 'surface_axis',
-                                              'inside')),
+    'rolling': (Rolling, ('frame', 'radius'),
+                ('axis', 'normal', 'height', 'surface_frame', 'surface', 'surface_radius',
+                 'surface_axis', 'inside')),
     'point_velocity': (PointVelocity, ('frame', 'direction'),
                        ('axes', 'relative_to', 'value', 'angular')),
 }

@@ -115,10 +115,7 @@ class Expr:
             return self.sqrt()
         if not power.is_integer():  # of a negative number: not a number, as for floats of numpy
             return np.exp(power * self.log())
-        result: Scalar = 1.0
-        for _ in range(int(power)):
-            result = result * self
-        return result
+        return math.prod([self] * int(power), start=1.0)
 
     def __lt__(self, other: Any) -> Any:
         """Return 1.0 where this is less, else 0.0; `select` chooses by it."""

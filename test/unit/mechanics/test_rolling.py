@@ -94,8 +94,8 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
     R, r = 1.0, 0.1
     ball = 0.4 * r * r  # moment of inertia of a solid ball of 1 kg
     b = ModelBuilder('bowl')
-    b.body('ball', kind='floating', at=(0, 0, R), matter=Inertial(1.0, np.zeros(3),
-                                                                   ball * np.eye(3)))
+    b.body('ball', kind='floating', at=(0, 0, R),
+           matter=Inertial(1.0, np.zeros(3), ball * np.eye(3)))
     b.frame('bowl', 'world', at=(0, 0, R))
     roll = Rolling('ball', r, surface_frame='bowl', surface='sphere', surface_radius=R,
                    inside=True)

@@ -73,16 +73,17 @@ def test_value_and_two_derivatives_are_numpys(name):
     places = T + h * np.arange(-3, 4)
     with np.errstate(invalid='ignore'):  # numpy evaluates both branches of where
         samples = np.array([float(f(x)) for x in places])
+        want = float(f(T))
     first = samples @ [-1, 9, -45, 0, 45, -9, 1] / (60.0 * h)
     second = samples @ [2, -27, 270, -490, 270, -27, 2] / (180.0 * h * h)
     hyper = evaluated_scalar(f, 'f', seeded([T], [1.0], 0, 1)[0])
     dual = evaluated_scalar(f, 'f', moving(T, 1.0))
     value = values(np.array([dual], dtype=object))[0]
-    assert value == pytest.approx(float(f(T)), rel=4e-15)
+    assert value == pytest.approx(want, rel=4e-15)
     rate = rates(np.array([dual], dtype=object))[0]
     assert rate == pytest.approx(first, rel=1e-9, abs=1e-9)
     if not isinstance(hyper, float):
-        assert hyper.value == pytest.approx(float(f(T)), rel=4e-15)
+        assert hyper.value == pytest.approx(want, rel=4e-15)
         assert hyper.rate == pytest.approx(first, rel=1e-9, abs=1e-9)
         assert hyper.gradient_rate[0] == pytest.approx(second, rel=1e-6, abs=1e-6)
 
