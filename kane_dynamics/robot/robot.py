@@ -9,8 +9,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
-from kane_dynamics.mechanics.constraints import Constraint
-from kane_dynamics.mechanics.constraints.conditioning import LIMITS, SINGULAR
+from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS, RANK, SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
@@ -68,6 +68,10 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
     redundant : 'minimum_norm' or 'kept'
         How constraint rows that follow from others share their force: with the least sum of
         squares, moments divided by `mechanism.length`, or so that those left out carry nothing.
+    rank_tolerance : float
+        Part of the largest singular value of the constraint rows up to which one counts as zero:
+        a larger one accepts loops whose description is rounded (a URDF's rpy="1.5708"), which may
+        then stay open by so much, m or rad.
     wrench_frames : sequence of str
         Frames on which the environment may push (`wrench=`, one row each).
     payload_frame : str, optional
@@ -92,8 +96,9 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
                  actuated: Sequence[str] | None = None, configuration: Any = None,
                  closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
-                 wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
-                 friction: bool = True, frame_reduction: bool = True) -> None:
+                 rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
+                 payload_frame: str | None = None, friction: bool = True,
+                 frame_reduction: bool = True) -> None:
         """Prepare the equations; nothing is compiled yet."""
         if not isinstance(model, Model):
             raise InputError(f'model is a {type(model).__name__}; expected a Model '
@@ -105,12 +110,16 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
             'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
         self._choices: dict[str, Any] = {
-            'speeds': speeds, 'constraints': tuple(constraints), 'independent': independent,
-            'actuated': actuated, 'configuration': configuration, 'redundant': redundant}
+            'speeds': speeds, 'constraints': checked_constraints(constraints),
+            'independent': checked_names(independent, 'independent'),
+            'actuated': checked_names(actuated, 'actuated'), 'configuration': configuration,
+            'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)
         tree = self.equations = TreeEquations(model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
+        constraints, independent, actuated = (self._choices[key] for key in (
+            'constraints', 'independent', 'actuated'))
         self.speed_sets: SpeedSets | None = None
         if redundant not in ('minimum_norm', 'kept'):
             raise InputError(f"redundant is {redundant!r}; expected 'minimum_norm' or 'kept'")
@@ -118,9 +127,12 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             self.parameters = Parameters(model, tree.payload_frame)
             self.kernels = KernelSet(tree, key, self.parameters.block)
         else:
-            mechanism = choose_independent(model, speeds, constraints, independent, configuration)
+            mechanism = choose_independent(model, speeds, constraints, independent,
+                                           configuration, rank_tolerance)
             self.parameters = Parameters(model, tree.payload_frame, LIMITS)
             self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
+            if closure_tolerance is CLOSURE_TOLERANCE:
+                closure_tolerance = max(closure_tolerance, rank_tolerance)
             self.parameters.closure_tolerance = closure_tolerance
             self.speed_sets = SpeedSets(
                 mechanism, partial(ConstrainedEquations, tree, actuated=actuated,
@@ -135,6 +147,11 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         choices = {**self._choices, **self._options,
                    'closure_tolerance': self.parameters.closure_tolerance}
         return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload)
+
+    @property
+    def configuration(self) -> Any:
+        """Return the configuration at which speeds and rows were chosen; None without one."""
+        return self._choices['configuration']
 
     @property
     def speeds_are_given(self) -> bool:

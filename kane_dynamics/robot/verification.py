@@ -82,10 +82,13 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     """Return the same where speeds are chosen or constraints given, at a regular state."""
     mechanism = copy(robot.mechanism)
     mechanism.model = model
-    t = float(rng.uniform(0.0, 2.0)) if robot.equations.timed else 0.0
+    middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
+    if robot.configuration is not None:  # functions of a user are asked about it alone
+        middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
+    t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
         try:
-            q = robot.closed_posture(rng.uniform(-2.0, 2.0, robot.n_q), t=t)
+            q = robot.closed_posture(middle + rng.uniform(-spread, spread, robot.n_q), t=t)
         except ConstraintError:
             continue
         stack = stacked(mechanism, q, t)
@@ -96,11 +99,10 @@ def _constrained(robot: Any, model: Model, gravity: Array,
                            'one to compare the kernels with the definition at')
     u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
 
-    def torque(u: Array, udot: Array) -> Array:
-        return nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
-                                             friction=robot.friction)
-    bias, tau = torque(u, np.zeros(robot.n)), torque(u, udot)
-    M = np.array([torque(u, unit) - bias for unit in np.eye(robot.n)]).T
+    tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
+                                        friction=robot.friction)
+    M = nonholonomic.mass_matrix(mechanism, q, t)
+    bias = tau - M @ udot
     pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
              'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
     if robot.n and np.linalg.cond(M) < 1e12:

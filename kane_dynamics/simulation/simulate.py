@@ -248,7 +248,7 @@ def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
     if robot.constraint_names and q.size:
         gap = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
         i, k = np.unravel_index(np.argmax(gap), gap.shape)
-        if gap[i, k] > CLOSED:
+        if gap[i, k] > max(CLOSED, 2.0 * robot.mechanism.rank_tolerance):
             which = '' if q.ndim == 1 else f' of state {i}'
             raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
                              '(m or rad): start from robot.closed_posture(q0)')

@@ -223,10 +223,10 @@ def pivots(C: Array, count: int) -> list[int]:
     return taken
 
 
-def rank_of(C: Array) -> int:
-    """Return the number of singular values that are not zero beside the largest."""
+def rank_of(C: Array, tolerance: float = RANK) -> int:
+    """Return the number of singular values larger than a part of the largest."""
     size = np.linalg.svd(C, compute_uv=False)
-    return int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
+    return int(np.sum(size > tolerance * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
 
 
 def constraints_at_fault(mechanism: Mechanism, stack: Stack, free: Sequence[int],

@@ -11,9 +11,11 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints import (Constraint, DependentSpeeds, PointVelocity,
-                                                 Prescribed)
+from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
+                                                 DependentSpeeds, PointVelocity, Prescribed)
+from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
 from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
+from kane_dynamics.mechanics.constraints.constraint_rows import positive
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -27,7 +29,7 @@ SAMPLES = 4  # closed postures at which the structure is looked at
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
                        independent: Sequence[str] | None = None,
-                       configuration: Any = None) -> Mechanism:
+                       configuration: Any = None, rank_tolerance: float = RANK) -> Mechanism:
     """
     Return the mechanism with its independent speeds and rows chosen.
 
@@ -44,6 +46,10 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     configuration : (n_q,) array_like, optional
         Where to look, rad or m; closed, or nearly. By default places within the joints' limits
         are tried.
+    rank_tolerance : float
+        Part of the largest singular value up to which one counts as zero. A larger one than the
+        default accepts loops whose description is rounded: rows that follow from others but for
+        so much are left out, and may stay open by so much, m or rad.
 
     Raises
     ------
@@ -53,7 +59,10 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
         singular; or `independent` does not fit.
 
     """
-    everything = Mechanism(model, speeds, constraints)
+    constraints = checked_constraints(constraints)
+    independent = checked_names(independent, 'independent')
+    tolerance = positive(rank_tolerance, 'rank_tolerance')
+    everything = Mechanism(model, speeds, constraints, rank_tolerance=tolerance)
     start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
@@ -66,19 +75,19 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     if not everything.labels and independent is None:
         return everything
     sizes = _row_sizes(everything, places)
-    ranks = [rank_of(C) for C, _ in samples]
+    ranks = [rank_of(C, tolerance) for C, _ in samples]
     m = max(ranks)
-    samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
+    place = places[ranks.index(m)]
+    samples = [sample for sample, found in zip(samples, ranks) if found == m]
     kept = sorted(pivots(samples[0][0].T, m))
     _check_consistent(everything, samples, kept)
     if m == model.n and not any(_driven(constraint) for constraint in constraints):
-        raise ConstraintError(f'{m} independent constraint rows leave no freedom to '
-                              f'{model.n} speeds: {", ".join(everything.labels)}')
+        raise no_freedom(everything, place, m)
     if independent is None:
         free = _best_free([C[kept] for C, _ in samples])
     else:
         free = _given_free(everything, independent, [C[kept] for C, _ in samples])
-    return Mechanism(model, speeds, constraints, free, kept, sizes)
+    return Mechanism(model, speeds, constraints, free, kept, sizes, tolerance)
 
 
 def _driven(constraint: Constraint) -> bool:
@@ -95,7 +104,7 @@ def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
     kinds = list(zip(mechanism.owners, mechanism.turning))
     largest = [max(float(size) for size, kind in zip(found, kinds) if kind == own)
                for own in kinds]
-    return [size if size > RANK * max(largest) else 1.0 for size in largest]
+    return [size if size > mechanism.rank_tolerance * max(largest) else 1.0 for size in largest]
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
@@ -120,22 +129,43 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         None is found; names the constraint with the largest remaining gap.
 
     """
-    here = np.array(q, dtype=np.float64)
     names = mechanism.model.coordinate_names
+    try:
+        here, at = np.array(q, dtype=np.float64), float(t)
+    except (TypeError, ValueError):
+        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
+                         ) from None
+    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
+        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
+                         f'({", ".join(names)}) and a time in s')
+    fixed = checked_names(fixed, 'fixed') or ()
     unknown = sorted(set(fixed) - set(names))
     if unknown:
         raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
     moves = np.array([name not in fixed for name in names])
-    for _ in range(ITERATIONS):
-        J, gap, labels = _gaps(mechanism, here, t)
-        if np.abs(gap).max(initial=0.0) < CLOSED:
-            return here
-        step = np.linalg.lstsq(J[:, moves], -gap, rcond=1e-10)[0]
-        longest = np.abs(step).max(initial=0.0)
-        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
+    here, gap, labels, closed = _closing(mechanism, here, moves, t)
+    if closed:
+        return here
     worst = int(np.argmax(np.abs(gap)))
     raise ConstraintError(f"no posture found that closes '{labels[worst]}': {abs(gap[worst]):.3g} "
                           f'(m or rad) remain after {ITERATIONS} steps')
+
+
+def _closing(mechanism: Mechanism, start: Array, moves: Array,
+             t: float) -> tuple[Array, Array, list[str], bool]:
+    """Return where Newton's method ends, (n_q,), the residuals, their labels, whether closed."""
+    here, tolerance = start.copy(), mechanism.rank_tolerance
+    for _ in range(ITERATIONS):
+        J, gap, labels = _gaps(mechanism, here, t)
+        missed = np.abs(gap).max(initial=0.0)
+        if missed < CLOSED:
+            return here, gap, labels, True
+        step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
+        longest = np.abs(step).max(initial=0.0)
+        if tolerance > RANK and missed < tolerance and longest < CLOSED:
+            return here, gap, labels, True  # what is left is what the tolerance allows
+        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
+    return here, gap, labels, False
 
 
 def _gaps(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
@@ -165,7 +195,9 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
         if len(found) == SAMPLES:
             return found
     if not found:
-        raise failures[0]
+        nearest = min((_closing(mechanism, start, np.ones(len(lower), bool), 0.0)
+                       for start in starts), key=lambda end: np.abs(end[1]).max(initial=0.0))
+        raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
     return found
 
 
@@ -221,7 +253,7 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
     for C, d in samples:
         weights = np.linalg.lstsq(C[kept].T, C.T, rcond=None)[0]  # rows in terms of those kept
         excess = np.abs(d - weights.T @ d[kept])
-        if excess.max(initial=0.0) > RANK * (1.0 + np.abs(d).max(initial=0.0)):
+        if excess.max(initial=0.0) > mechanism.rank_tolerance * (1.0 + np.abs(d).max(initial=0.0)):
             k = int(np.argmax(excess))
             raise ConstraintError(f"constraint '{mechanism.labels[k]}' contradicts the others: "
                                   f'its velocity is off by {excess[k]:.3g}')
