@@ -12,7 +12,9 @@ Shape = tuple[int, ...]
 
 
 NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
-                         'div': np.divide, 'neg': np.negative}
+                         'div': np.divide, 'neg': np.negative,
+                         'less': lambda a, b: np.float64(a < b),
+                         'select': lambda chosen, a, b: a if chosen else b}
 
 
 @dataclass(frozen=True)
