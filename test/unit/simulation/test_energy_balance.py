@@ -4,8 +4,8 @@ from functools import partial
 import warnings
 
 from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, Coupling,
-                           FlexibleLink, Inertial, knife_edge, load_urdf, ModelBuilder, Motion, Prescribed, Robot, rod,
-                           simulate)
+                           FlexibleLink, Inertial, knife_edge, load_urdf, ModelBuilder, Motion,
+                           Prescribed, Robot, rod, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ModelWarning
 from kane_dynamics.mechanics.constraints.speeds import Speeds
