@@ -58,7 +58,7 @@ class AskedSpeeds:
 
     def states(self, history: Sequence[Sequence[tuple[int, Robot]]], buffer: Array, start: float,
                step: float, done: int) -> Array:
-        """Return states (N, K, size) after `done` steps and more, in the asked speeds."""
+        """Return a buffer of states, which begins after `done` steps, in the asked speeds."""
         result, n_q, n = buffer, self._asked.n_q, self._asked.n
         for i, changes in enumerate(history):
             if len(changes) == 1:

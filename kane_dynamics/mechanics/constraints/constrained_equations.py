@@ -212,8 +212,6 @@ class ConstrainedEquations:
         rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
         return np.array([0.0 if gap is None else gap for gap in rows.gap], dtype=object)
 
-    constraint_gap = constraint_residual  # its former name
-
     def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
         """Return by what each row's velocity is missed, J q' - b, (m,)."""
         rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
