@@ -8,6 +8,8 @@ from kane_dynamics.errors import (CompileError, ConstraintError, InputError, Kan
                                   ModelError, ModelWarning, SweepError, UrdfError)
 from kane_dynamics.flexible_link import FlexibleLink
 from kane_dynamics.flexing import stiffened, with_beam
+from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error, pose_exp,
+                                      pose_log, rotation_exp, rotation_log)
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
@@ -28,10 +30,12 @@ from kane_dynamics.vibration import natural_vibration
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
-           'Inertial', 'InputError', 'Joint', 'KaneError', 'Limits', 'Mode', 'Model',
-           'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
+           'Inertial', 'InputError', 'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'Mode',
+           'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
            'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
            'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
-           'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'knife_edge',
-           'load_constraints', 'load_urdf', 'longest_step', 'momenta', 'natural_vibration',
-           'point_mass', 'power_balance', 'rod', 'simulate', 'stiffened', 'with_beam']
+           'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'inverse_kinematics',
+           'knife_edge', 'load_constraints', 'load_urdf', 'longest_step', 'momenta',
+           'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
+           'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate', 'stiffened',
+           'with_beam']

@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.structure import closed_posture
 from kane_dynamics.model import Array
 from kane_dynamics.native.kernels import Argument, checked
 import numpy as np
+from numpy.typing import ArrayLike
 
 SINGULAR = 1e14  # a condition number at which double precision holds no digit of a solution
 
@@ -41,7 +42,8 @@ class Constrained(Calls):
         equations = self.equations
         return equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
 
-    def joint_rates(self, q: Any, u: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                    out: Array | None = None) -> Array:
         """
         Return q', (n_q,), of the independent speeds.
 
@@ -59,7 +61,7 @@ class Constrained(Calls):
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
-    def joint_torques(self, tau: Any, q: Any = None, *, t: Any = 0.0,
+    def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """
         Return the torques of the joints, (n_q,), that amount to tau.
@@ -86,7 +88,8 @@ class Constrained(Calls):
                              'posture of a robot with chosen speeds or constraints')
         return self._special('joint_torques', (q, tau), t, out)
 
-    def constraint_forces(self, q: Any, u: Any, tau: Any, *, wrench: Any = None, t: Any = 0.0,
+    def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
+                          wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                           out: Array | None = None) -> Array:
         """
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
@@ -112,11 +115,12 @@ class Constrained(Calls):
         return self._loaded(self.kernels.quantity('constraint_forces'), (q, u, tau), wrench, out,
                             t)
 
-    def constraint_gap(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Array:
         """Return by what each row's condition on positions is missed, (m,); 0 without one."""
         return self._special('constraint_gap', (q,), t, out)
 
-    def closed_posture(self, q: Any, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
+    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
         Return the posture near q, (n_q,), at which all conditions on positions are met.
 
@@ -144,7 +148,7 @@ class Constrained(Calls):
         result[...] = same
         return result
 
-    def _special(self, name: str, arguments: tuple[Any, ...], t: Any,
+    def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
         self._require(name)
         return self._call(name, arguments, out, t)

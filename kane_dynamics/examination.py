@@ -83,7 +83,7 @@ def heaviest(robot: Robot) -> Array:
         Whose limits hold.
 
     """
-    lower, upper = _range(robot)
+    lower, upper = robot.sampling_range()
     q = np.random.default_rng(0).uniform(lower, upper, (POSTURES, robot.n))
     weights = np.abs(robot.gravity_force(q))
     best = np.argsort(weights, axis=0)[-STARTS:].T.ravel()  # for each joint postures of its own
@@ -103,7 +103,7 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
 
     Steps go along one coordinate, or at once along all of those that lead uphill.
     """
-    lower, upper = _range(robot)
+    lower, upper = robot.sampling_range()
     rows = np.arange(len(q))
 
     def weights(q: Array) -> Array:
@@ -119,16 +119,6 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
     found = np.concatenate([along.reshape(len(q), -1), weights(together)], axis=1)
     best = found.argmax(axis=1)
     return every[rows, best], found[rows, best]
-
-
-def _range(robot: Robot) -> tuple[Array, Array]:
-    """Return the bounds between which postures are tried, (n,) each."""
-    sliding = robot.model.sliding
-    span = np.array([1.0 if name in sliding else np.pi for name in robot.coordinate_names])
-    lower, upper = robot.limits.lower, robot.limits.upper
-    left, right = np.isinf(lower), np.isinf(upper)
-    return (np.where(left, np.where(right, 0.0, upper) - span, lower),
-            np.where(right, np.where(left, 0.0, lower) + span, upper))
 
 
 def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:

@@ -6,7 +6,7 @@ A `Model` is immutable. Every joint in it has one degree of freedom; what a URDF
 in topological order, parents first, so that a single pass over them is an outward recursion.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 import hashlib
 import math
@@ -18,7 +18,7 @@ from kane_dynamics.inertial import Array, constant, freeze, Inertial
 import numpy as np
 
 __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
-           'constant', 'freeze']
+           'constant', 'freeze', 'short']
 
 GRAVITY = (0.0, 0.0, -9.81)
 WORLD = -1  # the parent index of a body, or the body of a frame, that is fixed in the world
@@ -247,6 +247,11 @@ class Model:
         """Tell whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)
 
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on '{self.base_name}', q "
+                f'of {short(self.coordinate_names)}>')
+
     def frame(self, name: str) -> Frame:
         """Return the frame called `name`; InputError lists the valid names."""
         for frame in self.frames:
@@ -273,6 +278,13 @@ class Model:
     def digest(self) -> str:
         """Return a hash of everything that the dynamics depend on, names included."""
         return hashlib.sha256(repr(_plain(self)).encode()).hexdigest()
+
+
+def short(names: Sequence[str], most: int = 8) -> str:
+    """Return names in one line: all, or of many the first, how many more, and the last."""
+    if len(names) <= most:
+        return ', '.join(names) or 'no coordinates'
+    return f'{", ".join(names[:most - 2])}, {len(names) - most + 1} more, {names[-1]}'
 
 
 def _plain(value: Any) -> Any:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array
+from kane_dynamics.model import Array, short
 from kane_dynamics.spline import segment_coefficients, spline_velocities
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +57,11 @@ class Motion:
         self._inverse_h: list[float] = (1.0 / h).ravel().tolist()
         for array in (times, positions, self._table):
             array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        return (f'<Motion through {len(self.times)} points in {self.duration:g} s of '
+                f'{short(self.joint_names)}>')
 
     @property
     def n(self) -> int:

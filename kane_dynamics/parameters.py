@@ -19,7 +19,9 @@ class JointLimits:
 
 
 class Parameters:
-    """What may change while a robot runs, without compiling anew."""
+    """Gravity and payload: what may change while a robot runs, without another compilation."""
+
+    __slots__ = ('_frame', '_payload', 'block')  # a misspelt name is an error
 
     def __init__(self, model: Model, payload_frame: Frame | None) -> None:
         """Start with the model's gravity and no payload."""

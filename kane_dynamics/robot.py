@@ -1,12 +1,14 @@
 """`Robot`: a model with its dynamics compiled, what users hold."""
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import partial
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-from kane_dynamics.constrained import Constrained, raise_where_singular
+from kane_dynamics.attribute_hints import missing, refused
+from kane_dynamics.configurations import Configurations
+from kane_dynamics.constrained import raise_where_singular
 from kane_dynamics.dynamics import Dynamics
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.export import DEFAULT_KERNELS, write_c
@@ -16,17 +18,17 @@ from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
 from kane_dynamics.mechanics.structure import structured
-from kane_dynamics.model import Array, Inertial, Model
+from kane_dynamics.model import Array, Inertial, Model, short
 from kane_dynamics.native.program import OperationCount
-from kane_dynamics.parameters import JointLimits, Parameters
+from kane_dynamics.operational_space import OperationalSpace
+from kane_dynamics.parameters import Parameters
 from kane_dynamics.verification import verified
 from kane_dynamics.workspace import Workspace
-import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
 
 
-class Robot(Dynamics, FrameMotion, Constrained):
+class Robot(Dynamics, FrameMotion, OperationalSpace, Configurations):
     """
     The dynamics of one manipulator or mechanism, compiled for it.
 
@@ -103,6 +105,22 @@ class Robot(Dynamics, FrameMotion, Constrained):
         self.kernels = KernelSet(self.equations, key, self.parameters.block, reason)
         self._entries = {}
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what would have no effect; `limits` may be replaced."""
+        if '_entries' in self.__dict__ and name != 'limits':
+            raise AttributeError(refused(self, name, (*self._choices, *self._options)))
+        super().__setattr__(name, value)
+
+    if not TYPE_CHECKING:  # a type checker knows by itself what is missing
+        def __getattr__(self, name: str) -> Any:
+            """Name the counterpart of an attribute that there is not."""
+            raise AttributeError(missing(self, name))
+
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Robot '{self.model.name}': {self.n} degrees of freedom, q of "
+                f'{short(self.coordinate_names)}>')
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as model, options and parameters; kernels load again from the cache."""
         return _restored, (self.model, {**self._choices, **self._options}, self.parameters.gravity,
@@ -128,12 +146,10 @@ class Robot(Dynamics, FrameMotion, Constrained):
         """Names of the entries of q."""
         return self.model.coordinate_names
 
-    @cached_property
-    def limits(self) -> JointLimits:
-        """Bounds of the joints, as the model states them."""
-        limits = [joint.limits for joint in self.model.coordinate_joints]
-        return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
-                             for name in ('lower', 'upper', 'velocity', 'effort')))
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
+        return tuple(frame.name for frame in self.model.frames)
 
     def bind(self) -> Workspace:
         """Return arrays with zero-argument calls on them, for a loop that must not allocate."""

@@ -10,7 +10,7 @@ import zipfile
 import zlib
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array, freeze
+from kane_dynamics.model import Array, freeze, short
 from kane_dynamics.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -111,6 +111,13 @@ class Trajectory:
         if not self.constraint_names:
             for name in ('constraint_forces', 'constraint_gap'):
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        many = f'{len(self.q)} motions, ' if self.q.ndim == 3 else ''
+        span = f'{self.t[0]:g} to {self.t[-1]:g} s' if len(self.t) else 'empty'
+        return (f'<Trajectory: {many}{len(self.t)} samples, {span}, of '
+                f'{short(self.joint_names)}>')
 
     @classmethod
     def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':

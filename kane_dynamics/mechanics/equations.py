@@ -17,6 +17,7 @@ from kane_dynamics.mechanics.factorization import factorize, inverse, solve
 from kane_dynamics.mechanics.link import homogeneous, Link
 from kane_dynamics.mechanics.linkage import carrying, denavit_hartenberg, linkage, regrouped
 from kane_dynamics.mechanics.sharing import directly, Share
+from kane_dynamics.mechanics.vector import is_zero
 from kane_dynamics.model import Frame, Joint, Model, WORLD
 import numpy as np
 
@@ -199,6 +200,29 @@ class Equations:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
         return recursive.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+
+    def center_of_mass(self, q: Any, parameters: Any) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m, world axes."""
+        mass, moment = recursive.first_moment(self.links(parameters), q)
+        return moment * (1.0 / self._weighing(mass))
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any) -> Any:
+        """
+        Return the velocity of the center of mass per unit of each speed, (3, n).
+
+        Gravity -e_k asks for the generalized force m (row k), whatever the links are.
+        """
+        links, rest = self.base_links(parameters), self.zeros
+        mass, _ = recursive.first_moment(self.links(parameters), np.zeros(self.n))
+        rows = [recursive.inverse_dynamics(links, q, rest, rest, -unit) for unit in np.eye(3)]
+        return np.stack(rows) * (1.0 / self._weighing(mass))
+
+    def _weighing(self, mass: Any) -> Any:
+        """Return a mass that is not zero by structure, or raise ModelError."""
+        if is_zero(mass):
+            raise ModelError(f"'{self.model.name}': the moving bodies have no mass; expected some "
+                             'mass, for a center of mass')
+        return mass
 
     def frame_pose(self, frame: Frame, q: Any) -> Any:
         """Return the homogeneous transformation frame to world, (4, 4)."""
