@@ -51,7 +51,7 @@ class KernelSet:
         self._reason = reason
         self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
-        self._key = key
+        self.key = key
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
 
@@ -102,7 +102,7 @@ class KernelSet:
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
         """Return a kernel of the caller's own on this robot; `name` tells its program apart."""
-        return self._kept((name, ''), lambda: Kernel(name, program, self._key, arguments, block,
+        return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
                                                      shape))
 
     def program(self, name: str) -> Program:
@@ -129,7 +129,7 @@ class KernelSet:
             if len(self.no_wrench):
                 arguments.append(Argument('wrench', self.no_wrench.shape,
                                           default=self.no_wrench))
-            return Kernel('computed_torque', self.feedback_program, self._key, arguments,
+            return Kernel('computed_torque', self.feedback_program, self.key, arguments,
                           self._parameters, (n,))
         return self._kept(('computed_torque', ''), make)
 
@@ -196,7 +196,7 @@ class KernelSet:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
-        return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
+        return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
                       self._parameters, quantity.shape(size), self._reason)
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:

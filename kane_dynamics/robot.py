@@ -24,6 +24,7 @@ from kane_dynamics.operational_space import OperationalSpace
 from kane_dynamics.parameters import Parameters
 from kane_dynamics.verification import verified
 from kane_dynamics.workspace import Workspace
+import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
 
@@ -150,6 +151,12 @@ class Robot(Dynamics, FrameMotion, OperationalSpace, Configurations):
     def frame_names(self) -> tuple[str, ...]:
         """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
         return tuple(frame.name for frame in self.model.frames)
+
+    def equals(self, other: 'Robot') -> bool:
+        """Tell whether another robot has the same equations and now the same parameters."""
+        return self is other or bool(
+            self.kernels.key is not None and self.kernels.key == other.kernels.key
+            and np.array_equal(self.parameters.block, other.parameters.block))
 
     def bind(self) -> Workspace:
         """Return arrays with zero-argument calls on them, for a loop that must not allocate."""

@@ -73,7 +73,10 @@ class TorqueSource:
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
-        q_d, u_d, udot_d = torque.motion.sample(kept * np.float64(self.step))
+        t, end = kept * np.float64(self.step), torque.motion.duration
+        if abs(t[-1] - end) <= 1e-6 * self.step:
+            t[-1] = np.nextafter(end, -np.inf)  # what acted until the end, not the rest after it
+        q_d, u_d, udot_d = torque.motion.sample(t)
         wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
         rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]
         tau: Array = self.robot.inverse_dynamics(*rigid) - self.robot.friction_force(rigid[1])
@@ -111,6 +114,10 @@ def torque_source(robot: Robot, step: float, count: int, torque: Any,
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
+        if torque.robot is not None and not torque.robot.equals(robot):
+            raise InputError('torque: computed torque of another robot (model, options, gravity '
+                             'or payload) than the simulated one; expected the same, or a '
+                             'function that returns the torques of the other')
         return TorqueSource(robot, step_kernel(robot, True, integrator), step,
                             np.concatenate([torque.kp, torque.kd, [step], block]), torque)
     return TorqueSource(robot, step_kernel(robot, False, integrator), step,

@@ -246,7 +246,7 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
         q_d, u_d, _ = motion.sample(0.0)
         q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
         gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
-        source = ComputedTorque(motion, *gains)
+        source = ComputedTorque(robot, motion, *gains)
         if duration is None and motion.duration > 0.0 and step > 0.0:
             duration = math.ceil(motion.duration / step - 1e-6) * step
     duration = 1.0 if duration is None else duration

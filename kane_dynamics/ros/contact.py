@@ -18,6 +18,7 @@ import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 
+DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by it
 SHARE = 0.02  # of its effort limit: a joint's threshold where none is given
 
 
@@ -166,7 +167,7 @@ class Contact:
     def _publish(self, sec: int, nanosec: int, q: Array, torque: Array) -> None:
         """Send the torques, and the wrench in axes of its frame."""
         self._workspace.q[:] = q
-        world = frame_wrench(self._partials(), torque).wrench
+        world = frame_wrench(self._partials(), torque, damping=DAMPING).wrench
         for message, publisher, numbers in (
                 (self._torque_message, self._outputs.torques, torque),
                 (self._wrench_message, self._outputs.wrench,

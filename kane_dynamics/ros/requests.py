@@ -162,7 +162,8 @@ class Simulation:
                                  'without constraints; valid: ZERO, TABLE')
             motion = motion_from_message(request.reference, robot.joint_names,
                                          served.bounds.max_reference)
-            torque = ComputedTorque(motion, vector(request.kp, index, n, 'kp', served.kp),
+            torque = ComputedTorque(served.simulated, motion,
+                                    vector(request.kp, index, n, 'kp', served.kp),
                                     vector(request.kd, index, n, 'kd', served.kd))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source is {request.torque_source}; valid: ZERO '

@@ -2,11 +2,13 @@
 
 from types import SimpleNamespace
 
+from kane_dynamics.build import ModelBuilder
 from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.model import Body, Inertial, Joint, Limits, Model
 from kane_dynamics.motion import Motion
 from kane_dynamics.robot import Robot
+from kane_dynamics.shapes import point_mass
 import numpy as np
 import pytest
 
@@ -278,6 +280,10 @@ def test_bad_settings_are_refused_in_words(settings, words):
 
 
 def test_computed_torque_spreads_its_gains_over_the_joints_and_checks_them():
-    np.testing.assert_array_equal(ComputedTorque(MOTION, 4.0, [1.0, 2.0]).kp, [4.0, 4.0])
+    builder = ModelBuilder()
+    builder.body('lift', axis=(0, 1, 0), matter=point_mass(1.0, (1, 0, 0)))
+    builder.body('slide', 'lift', 'prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
+    robot = Robot(builder.model())
+    np.testing.assert_array_equal(ComputedTorque(robot, MOTION, 4.0, [1.0, 2.0]).kp, [4.0, 4.0])
     with pytest.raises(InputError, match=r"kd of joint 'slide' is -2\.0"):
-        ComputedTorque(MOTION, 4.0, [1.0, -2.0])
+        ComputedTorque(robot, MOTION, 4.0, [1.0, -2.0])
