@@ -11,7 +11,30 @@ from kane_dynamics.parameters import JointLimits
 import numpy as np
 
 NEARBY = 21  # configurations about 0 to close the constraints from
+TURN = 2.0 * np.pi
 TRIES = 200  # random configurations to close the constraints from
+
+
+def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
+    """
+    Return what is suspicious about positions, (n_q,) or (K, n_q), rad, if they look like degrees.
+
+    A joint that turns is suspected beyond two turns, or beyond a limit by more than a turn. Of one
+    without limits, which may turn on and on, the first row counts alone.
+    """
+    rows, model = np.atleast_2d(q), robot.equations.model
+    lower, upper = robot.limits.lower, robot.limits.upper
+    words = []
+    for j, name in enumerate(model.coordinate_names):
+        free = np.isinf(lower[j]) and np.isinf(upper[j])
+        values = rows[:1, j] if free else rows[:, j]
+        value = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
+        outside = max(lower[j] - values.min(initial=0.0), values.max(initial=0.0) - upper[j], 0.0)
+        beyond = abs(value) > 2.0 * TURN and (free or outside > 0.0)
+        if name not in model.sliding and (beyond or outside > TURN):
+            limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
+            words.append(f'{name} {value:.4g} rad{limits}')
+    return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
 
 
 class Configurations(Constrained, Calls):

@@ -4,8 +4,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from kane_dynamics.mechanics.constrained import ConstrainedEquations
 from kane_dynamics.model import Array, Model
 from kane_dynamics.robot import Robot
+from kane_dynamics.urdf.notices import NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,9 @@ class Finding:
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
     """Return what is doubtful or wrong about a robot's description."""
-    found = [Finding('doubt', f'URDF: {warning}') for warning in warnings]
+    found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'doubt', f'URDF: {warning}')
+             for warning in warnings]
+    found += examine_masses(robot)
     limits, names = robot.limits, model.joint_names
     for what, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are bounded by nothing'),
@@ -52,6 +56,20 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
             found.append(Finding('doubt', f'no {what} is known of {listed(missing)}: '
                                  f'{consequence}'))
     return found
+
+
+def examine_masses(robot: Robot) -> list[Finding]:
+    """Return joints that move no mass: forward dynamics is impossible, M is singular."""
+    equations = robot.equations
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
+    if isinstance(equations, ConstrainedEquations):
+        return []  # what a mass is missing from, constraints may hold
+    M = np.array(equations.mass_matrix(q, robot.parameters.block), dtype=np.float64)
+    without = [name for name, moved in zip(robot.joint_names, np.abs(M).max(axis=1, initial=0.0))
+               if moved == 0.0]
+    return [Finding('problem', f'no mass moves with {listed(without)}: no torque determines their '
+                    'acceleration, forward dynamics and simulation fail; expected an <inertial> '
+                    'on what they move, or an armature in the supplement')] if without else []
 
 
 def _weight(robot: Robot) -> list[Finding]:

@@ -48,8 +48,7 @@ class OperationalSpace(Calls):
             Names the argument; or the frame cannot accelerate in all of the directions at q.
 
         """
-        inertia: Array = np.linalg.inv(self._mobility(frame, q, directions, t)[0])[...]
-        return inertia
+        return np.asarray(np.linalg.inv(self._mobility(frame, q, directions, t)[0]), np.float64)
 
     def operational_space_bias(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                                directions: Sequence[str] = DIRECTIONS,

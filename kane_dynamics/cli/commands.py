@@ -11,7 +11,8 @@ import warnings
 from kane_dynamics import examination
 from kane_dynamics.cli import (excitation, feasibility, identification, inspection, pictures,
                                replay as replaying, sweeping, viewing)
-from kane_dynamics.cli.shared import as_json, load, print_json, selection, source_of, split, told
+from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of, split, told,
+                                      warn_degrees)
 from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
                                       read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
@@ -33,22 +34,22 @@ _MOST_EVENTS = 10  # printed for people
 def torque(options: Namespace) -> None:
     """Print the torques of one state, or write those of a trajectory."""
     plot = pictures.plotter(options)
-    if options.trajectory is None:
-        for name in ('out', 'plot'):
+    if options.motion is None:
+        for name in ('out', 'plot', 'step'):
             if getattr(options, name):
-                raise InputError(f'--{name} is for a --trajectory; the torque of one state is '
-                                 'printed')
+                raise InputError(f'--{name} is for a --motion; the torque of one state is printed')
     model, robot = load(options)
-    if options.trajectory is None:
+    if options.motion is None:
         _print_torque(options, model, robot)
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
-        raise InputError('--trajectory holds the states; leave out --q, --u and --udot')
-    t, state = read_rows(options.trajectory, robot.joint_names)
+        raise InputError('--motion holds the states; leave out --q, --u and --udot')
+    t, state = read_rows(options.motion, robot.joint_names, options.step)
+    warn_degrees(robot, state[0], options.motion)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
     rows['tau'] = robot.inverse_dynamics(*state)
     if plot is not None:
-        pictures.draw(plot, options, robot, read_trajectory(options.trajectory, robot))
+        pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, t, rows, robot.joint_names)
@@ -71,7 +72,8 @@ def simulation(options: Namespace) -> None:
     _, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
-    with progress_bar('simulating', duration) as progress, told():
+    with progress_bar('simulating', duration) as progress, (
+            told(verbose=options.verbose)):
         result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
                           progress=progress, integrator=options.integrator)
     wall = time.perf_counter() - start
@@ -107,7 +109,9 @@ def inspect(options: Namespace) -> int:
     """Print what is known about a robot; compare it with a peer on request."""
     caught: list[str] = []
     model, robot = load(options, caught)
-    facts = inspection.describe(model, robot, caught)
+    if not options.verbose:
+        caught = [brief(text) for text in caught]
+    facts = inspection.describe(model, robot, caught, operations=options.operations or options.json)
     if options.against:
         # The peer knows neither a supplement nor friction.
         with warnings.catch_warnings():
@@ -177,7 +181,9 @@ def replay(options: Namespace) -> None:
     """Compare a recording's measured torques with those of the equations of motion."""
     plot = pictures.plotter(options)  # before the work
     model, robot = load(options)
-    data = replaying.run(options, robot, identification.recorded(options, model))
+    recording = identification.recorded(options, model)
+    warn_degrees(robot, recording.q, options.recording)
+    data = replaying.run(options, robot, recording)
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
                          options.plot, prismatic=model.sliding)
@@ -188,8 +194,9 @@ def feasible(options: Namespace) -> int:
     """Judge a motion by the limits of the joints; return 1 if it does not fit."""
     plot = pictures.plotter(options)  # before the work
     model, robot = load(options, payload_frame=options.payload_frame)
-    data, asked = feasibility.run(options, robot,
-                                  read_motion(options.trajectory, robot.joint_names))
+    motion = read_motion(options.motion, robot.joint_names)
+    warn_degrees(robot, motion.positions, options.motion)
+    data, asked = feasibility.run(options, robot, motion)
     if plot is not None:
         plot.plot_demand(asked, options.plot, prismatic=model.sliding)
         data['files'].append(options.plot)
@@ -221,7 +228,8 @@ def doctor(options: Namespace) -> int:
     if options.json:
         print_json([{'level': finding.level, 'words': finding.words} for finding in found])
     else:
-        examination.print_findings(found)
+        examination.print_findings(found if options.verbose else [
+            examination.Finding(each.level, brief(each.words)) for each in found])
     return int(any(finding.level == 'problem' for finding in found))
 
 
@@ -243,6 +251,7 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
     source: Any = None
     if options.motion:
         motion = read_motion(options.motion, robot.joint_names)
+        warn_degrees(robot, motion.positions, options.motion)
         q_d, u_d, _ = motion.sample(0.0)
         q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
         gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
@@ -279,10 +288,14 @@ def _vector(options: Namespace, name: str, robot: Robot) -> Array:
     try:
         values = np.array([float(part) for part in split(given)])
     except ValueError as error:
-        raise InputError(f'--{name}: {error}') from None
+        part = str(error).partition(': ')[2]
+        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
+                         f'{", ".join(robot.joint_names)}') from None
     if len(values) != robot.n:
         raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
                          f'{", ".join(robot.joint_names)}')
+    if name in ('q', 'q0'):
+        warn_degrees(robot, values, f'--{name}')
     return values
 
 

@@ -2,25 +2,39 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+import difflib
 import math
+import re
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 from kane_dynamics.cli import benchmark, commands
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.pictures import add_plot, KINDS
+from kane_dynamics.cli.shared import in_options
+from kane_dynamics.cli.tables import STEP as SAMPLES
 from kane_dynamics.errors import KaneError
 from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.feasibility.samples import STEP
 from kane_dynamics.identification.equations import STANDSTILL
 from kane_dynamics.model import GRAVITY
+from kane_dynamics.resources import package_version
 from kane_dynamics.stepping import INTEGRATORS
+
+SYNONYMS = {  # of options, in other tools
+    'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot', 'accelerations': 'udot',
+    'a': 'udot', 'qd': 'u', 'dq': 'u', 'velocity': 'u', 'velocities': 'u', 'v': 'u', 'speed': 'u',
+    'position': 'q', 'positions': 'q', 'tau': 'torque', 'dt': 'step', 'timestep': 'step',
+    'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip', 'end-effector': 'tip'}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code, 2 for bad usage or input, told on stderr."""
     given = list(sys.argv[1:] if argv is None else argv)
     parser = _parser()
+    if not given:
+        parser.print_help()
+        return 0
     # A blank in front keeps argparse from reading a negative number like -1e-3 as an option.
     marked = {f' {a}': a for a in given if a.startswith('-') and _is_number(a)}
     options, rest = parser.parse_known_args([f' {a}' if f' {a}' in marked else a for a in given])
@@ -31,14 +45,53 @@ def main(argv: Sequence[str] | None = None) -> int:
             setattr(options, name, marked.get(value, value))
     options.rest = [marked.get(argument, argument) for argument in rest]
     if rest and options.command != 'demo':
-        parser.error(f'unrecognized arguments: {" ".join(options.rest)}')
+        _unknown(parser, options)
     try:
         return int(options.run(options) or 0)
     except (KaneError, OSError) as error:
-        print(f'kane-dynamics: error: {error}', file=sys.stderr)
+        print(f'kane-dynamics: error: {_in_words(parser, options.command, str(error))}',
+              file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong, and where the usage stands, instead of all usage first."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and leave with 2."""
+        self.exit(2, f'kane-dynamics: error: {message}\nusage: {self.prog} --help prints it\n')
+
+
+def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
+    """Return the options of a command."""
+    return [flag for flag in _command(parser, command)._option_string_actions
+            if flag.startswith('--')]
+
+
+def _command(parser: argparse.ArgumentParser, command: str) -> argparse.ArgumentParser:
+    """Return the parser of a command."""
+    subs: Any = next(action.choices for action in parser._actions if action.dest == 'command')
+    found: argparse.ArgumentParser = subs[command]
+    return found
+
+
+def _in_words(parser: argparse.ArgumentParser, command: str, text: str) -> str:
+    """Return an error of the library with the command's own names of its arguments."""
+    name = re.match(r'\w*', text)
+    flag = '--' + name[0].replace('_', '-') if name else ''
+    return ('--' if flag in _flags(parser, command) else '') + in_options(text)
+
+
+def _unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> NoReturn:
+    """Refuse options that there are not, with what may be meant."""
+    sub, known = _command(parser, options.command), _flags(parser, options.command)
+    wrong = next((word for word in options.rest if word.startswith('--')), options.rest[0])
+    meant = SYNONYMS.get(wrong.lstrip('-').replace('_', '-').lower())
+    near = [f'--{meant}'] if f'--{meant}' in known else difflib.get_close_matches(wrong, known, 1)
+    hint = f'; expected {near[0]}?' if near else ''
+    sub.error(f'unrecognized arguments: {" ".join(options.rest)}{hint}')
 
 
 def _is_number(text: str) -> bool:
@@ -51,8 +104,9 @@ def _is_number(text: str) -> bool:
 
 def _parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    parser = argparse.ArgumentParser('kane-dynamics', description='Manipulator dynamics by '
-                                     "Kane's method, compiled for one robot at a time.")
+    parser = _Parser('kane-dynamics', description="Manipulator dynamics by Kane's method, "
+                     'compiled for one robot at a time.')
+    parser.add_argument('--version', action='version', version=f'%(prog)s {package_version()}')
     parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
 
     def command(name: str, run: Callable[[Any], int | None], text: str, *, add_help: bool = True
@@ -67,8 +121,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
-    sub.add_argument('--trajectory', metavar='FILE', help='CSV or YAML file; one answer a row')
-    sub.add_argument('--out', metavar='CSV', help='file for the torques of a trajectory')
+    _add_motion(sub, 'CSV or YAML file: its torques, row by row')
+    sub.add_argument('--step', type=float, metavar='S', help='between samples of the motion '
+                     f'(default: {SAMPLES:g} between points of a YAML file; rows of a CSV file)')
+    sub.add_argument('--out', metavar='CSV', help='file for the torques of a motion')
     add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
     sub = command('simulate', commands.simulation, 'Forward dynamics over time')
     _add_model(sub)
@@ -81,12 +137,12 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--integrator', choices=INTEGRATORS, default='rk4',
                      help='implicit: for friction, springs and beams that take a very short step')
     source = sub.add_mutually_exclusive_group()
-    source.add_argument('--motion', metavar='FILE', help='follow it by computed torque')
+    _add_motion(source, 'follow it by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')
     sub.add_argument('--kp', type=float, nargs='+', default=[100.0], metavar='X',
-                     help='for --motion, one or one a joint, 1/s^2; default: 100')
+                     help='for --motion, one value or one per joint, 1/s^2; default: 100')
     sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
-                     help='for --motion, one or one a joint, 1/s; default: 20')
+                     help='for --motion, one value or one per joint, 1/s; default: 20')
     sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
     add_plot(sub, *KINDS, 'tracking')
     sub = command('sweep', commands.sweep, 'Many simulations with values that vary, as a table')
@@ -100,6 +156,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
+    sub.add_argument('--operations', action='store_true',
+                     help='also the arithmetic operations of each compiled function')
     sub = command('bench', benchmark.bench, 'What calls take on this machine')
     _add_model(sub)
     sub = command('export', commands.export, 'C99 source and header of the compiled dynamics')
@@ -142,16 +200,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
     for name, kind, default, text in (
-            ('duration', float, 10.0, 's'), ('periods', int, 1, 'equal ones in that time'),
+            ('duration', float, 10.0, 's'), ('periods', int, 1, 'number of equal periods in the duration'),
             ('harmonics', int, 5, 'sines and cosines of each joint'),
-            ('share', float, 0.9, 'of the limits that may be used'),
+            ('share', float, 0.9, 'fraction of the limits to use'),
             ('seed', int, 0, 'of the motions that the search starts from'),
             ('starts', int, 2, 'how many of these'), ('rate', float, 100.0, 'rows a second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
     for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
-                         help=f'further limit, one or one a joint, {unit}')
+                         help=f'further limit, one value or one per joint, {unit}')
     sub.add_argument('--floor', type=float, metavar='Z',
                      help='height that the origin of no moving link goes below, m')
     sub = command('replay', commands.replay, 'Torques along a recording, beside those measured')
@@ -161,11 +219,11 @@ def _parser() -> argparse.ArgumentParser:
     add_plot(sub, 'measured and computed torques')
     sub = command('feasible', commands.feasible, 'Whether a motion fits the motors')
     _add_model(sub)
-    sub.add_argument('--trajectory', metavar='FILE', required=True, help='CSV or YAML file')
+    _add_motion(sub, 'CSV or YAML file', required=True)
     sub.add_argument('--speed', type=float, default=1.0, metavar='S',
                      help='judge the motion S times as fast as in the file')
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
-                     help='largest mechanical power, one or one a joint (default: no limit)')
+                     help='largest mechanical power, one value or one per joint (default: no limit)')
     sub.add_argument('--payload-frame', metavar='LINK', help='find the largest payload there')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
                      metavar=('X', 'Y', 'Z'), help='its mass centre in that frame, m')
@@ -186,8 +244,7 @@ def _parser() -> argparse.ArgumentParser:
                          help=f'of the {what} in the graph; default: %(default)s')
     sub = command('view', commands.view, 'The robot, its motion and its loads in the browser')
     _add_model(sub)
-    sub.add_argument('--trajectory', metavar='FILE', help='.npz, CSV or YAML file: a slider over '
-                     'time')
+    _add_motion(sub, '.npz, CSV or YAML file: a slider over time')
     sub.add_argument('--host', default='127.0.0.1', help='address to serve at; by default only '
                      'this machine sees the page')
     sub.add_argument('--port', type=int, default=8080, help='or the next free one; default: 8080')
@@ -195,6 +252,11 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
     command('demo', commands.demo, 'Feedforward on a simulated arm, live', add_help=False)
     return parser
+
+
+def _add_motion(sub: Any, text: str, **options: Any) -> None:
+    """Add --motion, and --trajectory as another name of it."""
+    sub.add_argument('--motion', '--trajectory', metavar='FILE', help=text, **options)
 
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
@@ -220,3 +282,5 @@ def _add_model(sub: argparse.ArgumentParser) -> None:
     group.add_argument('--no-strict', action='store_true',
                        help='warn of impossible inertias instead of refusing them')
     sub.add_argument('--json', action='store_true', help='print JSON')
+    sub.add_argument('-v', '--verbose', action='store_true',
+                     help='print all warnings, with every name')

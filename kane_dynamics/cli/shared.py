@@ -9,11 +9,21 @@ import sys
 from typing import Any
 import warnings
 
-from kane_dynamics.errors import ModelWarning
-from kane_dynamics.model import Model
+from kane_dynamics.configurations import suspected_degrees
+from kane_dynamics.errors import ModelWarning, UnusedWarning
+from kane_dynamics.model import Array, Model
 from kane_dynamics.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
+
+LONGEST = 180  # characters of a warning
+OPTIONS = {  # arguments of the library, as messages name them, and the command line's
+    'load with strict=False': 'load with --no-strict', 'because strict=False': 'because of '
+    '--no-strict', 'unless strict=False': 'unless --no-strict', 'strict=False': '--no-strict',
+    'construct it with payload_frame=': 'give --payload-frame',
+    'construct the Robot with wrench_frames=': 'give --wrench-frames',
+    ", integrator='implicit'": ', --integrator implicit', "integrator='implicit'":
+    '--integrator implicit', ', or its XML as str or bytes': '', ', or a dict': ''}
 
 
 def source_of(options: Namespace) -> str | bytes:
@@ -34,7 +44,7 @@ def selection(options: Namespace) -> dict[str, Any]:
 def load(options: Namespace, caught: list[str] | None = None, **choices: Any
          ) -> tuple[Model, Robot]:
     """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
-    with told(caught):
+    with told(caught, verbose=options.verbose):
         model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
         robot = Robot(model, friction=not options.no_friction, **choices)
     return model, robot
@@ -50,22 +60,54 @@ def every_joint(options: Namespace) -> tuple[str, ...] | None:
 
 
 @contextmanager
-def told(caught: list[str] | None = None) -> Iterator[None]:
-    """Put warnings of models into words, before an error too: to `caught`, or to stderr."""
+def told(caught: list[str] | None = None, *, verbose: bool = False) -> Iterator[None]:
+    """
+    Collect warnings of models in `caught`, or print them to stderr, before an error too.
+
+    What is printed is one line a warning, cut where it lists many names, and nothing of elements
+    that no dynamics reads; `verbose` prints all.
+    """
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter('always', ModelWarning)
         try:
             yield
         finally:
             for record in records:
-                if caught is None:
-                    print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
-                else:
-                    caught.append(str(record.message))
+                text = in_options(str(record.message))
+                if caught is not None:
+                    caught.append(text)
+                elif verbose or not issubclass(record.category, UnusedWarning):
+                    print(f'kane-dynamics: warning: {text if verbose else brief(text)}',
+                          file=sys.stderr)
+
+
+def brief(text: str) -> str:
+    """Return a message that fits a line or two: of a long list of names the first."""
+    if len(text) <= LONGEST:
+        return text
+    end = text.rfind(', ', 0, LONGEST)
+    end = text.find(', ') if end < 0 else end
+    if end < 0 or text.count(', ', end) < 2:
+        return text
+    return f'{text[:end]} and {text.count(", ", end)} more (--verbose names all)'
+
+
+def in_options(text: str) -> str:
+    """Return a message of the library in the words of the command line."""
+    for ours, theirs in OPTIONS.items():
+        text = text.replace(ours, theirs)
+    return text
+
+
+def warn_degrees(robot: Robot, q: Array, what: str) -> None:
+    """Print a warning if positions, (n,) or (K, n), look like degrees."""
+    doubt = suspected_degrees(robot, q)
+    if doubt:
+        print(f'kane-dynamics: warning: {what}: {brief(doubt)}', file=sys.stderr)
 
 
 def split(tokens: Iterable[str]) -> list[str]:
-    """Return arguments that are parted by blanks or commas."""
+    """Return arguments that are separated by spaces or commas."""
     return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
 
 

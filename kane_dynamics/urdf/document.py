@@ -50,16 +50,19 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
         return source.lstrip('\ufeff')
     if not isinstance(source, (str, os.PathLike)):
-        raise InputError(f'source is {type(source).__name__}; valid: a path, or the XML as str '
+        raise InputError(f'source is {type(source).__name__}; expected a path, or the XML as str '
                          'or bytes')
     try:
         return _decode(Path(source).read_bytes())
     except (OSError, TypeError, ValueError) as error:
         if isinstance(error, UrdfError):
             raise
+        if isinstance(error, FileNotFoundError):
+            raise UrdfError(f'no such file: {_short_path(os.fspath(source))}; expected the path '
+                            'of a URDF file, or its XML as str or bytes') from None
         reason = error.strerror if isinstance(error, OSError) else error
-        raise UrdfError(f'source is {_short_path(os.fspath(source))}: {reason}; valid: '
-                        'the path of a URDF file, or its XML as str or bytes') from None
+        raise UrdfError(f'source {_short_path(os.fspath(source))}: {reason}; expected the path of '
+                        'a URDF file, or its XML as str or bytes') from None
 
 
 def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> Element:

@@ -9,6 +9,7 @@ from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.tree import Mimic, Single, StatedLimits
 
 UNLIMITED = Limits()
+DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
 ROUNDING = 1e-9  # relative: a follower's bound so near its master's says the same
 
 
@@ -48,11 +49,13 @@ def _limits(single: Single, notices: Notices) -> Limits:
         missing = ['lower', 'upper', *missing]
     if missing:
         notices.no_limit.append(f'{name} ({", ".join(missing)})')
-    return _sensible(name, stated, continuous, notices)
+    return _sensible(single, stated, notices)
 
 
-def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notices) -> Limits:
+def _sensible(single: Single, stated: StatedLimits, notices: Notices) -> Limits:
     """Return what is stated, infinite where that is not sensible, which is noted."""
+    name, kind = single.name, single.source.kind
+    continuous, turns = kind == 'continuous', kind == 'revolute'
     lower, upper = stated.lower, stated.upper
     zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
     if zero:
@@ -66,6 +69,8 @@ def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notice
         if bounds[0] >= bounds[1]:
             notices.bad_limit.append(f'{name} ({bounds[0]:g} to {bounds[1]:g})')
             bounds = (-math.inf, math.inf)
+        if turns and DEGREES < max(abs(bound) for bound in (lower or 0.0, upper or 0.0)) <= 720.0:
+            notices.degrees.append(f'{name} ({lower or 0.0:g} to {upper or 0.0:g})')
     return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
 
 
@@ -73,8 +78,7 @@ def _led(master: Limits, single: Single, mimic: Mimic, notices: Notices) -> Limi
     """Return the limits of a master that keep those of its follower too."""
     if single.source.limits is None:
         return master
-    own = _sensible(single.name, single.source.limits, single.source.kind == 'continuous',
-                    notices)
+    own = _sensible(single, single.source.limits, notices)
     if own.effort not in (math.inf, master.effort):
         notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
                          single.name)

@@ -3,9 +3,12 @@
 from dataclasses import dataclass, field, fields
 import warnings
 
-from kane_dynamics.errors import ModelWarning
+from kane_dynamics.errors import ModelWarning, UnusedWarning
 
 Names = list[str]
+NO_INERTIAL = 'moving links without <inertial>, taken as without mass'
+# Of actuators, simulators and drivers: no part of the mechanism.
+OTHERS = ('<transmission>', '<gazebo>', '<safety_controller>', '<calibration>')
 
 
 def _kind(text: str) -> Names:
@@ -27,12 +30,14 @@ class Notices:
                               'stated: unlimited')
     no_room: Names = _kind('mimic joints whose <limit> leaves their master no room, taken as '
                            'unlimited in position')
+    degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states rad): '
+                           'degrees?')
     indefinite: Names = _kind('links whose inertia has a negative principal moment, used as it '
                               'stands because strict=False')
-    triangle: Names = _kind('links whose inertia no matter can have: a principal moment exceeds '
-                            'the sum of the other two')
+    triangle: Names = _kind('links whose inertia is physically impossible: a principal moment '
+                            'exceeds the sum of the other two (triangle inequality)')
     singular: Names = _kind('links that have mass, but a principal moment of inertia of zero')
-    no_inertial: Names = _kind('moving links without <inertial>, taken as without mass')
+    no_inertial: Names = _kind(NO_INERTIAL)
     massless: Names = _kind('moving bodies without mass; forward dynamics fails if their joints '
                             'move nothing else')
 
@@ -42,11 +47,13 @@ class Notices:
 
     def issue(self) -> None:
         """Warn, once for each kind of doubt, as from the caller of load_urdf."""
-        if self.unused:
+        for category, others in ((ModelWarning, False), (UnusedWarning, True)):
             listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
-                               for what, names in self.unused.items())
-            warnings.warn(f'the URDF states these, but they are not used: {listed}',
-                          ModelWarning, stacklevel=3)
+                               for what, names in self.unused.items()
+                               if what.startswith(OTHERS) == others)
+            if listed:
+                warnings.warn(f'the URDF states these, but they are not used: {listed}',
+                              category, stacklevel=3)
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:

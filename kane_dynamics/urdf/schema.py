@@ -124,14 +124,14 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
 
 
 def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
-    """Raise UrdfError unless a text is `count` finite decimal numbers, parted by blanks."""
+    """Raise UrdfError unless a text is `count` finite decimal numbers, separated by spaces."""
     largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
     if len(parts) != count or not all(
             NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts):
         expected = ('one finite number, like 0.5 or 1e-3' if count == 1
-                    else f'{count} finite numbers parted by blanks, like "0 0.5 1e-3"')
-        hint = '; expand it with xacro first' if '${' in text else ''
+                    else f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"')
+        hint = '; expand it first: xacro FILE.urdf.xacro > FILE.urdf' if '${' in text else ''
         raise UrdfError(f"{what} is '{text}' (line {element.line}); expected {expected}{hint}")
 
 
@@ -150,8 +150,8 @@ def _note_element(element: Element, owner: str, notices: Notices) -> None:
     """Note an element that is not read, unless nobody would expect it to be."""
     tag = element.tag
     if tag.startswith('xacro:'):
-        raise UrdfError(f'{owner} holds <{tag}> (line {element.line}), which xacro would have '
-                        'replaced; valid: the output of xacro')
+        raise UrdfError(f'{owner} holds <{tag}> (line {element.line}), which xacro replaces; '
+                        'expected its output: xacro FILE.urdf.xacro > FILE.urdf')
     if tag == 'transmission':
         names = [x.attributes.get('name', '?') for x in element.find_all('joint')]
         for name in names or [element.attributes.get('name', '?')]:

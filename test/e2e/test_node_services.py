@@ -128,7 +128,8 @@ def reference():
 
 def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     motion = Motion.from_points([0.0, 0.4], [Q, [0.5, -0.2, 0.1]], joint_names=JOINTS)
-    expected = simulate(robot, Q, np.zeros(3), 0.5, torque=ComputedTorque(robot, motion, 100.0, 20.0))
+    expected = simulate(robot, Q, np.zeros(3), 0.5,
+                        torque=ComputedTorque(robot, motion, 100.0, 20.0))
     answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.5,
                        torque_source=Simulate.Request.COMPUTED_TORQUE, reference=reference())
     assert answer.success, answer.message

@@ -1,4 +1,4 @@
-"""Promises of names: what is misspelt is refused with its counterpart, and objects are readable."""
+"""Promises of names: misspelt ones are refused with a counterpart; objects are readable."""
 
 import copy
 import pickle

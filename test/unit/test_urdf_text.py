@@ -47,7 +47,7 @@ def test_names_are_kept_exactly():
     (b'<?xml version="1.0" encoding="utf-7"?><robot/>', ("'utf-7'", 'UTF-8, UTF-16')),
     (b'<?xml version="1.0" encoding="rot13"?><robot/>', ("'rot13'", 'UTF-8, UTF-16')),
     ('<robot name="\ud800"/>', ('surrogate', 'Unicode')),
-    ('/nowhere/arm.urdf', ("'/nowhere/arm.urdf'", 'No such file', 'path of a URDF')),
+    ('/nowhere/arm.urdf', ("'/nowhere/arm.urdf'", 'no such file', 'path of a URDF')),
     ('arm\0.urdf', ('null', 'path of a URDF')),
     ('robot ' * 1000, ('path of a URDF', '...')),
     (Path('/'), ("'/'", 'directory', 'path of a URDF')),
@@ -62,7 +62,7 @@ def test_text_that_cannot_be_read_is_refused_in_words(source, words):
 
 @pytest.mark.parametrize('source', [None, 5, ['a'], object])
 def test_source_of_another_type_is_refused(source):
-    with pytest.raises(InputError, match=r'source is .*; valid: a path, or the XML'):
+    with pytest.raises(InputError, match=r'source is .*; expected a path, or the XML'):
         load_urdf(source)
 
 
