@@ -12,7 +12,7 @@ from kane_dynamics import examination
 from kane_dynamics.cli import (excitation, feasibility, identification, inspection, pictures,
                                replay as replaying, sweeping, viewing)
 from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of, split, told,
-                                      warn_degrees)
+                                      warn_degrees, without_rounding)
 from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
                                       read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
@@ -92,7 +92,8 @@ def simulation(options: Namespace) -> None:
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
           f'from {before:.6g} J to {after:.6g} J')
     inspection.print_table(['joint', 'q', 'u', 'tau'], zip(
-        robot.joint_names, result.q[-1], result.u[-1], result.tau[-1], strict=True))
+        robot.joint_names, *map(without_rounding, (result.q[-1], result.u[-1], result.tau[-1])),
+        strict=True))
     more = len(events) - _MOST_EVENTS
     for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
                  *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
@@ -186,7 +187,8 @@ def replay(options: Namespace) -> None:
     data = replaying.run(options, robot, recording)
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=model.sliding)
+                         options.plot, prismatic=model.sliding, limits=robot.limits.effort,
+                         title=f'{model.name}: measured and computed torque')
     (print_json if options.json else replaying.print_comparison)(data)
 
 
@@ -198,7 +200,8 @@ def feasible(options: Namespace) -> int:
     warn_degrees(robot, motion.positions, options.motion)
     data, asked = feasibility.run(options, robot, motion)
     if plot is not None:
-        plot.plot_demand(asked, options.plot, prismatic=model.sliding)
+        plot.plot_demand(asked, options.plot, prismatic=model.sliding,
+                         title=f'{model.name}: torque, speed and power against the limits')
         data['files'].append(options.plot)
     (print_json if options.json else feasibility.print_data)(data)
     return 0 if data['fits'] else 1
@@ -308,6 +311,7 @@ def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
     slides = model.sliding
+    rows = without_rounding(np.column_stack([tau, terms.T]))
     inspection.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
-        [name, total, 'N' if name in slides else 'N m', *row]
-        for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])
+        [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
+        for name, row in zip(robot.joint_names, rows, strict=True)])

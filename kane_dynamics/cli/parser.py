@@ -61,7 +61,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and leave with 2."""
-        self.exit(2, f'kane-dynamics: error: {message}\nusage: {self.prog} --help prints it\n')
+        self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 
 def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
@@ -200,7 +200,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
     for name, kind, default, text in (
-            ('duration', float, 10.0, 's'), ('periods', int, 1, 'number of equal periods in the duration'),
+            ('duration', float, 10.0, 's'),
+            ('periods', int, 1, 'number of equal periods in the duration'),
             ('harmonics', int, 5, 'sines and cosines of each joint'),
             ('share', float, 0.9, 'fraction of the limits to use'),
             ('seed', int, 0, 'of the motions that the search starts from'),
@@ -223,7 +224,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument('--speed', type=float, default=1.0, metavar='S',
                      help='judge the motion S times as fast as in the file')
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
-                     help='largest mechanical power, one value or one per joint (default: no limit)')
+                     help='largest mechanical power, one value or one per joint (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK', help='find the largest payload there')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
                      metavar=('X', 'Y', 'Z'), help='its mass centre in that frame, m')

@@ -17,6 +17,7 @@ from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 LONGEST = 180  # characters of a warning
+ROUNDING = 1e-13  # of the largest number that is printed beside it
 OPTIONS = {  # arguments of the library, as messages name them, and the command line's
     'load with strict=False': 'load with --no-strict', 'because strict=False': 'because of '
     '--no-strict', 'unless strict=False': 'unless --no-strict', 'strict=False': '--no-strict',
@@ -97,6 +98,11 @@ def in_options(text: str) -> str:
     for ours, theirs in OPTIONS.items():
         text = text.replace(ours, theirs)
     return text
+
+
+def without_rounding(values: Array) -> Array:
+    """Return numbers with 0 for those that are rounding errors beside the largest."""
+    return np.where(np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
 
 
 def warn_degrees(robot: Robot, q: Array, what: str) -> None:

@@ -4,7 +4,8 @@ import copy
 
 from kane_dynamics.model import Array
 from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED,
-                                      show_at_least, SKY, styled, time_axis, zero_line)
+                                      show_at_least, SKY, styled, time_axis, titled,
+                                      zero_line)
 from kane_dynamics.power import power_balance, unaccounted_energy
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
@@ -13,7 +14,7 @@ import numpy as np
 
 
 def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-                title: str = 'Energy and power') -> Figure:
+                title: str | None = None) -> Figure:
     """
     Draw energies, what the motors put in and friction takes, and what does not balance.
 
@@ -30,8 +31,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -40,6 +41,7 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
 
     """
     trajectory.require(robot, 'plot_energy')
+    title = titled('energy and power', robot.model.name) if title is None else title
     t, energy = trajectory.t, trajectory.energy.sum(axis=1)
     power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot)
     strain = strain_energy(robot, trajectory.q)

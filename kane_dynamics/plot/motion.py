@@ -4,21 +4,29 @@ from collections.abc import Collection
 from itertools import cycle
 from typing import Any
 
+from kane_dynamics.parameters import JointLimits
 from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, INK, legend_below, LINES,
-                                      ORANGE, Path, RED, SKY, styled, THIN, time_axis, unit)
+                                      ORANGE, Path, RED, show_at_least, SKY, styled, THIN,
+                                      time_axis, titled, unit)
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 import numpy as np
 
+WIDE, SLIM = 3.4, 1.0  # of lines, from the first joint to the last
+NEAR = 1.5  # times what a panel shows: as far limits are drawn
 _MARGIN = 0.06  # of a panel's span, beyond motion and limits
 
 
 def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
-                    prismatic: Collection[str] = (), title: str = 'Simulated motion') -> Figure:
+                    prismatic: Collection[str] = (), limits: JointLimits | None = None,
+                    title: str = 'Simulated motion') -> Figure:
     """
     Draw positions, speeds, torques and energies of a simulation over time.
+
+    Lines get thinner from joint to joint: where several are one on another, all are seen.
 
     Parameters
     ----------
@@ -28,6 +36,9 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         File to write; its suffix is the format.
     prismatic : collection of str
         Names of the joints that slide, whose units are m and N.
+    limits : JointLimits, optional
+        `Robot.limits`: those of speed and torque are drawn in the joints' colours, as far as they
+        leave the lines recognisable.
     title : str
         Above the picture.
 
@@ -41,10 +52,19 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         for axes, rows, what, names in zip(
                 panels, (trajectory.q, trajectory.u, trajectory.tau),
                 ('Position', 'Speed', 'Torque'), (joints, speeds, speeds), strict=False):
-            for name, row in zip(names, np.asarray(rows).T, strict=True):
+            for k, (name, row) in enumerate(zip(names, np.asarray(rows).T, strict=True)):
                 color, dash = lines[name]
-                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash)
+                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash,
+                                         linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
+            show_at_least(axes, 1e-6)
+            if limits is not None and what != 'Position':
+                bounds = limits.velocity if what == 'Speed' else limits.effort
+                for name, bound in zip(joints, bounds.tolist()):
+                    if name in speeds:
+                        _limit(axes, bound, lines[name][0])
             axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
+        if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
+            shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
         figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
                       alignment='left', ncols=1 + len(shown) // 32)
         kinetic, potential = np.asarray(trajectory.energy).T
@@ -58,7 +78,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
 
 
 def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-               title: str = 'Phase portrait') -> Figure:
+               title: str | None = None) -> Figure:
     """
     Draw each joint's speed over its position, with the limits of both.
 
@@ -70,8 +90,8 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -80,6 +100,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
 
     """
     trajectory.require(robot, 'plot_phase')
+    title = titled('phase portrait', robot.model.name) if title is None else title
     rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(
         trajectory.q, trajectory.u, t=trajectory.t)
     names, limits = robot.joint_names, robot.limits
@@ -101,11 +122,20 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     return figure
 
 
+def _limit(axes: Axes, bound: float, color: str) -> None:
+    """Draw a joint's limit on both sides, each where the panel comes near it."""
+    low, high = axes.get_ylim()
+    for value, end in ((bound, high), (-bound, -low)):
+        if np.isfinite(value) and bound < NEAR * end:
+            axes.axhline(value, color=color, linestyle='--', linewidth=THIN, label='limit')
+
+
 def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
     """Show values and finite limits along 'x' or 'y': lines, and grey beyond them."""
     bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
     reach = [*bounds, values.min(), values.max()]
-    margin = _MARGIN * (max(reach) - min(reach)) or 1.0
+    span = max(reach) - min(reach)
+    margin = _MARGIN * span if span > 1e-9 else 1.0  # rounding is no motion
     ends = (min(reach) - margin, max(reach) + margin)
     (axes.set_xlim if along == 'x' else axes.set_ylim)(*ends)
     line, span = (axes.axvline, axes.axvspan) if along == 'x' else (axes.axhline, axes.axhspan)

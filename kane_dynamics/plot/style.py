@@ -19,6 +19,8 @@ Path = str | os.PathLike[str]
 BLUE, ORANGE, GREEN, RED = '#0072B2', '#E69F00', '#009E73', '#D55E00'
 PINK, SKY, GREY, INK = '#CC79A7', '#56B4E9', '#8A8F98', '#22262B'
 LINES = (BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY)
+REACH = 3.0  # times what a panel shows: as far limits are drawn
+NOISE = 1e-6  # of the largest value of all panels of a kind
 THIN = 0.8  # of lines that stand behind, and of measured ones
 _STYLE: Any = {
     'font.family': 'sans-serif', 'font.size': 10.0, 'text.color': INK, 'figure.dpi': 100.0,
@@ -102,6 +104,36 @@ def show_at_least(axes: Axes, least: float) -> None:
     """Widen a panel to values of that size: where there is nothing, rounding must not fill it."""
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -least), max(high, least))
+
+
+def limit_lines(axes: Axes, bound: float, color: str = RED) -> bool:
+    """
+    Draw -bound and bound as dashed lines, where that leaves values recognisable.
+
+    A bound further away than `REACH` times what a panel shows is written in its corner instead,
+    and False is returned; likewise, without a word, where there is no bound.
+    """
+    if not np.isfinite(bound):
+        return False
+    low, high = axes.get_ylim()
+    if bound > REACH * max(-low, high):
+        axes.text(0.995, 0.96, f'limit ±{bound:g}', transform=axes.transAxes, ha='right', va='top',
+                  fontsize=8.0, color=color)
+        return False
+    for sign in (-1.0, 1.0):
+        if sign * (high if sign > 0.0 else low) > bound / REACH or low <= sign * bound <= high:
+            axes.axhline(sign * bound, color=color, linestyle='--', linewidth=1.0, label='limit')
+    return True
+
+
+def at_least(values: Array) -> float:
+    """Return half the smallest height of panels: what is less beside all values is rounding."""
+    return max(NOISE * float(np.abs(values).max(initial=0.0)), 1e-9)
+
+
+def titled(what: str, name: str) -> str:
+    """Return the title of a picture of a robot."""
+    return f'{name}: {what}' if name else what
 
 
 def above(axes: Axes, columns: int) -> None:

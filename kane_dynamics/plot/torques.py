@@ -3,8 +3,9 @@
 from collections.abc import Collection, Sequence
 
 from kane_dynamics.model import Array
-from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, INK, legend_below, ORANGE, Path,
-                                      RED, rms, SKY, styled, THIN, time_axis, unit, zero_line)
+from kane_dynamics.plot.style import (at_least, beside, BLUE, GREEN, grid, INK, legend_below,
+                                      limit_lines, ORANGE, Path, RED, rms, show_at_least, SKY,
+                                      styled, THIN, time_axis, titled, unit, zero_line)
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 from matplotlib.axes import Axes
@@ -13,13 +14,13 @@ import numpy as np
 
 _SOURCES = {'inertia': BLUE, 'Coriolis, centrifugal': ORANGE, 'gravity': '#B9BEC6',
             'friction': RED, 'springs': GREEN}  # in the order of TORQUE_TERMS
-LABELS = (*_SOURCES, 'sum')
+LABELS = (*_SOURCES, 'sum', 'limit')
 
 
 def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-                          title: str = 'Torque by source') -> Figure:
+                          title: str | None = None) -> Figure:
     """
-    Draw what each joint's torque is made of as areas stacked away from zero, and their sum.
+    Draw what each joint's torque is made of as areas stacked away from zero, sum and limits.
 
     Parameters
     ----------
@@ -29,8 +30,8 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -42,10 +43,14 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
     names = trajectory.speed_names
     columns = 1 if len(names) < 4 else 2
+    title = titled('torque by source', robot.model.name) if title is None else title
+    limits = effort_limits(robot, names)
     with styled(10.0, 1.3 + 2.0 * -(-len(names) // columns), title, path) as figure:
         panels = grid(figure, len(names), columns, share_x=True)
         for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
-            stack(axes, trajectory.t, terms[:, :, i])
+            stack(axes, trajectory.t, without_rounding(terms[:, :, i], terms))
+            show_at_least(axes, at_least(terms))
+            limit_lines(axes, limits[i])
             axes.set_title(name)
             axes.set_ylabel(f'[{unit("Torque", [name], robot.model.sliding)}]')
         legend_below(figure, panels, LABELS)
@@ -55,6 +60,7 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
 
 def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequence[str],
                 path: Path | None = None, *, prismatic: Collection[str] = (),
+                limits: Array | None = None,
                 title: str = 'Measured and computed torque') -> Figure:
     """
     Draw each joint's measured torque, the one computed for the same motion, and the difference.
@@ -71,6 +77,8 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         File to write; its suffix is the format.
     prismatic : collection of str
         Names of the joints that slide, whose unit is N.
+    limits : (n,) array, optional
+        Of the torques, N m or N; infinite for none.
     title : str
         Above the picture.
 
@@ -82,8 +90,12 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
             newton = unit('Torque', [name], prismatic)
             whole.plot(t, a, color=ORANGE, linewidth=THIN, label='measured')
             whole.plot(t, b, color=INK, linewidth=1.0, label='computed')
+            show_at_least(whole, at_least(measured))
+            if limits is not None:
+                limit_lines(whole, limits[names.index(name)])
             whole.set_ylabel(f'{name}\n[{newton}]')
             rest.plot(t, a - b, color=SKY, linewidth=THIN)
+            show_at_least(rest, at_least(measured))
             rest.set_ylabel(f'[{newton}]')
             zero_line(rest)
             beside(rest, ('RMS', INK), (f'{rms(a - b):.3g} {newton}', INK))
@@ -92,6 +104,17 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         legend_below(figure, panels[0, :1])
         time_axis(panels)
     return figure
+
+
+def effort_limits(robot: Robot, speed_names: Sequence[str]) -> list[float]:
+    """Return the effort limit of each speed that is a joint's rate; infinite for others."""
+    limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
+    return [limits.get(name, np.inf) for name in speed_names]
+
+
+def without_rounding(values: Array, beside: Array) -> Array:
+    """Return values with 0 for what is rounding beside all others."""
+    return np.where(np.abs(values) < 1e-12 * np.abs(beside).max(initial=0.0), 0.0, values)
 
 
 def stack(axes: Axes, t: Array, terms: Array) -> None:
