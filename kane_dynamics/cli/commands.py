@@ -11,8 +11,8 @@ import warnings
 from kane_dynamics import examination
 from kane_dynamics.cli import (excitation, feasibility, identification, inspection, pictures,
                                replay as replaying, sweeping, viewing)
-from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of, split, told,
-                                      warn_degrees, without_rounding)
+from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of,
+                                      split, told, warn_degrees, without_rounding)
 from kane_dynamics.cli.tables import (read_motion, read_rows, read_states,
                                       read_trajectory, write_states)
 from kane_dynamics.control import ComputedTorque
@@ -112,7 +112,8 @@ def inspect(options: Namespace) -> int:
     model, robot = load(options, caught)
     if not options.verbose:
         caught = [brief(text) for text in caught]
-    facts = inspection.describe(model, robot, caught, operations=options.operations or options.json)
+    facts = inspection.describe(model, robot, caught,
+                                operations=options.operations or options.json)
     if options.against:
         # The peer knows neither a supplement nor friction.
         with warnings.catch_warnings():

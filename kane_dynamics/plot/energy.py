@@ -41,7 +41,7 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
 
     """
     trajectory.require(robot, 'plot_energy')
-    title = titled('energy and power', robot.model.name) if title is None else title
+    title = titled(title, 'energy and power', robot.model.name)
     t, energy = trajectory.t, trajectory.energy.sum(axis=1)
     power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot)
     strain = strain_energy(robot, trajectory.q)

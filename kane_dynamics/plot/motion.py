@@ -1,13 +1,14 @@
 """Motions over time and in the phase plane."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from itertools import cycle
 from typing import Any
 
+from kane_dynamics.model import Array
 from kane_dynamics.parameters import JointLimits
-from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, INK, legend_below, LINES,
-                                      ORANGE, Path, RED, show_at_least, SKY, styled, THIN,
-                                      time_axis, titled, unit)
+from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, hide_rounding, INK,
+                                      legend_below, LINES, MARGIN, NEAR, NOISE, ORANGE, Path, RED,
+                                      SKY, styled, THIN, time_axis, titled, unit)
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 from matplotlib.axes import Axes
@@ -16,8 +17,6 @@ from matplotlib.lines import Line2D
 import numpy as np
 
 WIDE, SLIM = 3.4, 1.0  # of lines, from the first joint to the last
-NEAR = 1.5  # times what a panel shows: as far limits are drawn
-_MARGIN = 0.06  # of a panel's span, beyond motion and limits
 
 
 def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
@@ -56,12 +55,11 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                 color, dash = lines[name]
                 shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash,
                                          linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
-            show_at_least(axes, 1e-6)
+            hide_rounding(axes, NOISE * float(np.abs(rows).max(initial=1.0)), 0.1)
             if limits is not None and what != 'Position':
-                bounds = limits.velocity if what == 'Speed' else limits.effort
-                for name, bound in zip(joints, bounds.tolist()):
-                    if name in speeds:
-                        _limit(axes, bound, lines[name][0])
+                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(joints, (
+                    limits.velocity if what == 'Speed' else limits.effort).tolist())),
+                    {name: color for name, (color, _) in lines.items()})
             axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
         if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
             shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
@@ -100,7 +98,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
 
     """
     trajectory.require(robot, 'plot_phase')
-    title = titled('phase portrait', robot.model.name) if title is None else title
+    title = titled(title, 'phase portrait', robot.model.name)
     rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(
         trajectory.q, trajectory.u, t=trajectory.t)
     names, limits = robot.joint_names, robot.limits
@@ -122,12 +120,24 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     return figure
 
 
-def _limit(axes: Axes, bound: float, color: str) -> None:
-    """Draw a joint's limit on both sides, each where the panel comes near it."""
+def _limits(axes: Axes, rows: Mapping[str, Array], bounds: Mapping[str, float],
+            colors: Mapping[str, str]) -> None:
+    """Draw the limits that joints come near to, and write the largest share of a limit."""
+    shares = {name: float(np.abs(row).max(initial=0.0)) / bounds[name]
+              for name, row in rows.items() if np.isfinite(bounds.get(name, np.inf))}
     low, high = axes.get_ylim()
-    for value, end in ((bound, high), (-bound, -low)):
-        if np.isfinite(value) and bound < NEAR * end:
-            axes.axhline(value, color=color, linestyle='--', linewidth=THIN, label='limit')
+    reach = [low, high]
+    for name, share in shares.items():
+        for sign in (-1.0, 1.0):
+            if share > 1.0 / NEAR and bounds[name] < NEAR * float((sign * rows[name]).max()):
+                axes.axhline(sign * bounds[name], color=colors[name], linestyle='--',
+                             linewidth=THIN, label='limit')
+                reach.append(sign * (1.0 + MARGIN) * bounds[name])
+    axes.set_ylim(min(reach), max(reach))
+    if shares:
+        most = max(shares, key=lambda name: shares[name])
+        axes.set_title(f'at most {100.0 * shares[most]:.3g} % of a limit ({most})', loc='right',
+                       fontsize=8.0, fontweight='normal', color=colors[most])
 
 
 def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
@@ -135,7 +145,7 @@ def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) ->
     bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
     reach = [*bounds, values.min(), values.max()]
     span = max(reach) - min(reach)
-    margin = _MARGIN * span if span > 1e-9 else 1.0  # rounding is no motion
+    margin = MARGIN * span if span > 1e-9 else 1.0  # rounding is no motion
     ends = (min(reach) - margin, max(reach) + margin)
     (axes.set_xlim if along == 'x' else axes.set_ylim)(*ends)
     line, span = (axes.axvline, axes.axvspan) if along == 'x' else (axes.axhline, axes.axhspan)

@@ -34,7 +34,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
 
     """
     trajectory.require(robot, 'plot_reactions')
-    title = titled('joint reactions, parent on child, world axes', robot.model.name) if title is None else title
+    title = titled(title, 'joint reactions, parent on child, world axes', robot.model.name)
     reactions = robot.joint_reactions(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
     least = 1e-6 * np.abs(reactions).max()
     joints = [body.joint.name for body in robot.model.bodies]

@@ -3,9 +3,9 @@
 from collections.abc import Collection, Sequence
 
 from kane_dynamics.model import Array
-from kane_dynamics.plot.style import (at_least, beside, BLUE, GREEN, grid, INK, legend_below,
-                                      limit_lines, ORANGE, Path, RED, rms, show_at_least, SKY,
-                                      styled, THIN, time_axis, titled, unit, zero_line)
+from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK, legend_below,
+                                      limit_lines, NOISE, ORANGE, Path, RED, rms, SKY, styled,
+                                      THIN, time_axis, titled, unit, zero_line)
 from kane_dynamics.robot import Robot
 from kane_dynamics.trajectory import Trajectory
 from matplotlib.axes import Axes
@@ -43,14 +43,15 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
     names = trajectory.speed_names
     columns = 1 if len(names) < 4 else 2
-    title = titled('torque by source', robot.model.name) if title is None else title
+    title = titled(title, 'torque by source', robot.model.name)
     limits = effort_limits(robot, names)
     with styled(10.0, 1.3 + 2.0 * -(-len(names) // columns), title, path) as figure:
         panels = grid(figure, len(names), columns, share_x=True)
         for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
             stack(axes, trajectory.t, without_rounding(terms[:, :, i], terms))
-            show_at_least(axes, at_least(terms))
-            limit_lines(axes, limits[i])
+            largest = float(np.abs(terms).max(initial=0.0))
+            hide_rounding(axes, NOISE * largest, 0.01 * largest or 1.0)
+            limit_lines(axes, terms[:, :, i].sum(axis=1), limits[i])
             axes.set_title(name)
             axes.set_ylabel(f'[{unit("Torque", [name], robot.model.sliding)}]')
         legend_below(figure, panels, LABELS)
@@ -84,18 +85,19 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
 
     """
     names = list(joint_names)
+    largest = float(np.abs(measured).max(initial=0.0))
     with styled(10.0, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), 2, sharex=True, squeeze=False)
         for name, (whole, rest), a, b in zip(names, panels, measured.T, computed.T, strict=True):
             newton = unit('Torque', [name], prismatic)
             whole.plot(t, a, color=ORANGE, linewidth=THIN, label='measured')
             whole.plot(t, b, color=INK, linewidth=1.0, label='computed')
-            show_at_least(whole, at_least(measured))
+            hide_rounding(whole, NOISE * largest, 0.01 * largest or 1.0)
             if limits is not None:
-                limit_lines(whole, limits[names.index(name)])
+                limit_lines(whole, np.concatenate([a, b]), limits[names.index(name)])
             whole.set_ylabel(f'{name}\n[{newton}]')
             rest.plot(t, a - b, color=SKY, linewidth=THIN)
-            show_at_least(rest, at_least(measured))
+            hide_rounding(rest, NOISE * largest, 0.01 * largest or 1.0)
             rest.set_ylabel(f'[{newton}]')
             zero_line(rest)
             beside(rest, ('RMS', INK), (f'{rms(a - b):.3g} {newton}', INK))
