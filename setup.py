@@ -58,8 +58,8 @@ setup(
           for folder in ('config', 'launch', 'urdf')],
     ],
     entry_points={'console_scripts': [
-        'dynamics_node = kane_dynamics.ros.main:main',
-        'plant_node = kane_dynamics.ros.plant.main:main',
+        'dynamics_node = kane_dynamics.ros.dynamics_node.main:main',
+        'plant_node = kane_dynamics.ros.plant.plant_main:main',
         'kane-dynamics = kane_dynamics.cli:main',
     ]},
     zip_safe=False,

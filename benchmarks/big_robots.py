@@ -11,8 +11,8 @@ import time
 import warnings
 
 from kane_dynamics import Body, Frame, Inertial, Joint, load_urdf, Model, Robot
-from kane_dynamics.model import WORLD
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.model.model import WORLD
 import numpy as np
 
 MOST_SECONDS = 3.0  # for a kernel, from nothing

@@ -5,7 +5,7 @@ import time
 
 from kane_dynamics import (absolute_rates, Closure, Coupling, FlexibleLink, knife_edge, Model,
                            ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod, simulate)
-from kane_dynamics.cli.interleaved import interleaved, Timing
+from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
 from native_loop import kernel_loop, Race, shipped_arm, STATES
 import numpy as np
 

@@ -10,10 +10,10 @@ import warnings
 
 from big_robots import BIG
 from kane_dynamics import load_urdf, Model, Robot
-from kane_dynamics.cli.interleaved import interleaved, Timing
-from kane_dynamics.native.kernels import Kernel
-from kane_dynamics.native.support import repeat
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.loop_support import repeat
 import numpy as np
 from pinocchio_native import library, Pinocchio, Unavailable
 

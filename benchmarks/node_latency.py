@@ -25,7 +25,7 @@ import time
 from typing import IO
 
 from kane_dynamics import load_urdf
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics_interfaces.srv import Simulate
 import numpy as np
 import rclpy
@@ -96,7 +96,7 @@ def load() -> None:
 @contextmanager
 def contenders(*more: str) -> Iterator[subprocess.Popen[str]]:
     """Run the processes while the block runs; yield the one that asks for simulations."""
-    node = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args',
+    node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
             '-r', f'__ns:={NAMESPACES[OURS]}', '-p', f'urdf:={URDF}', '-p', 'state_timeout:=5.0',
             '-p', 'mode:=computed_torque', '-p', f'joints:=[{",".join(JOINTS)}]', *more]
     commands = [node] + [[sys.executable, __file__, NAMESPACES[name], name]

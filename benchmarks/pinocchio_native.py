@@ -18,7 +18,7 @@ import sysconfig
 import weakref
 
 from kane_dynamics import Model, Robot
-from kane_dynamics.model import WORLD
+from kane_dynamics.model.model import WORLD
 import numpy as np
 
 SOURCE = Path(__file__).with_name('pinocchio_loop.cpp')

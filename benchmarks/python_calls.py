@@ -11,9 +11,9 @@ from typing import Any
 import warnings
 
 from kane_dynamics import load_urdf, Robot, simulate
-from kane_dynamics.cli.benchmark import call_timings, peer_of
-from kane_dynamics.cli.interleaved import interleaved, Timing
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli.commands.bench_command import call_timings, peer_of
+from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
 import numpy as np
 import pinocchio as pin
 
@@ -33,8 +33,8 @@ import json, sys, time, warnings
 warnings.simplefilter('ignore')
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.native import entry
-from kane_dynamics.native.support import support
-from kane_dynamics.quantities import IN_LOOPS
+from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.robot.quantities import IN_LOOPS
 path = sys.argv[1]
 model = load_urdf(path, joints=[n for n in load_urdf(path).joint_names if 'finger' not in n])
 times = [time.perf_counter()]

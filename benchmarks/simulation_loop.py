@@ -4,11 +4,11 @@ import sys
 import warnings
 
 from kane_dynamics import Robot, simulate
-from kane_dynamics.cli.interleaved import interleaved
-from kane_dynamics.model import Model
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli.commands.interleaved_timing import interleaved
+from kane_dynamics.model.model import Model
 import mujoco
-from native_loop import ARMS, Race, race
+from native_loop import ARMS, race, Race
 import numpy as np
 from pinocchio_native import Pinocchio, Unavailable
 

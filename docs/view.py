@@ -6,8 +6,8 @@ import time
 
 from browser import browser  # of test/e2e
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.motion import Motion
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.simulation.trajectory import Trajectory
 from kane_dynamics.urdf.visuals import load_visuals
 from kane_dynamics.view import Window
 import numpy as np

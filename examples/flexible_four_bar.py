@@ -3,7 +3,7 @@
 import sys
 
 from kane_dynamics import Closure, FlexibleLink, ModelBuilder, Robot, rod, simulate
-from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
+from kane_dynamics.mechanics.energy_form.lagrange_constrained import EnergyForm, PasserelloHuston
 import numpy as np
 
 
@@ -28,7 +28,7 @@ if __name__ == '__main__':
     q = linkage.closed_posture((0.8, 0, 0, 0, -1.5), fixed=crank)
     u, udot = np.array([5.0, 0.2, -0.1]), np.array([2.0, -1.0, 3.0])
     tau = linkage.inverse_dynamics(q, u, udot)
-    by_energy = EnergyRoad(linkage.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
+    by_energy = EnergyForm(linkage.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
     print(f'crank torque {tau[0]:.6f} N m; the energy road differs by '
           f'{np.abs(by_energy - tau).max():.1e}')
     run = simulate(linkage, q, np.array([12.0, 0, 0]), 1.0, step=1e-4, sample=0.02)

@@ -4,7 +4,7 @@ import sys
 
 from kane_dynamics import (ball, FlexibleLink, knife_edge, ModelBuilder, natural_vibration,
                            point_mass, Robot, simulate)
-from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
+from kane_dynamics.mechanics.energy_form.lagrange_constrained import EnergyForm, PasserelloHuston
 import numpy as np
 
 
@@ -26,7 +26,7 @@ if __name__ == '__main__':
     q = rng.uniform(-1.0, 1.0, 6) * [1, 1, 1, 0.3, 0.02, 0.02]
     u, udot = rng.uniform(-1.0, 1.0, (2, 5)) * [1, 1, 1, 0.1, 0.1]
     tau = sleigh.inverse_dynamics(q, u, udot)
-    by_energy = EnergyRoad(sleigh.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
+    by_energy = EnergyForm(sleigh.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
     print(f'push along the blade {tau[0]:.6f} N; the energy road differs by '
           f'{np.abs(by_energy - tau).max():.1e}')
     run = simulate(sleigh, np.zeros(6), np.array([2.0, 1.5, 0, 0, 0]), 2.0, step=2e-4,

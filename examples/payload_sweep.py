@@ -4,7 +4,7 @@ import sys
 from tempfile import TemporaryDirectory
 
 from kane_dynamics import load_urdf, Motion
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 import numpy as np
 

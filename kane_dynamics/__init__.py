@@ -1,32 +1,32 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
-from kane_dynamics.build import ModelBuilder
-from kane_dynamics.constraint_file import load_constraints
-from kane_dynamics.contact import CollisionDetector, frame_wrench
-from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
-from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
-                                  ModelError, ModelWarning, SweepError, UrdfError)
-from kane_dynamics.flexible_link import FlexibleLink
-from kane_dynamics.flexing import stiffened, with_beam
+from kane_dynamics.analysis.power_balance import power_balance
+from kane_dynamics.analysis.vibration import natural_vibration
+from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
+from kane_dynamics.control.controller import ComputedTorque, Controller, Mode, Terms
+from kane_dynamics.control.momentum_observer import MomentumObserver
+from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError, ModelError,
+                                  ModelWarning, SweepError, UrdfError)
 from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error, pose_exp,
                                       pose_log, rotation_exp, rotation_log)
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
-from kane_dynamics.mechanics.speeds import (absolute_rates, body_angular_velocity, momenta,
-                                            Speeds)
-from kane_dynamics.mode_shapes import Bending, Torsion
-from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model
-from kane_dynamics.motion import Motion
-from kane_dynamics.observer import MomentumObserver
-from kane_dynamics.power import power_balance
-from kane_dynamics.quasi_static import QuasiStatic
-from kane_dynamics.robot import Robot
-from kane_dynamics.shapes import ball, box, disc, point_mass, rod
-from kane_dynamics.simulation import simulate
-from kane_dynamics.stability import longest_step
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.mechanics.constraints.speeds import (absolute_rates, body_angular_velocity,
+                                                        momenta, Speeds)
+from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
+from kane_dynamics.model.builder import ModelBuilder
+from kane_dynamics.model.flexible_link import FlexibleLink
+from kane_dynamics.model.flexible_model import stiffened, with_beam
+from kane_dynamics.model.mode_shapes import Bending, Torsion
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
+from kane_dynamics.model.primitive_inertias import ball, box, disc, point_mass, rod
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.simulate import simulate
+from kane_dynamics.simulation.step_size import longest_step
+from kane_dynamics.simulation.trajectory import Trajectory
 from kane_dynamics.urdf import load_urdf
-from kane_dynamics.vibration import natural_vibration
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',

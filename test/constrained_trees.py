@@ -5,9 +5,10 @@ from functools import cache
 from kane_dynamics import ModelBuilder
 from kane_dynamics.mechanics.constraints import (Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed)
-from kane_dynamics.mechanics.speeds import absolute_rates, momenta, Speeds
-from kane_dynamics.mechanics.structure import closed_posture, structured
-from kane_dynamics.shapes import disc, rod
+from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
+                                                                    closed_posture)
+from kane_dynamics.mechanics.constraints.speeds import absolute_rates, momenta, Speeds
+from kane_dynamics.model.primitive_inertias import disc, rod
 from mechanisms import random_model
 import numpy as np
 
@@ -53,12 +54,12 @@ def tree(seed, kind, speeds):
     chosen = {'rates': None, 'absolute': absolute_rates, 'momenta': momenta,
               'wavy': wavy(5, seed)}[speeds]
     if kind == 'speeds of others':
-        names = structured(model, chosen, ()).speed_names
+        names = choose_independent(model, chosen, ()).speed_names
         constraint = DependentSpeeds(names[3:], lambda q, t: np.array(
             [[np.sin(q[0]), 0.5, t], [0.2, np.cos(q[1]), 1.0]]), lambda q, t: np.array([t, q[2]]))
     else:
         constraint = tree_constraints(frame, base)[kind]
-    return structured(model, chosen, (constraint,))
+    return choose_independent(model, chosen, (constraint,))
 
 
 def linkage_of_four_bars():

@@ -1,7 +1,8 @@
 """Kane's definition behind `Robot`'s method names, so that one test can hold both."""
 
-from kane_dynamics.mechanics import energy, kane, kinematics
-from kane_dynamics.mechanics.hyperdual import seeded
+from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.definition import kane, kinematics
+from kane_dynamics.mechanics.energy_form import energies
 import numpy as np
 
 
@@ -45,11 +46,11 @@ class Definition:
 
     def kinetic_energy(self, q, u):
         """Return the kinetic energy by the energy road."""
-        return energy.kinetic_energy(self.model, q, u)
+        return energies.kinetic_energy(self.model, q, u)
 
     def potential_energy(self, q):
         """Return the potential energy by the energy road."""
-        return energy.potential_energy(self.model, q)
+        return energies.potential_energy(self.model, q)
 
     def frame_pose(self, frame, q):
         """Return a (4, 4) pose."""

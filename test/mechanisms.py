@@ -1,6 +1,6 @@
 """Random mechanisms for tests: trees with every kind of joint that a Model can hold."""
 
-from kane_dynamics.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
 import numpy as np
 
 

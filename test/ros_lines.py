@@ -7,9 +7,9 @@ import re
 import shlex
 
 from documents import ROOT
-from kane_dynamics.ros.parameters import read
-from kane_dynamics.ros.plant import specs as plant_specs
-from kane_dynamics.ros.specs import SPECS
+from kane_dynamics.ros.parameters.parameter_checks import read
+from kane_dynamics.ros.parameters.parameter_table import SPECS
+from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import yaml
 
 TABLES = {'kane_dynamics': {spec.name: spec for spec in SPECS},

@@ -8,18 +8,18 @@ import re
 import sys
 from typing import Any, NoReturn
 
-from kane_dynamics.cli import benchmark, commands
+from kane_dynamics._util.resources import package_version
+from kane_dynamics.cli.commands import bench_command, commands
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.cli.shared import in_options
 from kane_dynamics.cli.tables import STEP as SAMPLES
 from kane_dynamics.errors import KaneError
-from kane_dynamics.export import DEFAULT_KERNELS
 from kane_dynamics.feasibility.samples import STEP
-from kane_dynamics.identification.equations import STANDSTILL
-from kane_dynamics.model import GRAVITY
-from kane_dynamics.resources import package_version
-from kane_dynamics.stepping import INTEGRATORS
+from kane_dynamics.identification.regression import STANDSTILL
+from kane_dynamics.model.model import GRAVITY
+from kane_dynamics.robot.export_c import DEFAULT_KERNELS
+from kane_dynamics.simulation.step_kernels import INTEGRATORS
 
 SYNONYMS = {  # of options, in other tools
     'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot', 'accelerations': 'udot',
@@ -158,7 +158,7 @@ def _parser() -> argparse.ArgumentParser:
                      help='compare inverse dynamics at random states')
     sub.add_argument('--operations', action='store_true',
                      help='also the arithmetic operations of each compiled function')
-    sub = command('bench', benchmark.bench, 'What calls take on this machine')
+    sub = command('bench', bench_command.bench, 'What calls take on this machine')
     _add_model(sub)
     sub = command('export', commands.export, 'C99 source and header of the compiled dynamics')
     _add_model(sub)

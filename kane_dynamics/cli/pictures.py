@@ -3,11 +3,11 @@
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
+from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import InputError
-from kane_dynamics.extras import extra
-from kane_dynamics.motion import Motion
-from kane_dynamics.robot import Robot
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import Trajectory
 
 KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')
 

@@ -9,10 +9,10 @@ import sys
 from typing import Any
 import warnings
 
-from kane_dynamics.configurations import suspected_degrees
 from kane_dynamics.errors import ModelWarning, UnusedWarning
-from kane_dynamics.model import Array, Model
-from kane_dynamics.robot import Robot
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.robot.configuration_methods import suspected_degrees
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.reading import distinct, no_header
-from kane_dynamics.model import Array
-from kane_dynamics.motion import Motion
-from kane_dynamics.robot import Robot
-from kane_dynamics.trajectory import increasing, Trajectory
+from kane_dynamics.identification.recordings.reader import distinct, no_header
+from kane_dynamics.model.model import Array
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import increasing, Trajectory
 from kane_dynamics.urdf.supplement import mapping, read_yaml, SHORT
 import numpy as np
 

@@ -19,11 +19,12 @@ import sys
 import time
 from typing import Any
 
-from kane_dynamics.demo.arm import desired_motion, DURATION, HOME, JOINTS, NODE, PLANT, URDF
-from kane_dynamics.demo.report import Recording, report
+from kane_dynamics._util.progress import progress_bar
+from kane_dynamics.demo.demo_settings import (desired_motion, DURATION, HOME, JOINTS, NODE, PLANT,
+                                              URDF)
+from kane_dynamics.demo.tracking_report import report, TrackingLog
 from kane_dynamics.errors import KaneError
-from kane_dynamics.motion import Motion
-from kane_dynamics.progress import progress_bar
+from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -98,7 +99,7 @@ class Director(Node):
         if feedforward:
             self._to_node.publish(message)
 
-    def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> Recording:
+    def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> TrackingLog:
         """Make the arm perform a motion from rest; return what it did."""
         self.change(Transition.TRANSITION_ACTIVATE if feedforward
                     else Transition.TRANSITION_DEACTIVATE)
@@ -112,13 +113,13 @@ class Director(Node):
                 progress(DURATION - left)
         return self._recorded(record)
 
-    def _recorded(self, record: Path) -> Recording:
+    def _recorded(self, record: Path) -> TrackingLog:
         answer = self.ask(Trigger, f'{PLANT}/save')
         if not answer.success:
             raise DemoError(f'the arm cannot save its record: {answer.message}')
-        return Recording.load(record)
+        return TrackingLog.load(record)
 
-    def predict_and_let_go(self, record: Path) -> tuple[Any, Recording]:
+    def predict_and_let_go(self, record: Path) -> tuple[Any, TrackingLog]:
         """Ask for the arm's fall from home, then let it fall; return both."""
         self.change(Transition.TRANSITION_DEACTIVATE)
         prediction = self.ask(
@@ -134,8 +135,8 @@ class Director(Node):
 @contextmanager
 def processes(record: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Run arm and node while the block runs; end them as an operator would, by SIGINT."""
-    plant = [sys.executable, '-m', 'kane_dynamics.demo.plant', str(URDF), str(record)]
-    node = [sys.executable, '-m', 'kane_dynamics.ros.main', '--ros-args',
+    plant = [sys.executable, '-m', 'kane_dynamics.demo.mujoco_plant', str(URDF), str(record)]
+    node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
             '-p', f'urdf:={URDF}', '-p', f'joints:=[{",".join(JOINTS)}]',
             '-p', 'mode:=inverse_dynamics', '-p', 'state_timeout:=0.1']
     running: list[subprocess.Popen[bytes]] = []

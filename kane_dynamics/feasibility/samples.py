@@ -3,10 +3,10 @@
 import math
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
-from kane_dynamics.model import Array
-from kane_dynamics.motion import Motion
-from kane_dynamics.robot import Robot
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.model.model import Array
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 STEP = 1e-3  # s between samples

@@ -19,13 +19,13 @@ feasible: an arm that cannot hold a posture may swing through it.
 from dataclasses import dataclass
 import math
 
+from kane_dynamics.control.torque_limiter import per_joint
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.demand import Demand, demand_at, torque_of
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
-from kane_dynamics.limiter import per_joint
-from kane_dynamics.model import Array
-from kane_dynamics.motion import Motion
-from kane_dynamics.robot import Robot
+from kane_dynamics.feasibility.torque_demand import Demand, demand_at, torque_of
+from kane_dynamics.model.model import Array
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -92,7 +92,7 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
         raise InputError(f'most is {most}; expected a positive number')
     more = NONE
     for _ in range(ROUNDS + 1):
-        course = Course(robot, motion, step, power, more)
+        course = SampledPath(robot, motion, step, power, more)
         top = min(most, MOST, course.speed_bound)
         speed = _highest(course, LEAST, top) if course.inside and top >= LEAST else None
         if speed is None:
@@ -118,7 +118,7 @@ def _bound(asked: Demand, speed: float) -> TimeScale:
                      float(asked.t[int(np.abs(values[:, j]).argmax())]))
 
 
-class Course:
+class SampledPath:
     """
     The torque of a motion as a function of its speed; arrays are (N, n).
 
@@ -192,7 +192,7 @@ def _damping(robot: Robot) -> Array:
     return total
 
 
-def _highest(course: Course, low: float, high: float) -> float | None:
+def _highest(course: SampledPath, low: float, high: float) -> float | None:
     """Return the highest allowed speed between two, None if there is none."""
     boxes = [(low, high, np.arange(len(course.u)))]
     while boxes:

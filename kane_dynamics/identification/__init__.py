@@ -1,14 +1,14 @@
 """What a robot is really made of, from recordings of its motion: extra `identify`."""
 
-from kane_dynamics.identification.base import (base_parameters, base_speeds, BaseFit,
-                                               BaseParameters, fit_base)
-from kane_dynamics.identification.equations import friction_speeds, rows
-from kane_dynamics.identification.excitation import Excitation, excite
+from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds, BaseFit,
+                                                         BaseParameters, fit_base)
+from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
-from kane_dynamics.identification.payload import identify_payload, Payload
-from kane_dynamics.identification.payload_estimator import PayloadEstimator
-from kane_dynamics.identification.reading import read_recording
-from kane_dynamics.identification.recording import Recording
+from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
+from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
+from kane_dynamics.identification.recordings.reader import read_recording
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import friction_speeds, rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Identification', 'Payload',
            'PayloadEstimator', 'Recording', 'base_parameters', 'base_speeds', 'excite',

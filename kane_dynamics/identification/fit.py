@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.deviations import friction_statistics, statistics
-from kane_dynamics.identification.equations import (compressed, fit_friction, FRICTION,
-                                                    friction_speeds, full_regressor, LOWEST,
-                                                    Rows, rows, settled_speeds, stacked,
-                                                    STANDSTILL, triangle, UNBOUNDED, weights)
-from kane_dynamics.identification.physical import physical, pseudo_inertia_of
-from kane_dynamics.identification.recording import Recording
-from kane_dynamics.model import Array, Inertial, Model
-from kane_dynamics.robot import Robot
+from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import (compressed, fit_friction, FRICTION,
+                                                     friction_speeds, full_regressor, LOWEST,
+                                                     RegressionRows, rows, settled_speeds, stacked,
+                                                     STANDSTILL, triangle, UNBOUNDED, weights)
+from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
+from kane_dynamics.model.model import Array, Inertial, Model
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ROUNDS = 3  # of reweighting
@@ -112,7 +112,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     weight : float, optional
         Of the prior; chosen by leaving stretches of the first half out if not given.
     standstill : float
-        Rows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
+        RegressionRows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
         in the errors reported all rows count.
     progress : callable
         Called with the share of the work that is done.
@@ -169,7 +169,7 @@ def recording_error(model: Model, recording: Recording) -> Array:
                                                          recording.udot)
 
 
-def _friction_alone(model: Model, data: Rows, speeds: Array, lowest: Array) -> Array:
+def _friction_alone(model: Model, data: RegressionRows, speeds: Array, lowest: Array) -> Array:
     """Return the unknowns with the model's inertials and fitted friction."""
     x = true_unknowns(model)
     for j, speed in enumerate(speeds):
@@ -178,7 +178,7 @@ def _friction_alone(model: Model, data: Rows, speeds: Array, lowest: Array) -> A
     return x
 
 
-def _with_bodies(model: Model, data: Rows, speeds: Array, x: Array, weight: float | None,
+def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, weight: float | None,
                  progress: Callable[[float], object]) -> tuple[Array, Array, float]:
     """
     Return the unknowns, the speeds at which friction sets in, and the weight of the prior.
@@ -207,14 +207,14 @@ def _with_bodies(model: Model, data: Rows, speeds: Array, x: Array, weight: floa
     return x, speeds, used
 
 
-def _weighted(data: Rows, speeds: Array, x: Array) -> tuple[Array, Array, Array]:
+def _weighted(data: RegressionRows, speeds: Array, x: Array) -> tuple[Array, Array, Array]:
     """Return the equations by the residuals' deviations at x, and these."""
     equations, floor, counts = compressed(data, speeds)
     sigma = weights(equations, floor, counts, x)
     return *stacked(equations, sigma), sigma
 
 
-def _chosen_weight(model: Model, data: Rows, speeds: Array, x: Array,
+def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
                    progress: Callable[[float], object]) -> float:
     """
     Return the largest weight whose error on stretches left out is near the least.
@@ -246,7 +246,7 @@ def _chosen_weight(model: Model, data: Rows, speeds: Array, x: Array,
     return float(WEIGHTS[mean <= mean[best] + spread][-1])
 
 
-def _error(data: Rows, speeds: Array, x: Array) -> Array:
+def _error(data: RegressionRows, speeds: Array, x: Array) -> Array:
     """Return measured torque less that of the unknowns' values, (N, n)."""
     return np.asarray(data.recording.tau - data.rest - full_regressor(data, speeds) @ x)
 

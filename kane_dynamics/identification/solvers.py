@@ -2,6 +2,6 @@
 
 from functools import partial
 
-from kane_dynamics.extras import extra
+from kane_dynamics._util.optional_imports import extra
 
 scientific = partial(extra, name='identify', what='identification')

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
-from kane_dynamics.model import Array
-from kane_dynamics.robot import Robot
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.model.model import Array
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 

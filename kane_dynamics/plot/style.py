@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array
+from kane_dynamics.model.model import Array
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase

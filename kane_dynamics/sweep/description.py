@@ -8,12 +8,12 @@ import json
 import math
 from typing import Any
 
-from kane_dynamics.control import Mode
+from kane_dynamics._util.resources import package_version
+from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array, freeze, Model
-from kane_dynamics.motion import Motion
-from kane_dynamics.resources import package_version
-from kane_dynamics.stepping import INTEGRATORS
+from kane_dynamics.model.model import Array, freeze, Model
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.simulation.step_kernels import INTEGRATORS
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
 from kane_dynamics.sweep.variation import number_of, SHORT, Value, value_of, values_of
 import numpy as np

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import os
 import warnings
 
+from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.threads import MOST_THREADS, thread_count
-from kane_dynamics.progress import progress_bar
+from kane_dynamics.native.runtime.threads import MOST_THREADS, thread_count
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Simulator, task
-from kane_dynamics.sweep.table import Table
+from kane_dynamics.sweep.table import SweepTable
 from kane_dynamics.sweep.workers import cluster, here, processes
 
 
@@ -68,7 +68,7 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
                                 or not 1 <= workers <= MOST_THREADS):
         raise InputError(f'workers is {workers!r}; expected a whole number from 1 to '
                          f'{MOST_THREADS}')
-    table, work = Table(sweep, folder), task(sweep)
+    table, work = SweepTable(sweep, folder), task(sweep)
     count, made, failed = workers or thread_count(), 0, 0
     with table.opened() as finished:
         chunks = [chunk for chunk in range(sweep.chunks) if chunk not in finished]

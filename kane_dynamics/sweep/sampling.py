@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from kane_dynamics.model import Array
+from kane_dynamics.model.model import Array
 from kane_dynamics.sweep.description import Sweep
-from kane_dynamics.sweep.trial import CONTROLLERS, PAYLOAD, Plant
+from kane_dynamics.sweep.trial import CONTROLLERS, PAYLOAD, PlantParameters
 import numpy as np
 
 Values = dict[str, Array]
@@ -53,7 +53,7 @@ def controllers(values: Values) -> list[str]:
     return [CONTROLLERS[int(place)] for place in values['controller'].tolist()]
 
 
-def plant(values: Values, joints: Sequence[str]) -> Plant:
+def plant(values: Values, joints: Sequence[str]) -> PlantParameters:
     """Return what the kernels read of each trial."""
     friction = of_joints(values, 'friction', joints)
     payload, known = np.zeros((len(friction), PAYLOAD)), np.zeros((len(friction), 1))
@@ -67,5 +67,5 @@ def plant(values: Values, joints: Sequence[str]) -> Plant:
         upper = np.triu_indices(3)
         payload[:, 4:] = mass[:, None] * second[:, upper[0], upper[1]]
         known[:, 0] = values.get('known_payload', 0.0)
-    return Plant(payload, known, friction, of_joints(values, 'kp', joints),
+    return PlantParameters(payload, known, friction, of_joints(values, 'kp', joints),
                  of_joints(values, 'kd', joints))

@@ -10,10 +10,10 @@ import pickle
 from typing import Any
 
 from kane_dynamics.errors import SweepError
-from kane_dynamics.model import Array
-from kane_dynamics.native.march import march, Strided
-from kane_dynamics.robot import Robot
-from kane_dynamics.stability import step_warning
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.sampling import controllers, drawn, of_joints, plant, Values
 from kane_dynamics.sweep.trial import CONTROLLERS, Trial
@@ -113,7 +113,7 @@ class Simulator:
         cuts = np.linspace(0, steps, min(steps, BLOCKS) + 1).astype(int)
         for begin, end in zip(cuts.tolist(), cuts[1:].tolist()):
             place = Strided(states.ctypes.data, states.strides[0])
-            march(kernel, [
+            run_batch(kernel, [
                 place, Strided(desired.ctypes.data + begin * stride, lane, stride),
                 Strided(plants.ctypes.data, plants.strides[0]),
                 Strided(self._shared.ctypes.data), place,
@@ -133,7 +133,7 @@ class Simulator:
     def _energy(self, states: Array, plants: Array) -> Array:
         """Return the total energy of each trial without the work that was done on it, J."""
         energy = np.empty(len(states))
-        march(self.trial.energy().lane_address, [
+        run_batch(self.trial.energy().lane_address, [
             Strided(states.ctypes.data, states.strides[0]),
             Strided(plants.ctypes.data, plants.strides[0]),
             Strided(self._shared.ctypes.data),

@@ -15,8 +15,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import InputError, SweepError
-from kane_dynamics.extras import extra
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Columns
 import numpy as np
@@ -27,7 +27,7 @@ SHOWN = 12  # digits of a digest in names and messages
 needed = partial(extra, name='sweep', what='a sweep')
 
 
-class Table:
+class SweepTable:
     """
     The folder of one sweep's rows.
 
@@ -146,7 +146,7 @@ class Table:
 
 def read_table(folder: str | os.PathLike[str]) -> Any:
     """
-    Return the rows that a folder holds, in order, as a ``pyarrow.Table``.
+    Return the rows that a folder holds, in order, as a ``pyarrow.SweepTable``.
 
     Raises
     ------

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from kane_dynamics.control import Mode
+from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.implicit import ImplicitStep
-from kane_dynamics.mechanics.integration import runge_kutta_4
-from kane_dynamics.model import Array, Model
-from kane_dynamics.native.expression import call
-from kane_dynamics.native.kernels import Argument, Kernel
-from kane_dynamics.native.program import Program, Shape, trace_program
-from kane_dynamics.robot import Robot
-from kane_dynamics.stepping import implicit_rates
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.step_kernels import implicit_rates
 import numpy as np
 
 NONE = 'none'
@@ -47,7 +47,7 @@ def parts(n: int) -> Parts:
 
 
 @dataclass(frozen=True)
-class Plant:
+class PlantParameters:
     """
     What differs from trial to trial, as rows that the kernels read.
 
@@ -96,7 +96,7 @@ class Trial:
         """Compile nothing yet."""
         self.robot = Robot(model, payload_frame=payload_frame)
         self._frictionless = Robot(model, payload_frame=payload_frame, friction=False)
-        assert isinstance(self.robot.equations, Equations)  # nothing was chosen but friction
+        assert isinstance(self.robot.equations, TreeEquations)  # nothing was chosen but friction
         self._equations = self.robot.equations
         self.n = self.robot.n
         self.parts = parts(self.n)
@@ -108,7 +108,7 @@ class Trial:
         Return the kernel of one step under one of `CONTROLLERS`.
 
         Its arguments are the state, q, u and udot desired at the step's beginning, middle and end
-        (3, 3 n), a row of `Plant`, and what all trials share: step and gravity (4,).
+        (3, 3 n), a row of `PlantParameters`, and what all trials share: step and gravity (4,).
         """
         if controller not in CONTROLLERS:
             raise InputError(f"no controller '{controller}'; valid: {', '.join(CONTROLLERS)}")
@@ -118,7 +118,7 @@ class Trial:
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
-        """Return the kernel of a state's total energy, J, from state, row of `Plant`, shared."""
+        """Return the kernel of a state's total energy, J, from state, row of `PlantParameters`, shared."""
         return self._kernel('trial_energy', self._energy, ('state', 'plant', 'shared'), ())
 
     def shared(self, step: float) -> Array:

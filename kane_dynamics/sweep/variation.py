@@ -20,7 +20,7 @@ from reprlib import Repr
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array
+from kane_dynamics.model.model import Array
 import numpy as np
 
 RANGES = ('uniform', 'loguniform', 'normal')

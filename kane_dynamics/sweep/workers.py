@@ -10,7 +10,7 @@ from threading import Thread
 from typing import Any
 
 from kane_dynamics.errors import InputError, SweepError
-from kane_dynamics.native import threads
+from kane_dynamics.native.runtime import threads
 from kane_dynamics.sweep.simulator import Columns, compute
 from kane_dynamics.sweep.table import needed
 

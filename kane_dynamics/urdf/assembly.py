@@ -6,12 +6,13 @@ import math
 from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.model import Array, Body, constant, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.model.model import (Array, Body, constant, Frame, Inertial, Joint, Limits,
+                                       Model, WORLD)
 from kane_dynamics.urdf.limits import coordinate_limits, UNLIMITED
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.supplement import Supplement
-from kane_dynamics.urdf.tree import Link, listing, Single, snapped, UrdfTree
+from kane_dynamics.urdf.tree import listing, Single, snapped, UrdfLink, UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -175,7 +176,7 @@ def _note_masses(tree: UrdfTree, selection: Selection, moving: list[Moving],
             notices.massless.append(link.name)
 
 
-def check_inertials(links: list[Link], notices: Notices, strict: bool) -> None:
+def check_inertials(links: list[UrdfLink], notices: Notices, strict: bool) -> None:
     """
     Note the inertias that no matter, or only thin matter, can have.
 

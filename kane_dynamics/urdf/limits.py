@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 import math
 
-from kane_dynamics.model import Limits
+from kane_dynamics.model.model import Limits
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.tree import Mimic, Single, StatedLimits

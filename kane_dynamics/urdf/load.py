@@ -6,15 +6,15 @@ import os
 from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.flexing import with_beam
-from kane_dynamics.model import Array, GRAVITY, Inertial, Model
+from kane_dynamics.model.flexible_model import with_beam
+from kane_dynamics.model.model import Array, GRAVITY, Inertial, Model
 from kane_dynamics.urdf.assembly import assemble
 from kane_dynamics.urdf.document import Element, parse, read_source, rebuilt
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
-from kane_dynamics.urdf.tree import (build_tree, Link, Mimic, snapped, StatedLimits, UrdfJoint,
+from kane_dynamics.urdf.tree import (build_tree, Mimic, snapped, StatedLimits, UrdfJoint, UrdfLink,
                                      UrdfTree)
 import numpy as np
 from numpy.typing import ArrayLike
@@ -135,17 +135,17 @@ def _pose(origin: Any) -> tuple[Array, Array]:
     return snapped(origin[:3, :3]), origin[:3, 3] + 0.0
 
 
-def _link(link: Any) -> Link:
+def _link(link: Any) -> UrdfLink:
     """Return a link with its inertial in link axes."""
     if link.inertial is None:
-        return Link(link.name)
+        return UrdfLink(link.name)
     R, com = _pose(link.inertial.origin)
     what = f"link '{link.name}'"
     if link.inertial.mass < 0.0:
         raise ModelError(f'{what}: <mass> value is {link.inertial.mass} kg; a mass must not be '
                          'negative')
     inertia = R @ link.inertial.inertia @ R.T
-    return Link(link.name, Inertial(link.inertial.mass, com, inertia))
+    return UrdfLink(link.name, Inertial(link.inertial.mass, com, inertia))
 
 
 def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:

@@ -5,7 +5,7 @@ import os
 from xml.etree import ElementTree
 
 from kane_dynamics.errors import UrdfError
-from kane_dynamics.inertial import Inertial
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.urdf.document import parse, read_source
 from kane_dynamics.urdf.supplement import INERTIA_KEYS
 from kane_dynamics.urdf.tree import listing

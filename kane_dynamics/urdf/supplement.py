@@ -48,9 +48,9 @@ from reprlib import Repr
 from typing import Any
 
 from kane_dynamics.errors import KaneError, ModelError, UrdfError
-from kane_dynamics.flexible_link import FlexibleLink
-from kane_dynamics.mode_shapes import Bending, Torsion
-from kane_dynamics.model import Inertial
+from kane_dynamics.model.flexible_link import FlexibleLink
+from kane_dynamics.model.mode_shapes import Bending, Torsion
+from kane_dynamics.model.model import Inertial
 from kane_dynamics.urdf.tree import listing
 import numpy as np
 import yaml

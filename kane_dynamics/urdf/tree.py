@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.model import Array, Inertial
+from kane_dynamics.model.model import Array, Inertial
 import numpy as np
 
 MOVING = ('revolute', 'continuous', 'prismatic')
@@ -20,7 +20,7 @@ SNAP = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class UrdfLink:
     """A link: its name, and its inertial in link axes if it states one."""
 
     name: str
@@ -94,7 +94,7 @@ class UrdfTree:
     """A checked tree: links by name, joints in URDF order, and the one root."""
 
     name: str
-    links: dict[str, Link]
+    links: dict[str, UrdfLink]
     joints: tuple[UrdfJoint, ...]
     root: str
 
@@ -120,7 +120,7 @@ def snapped(values: Any) -> Array:
     return array
 
 
-def build_tree(name: str, links: Sequence[Link], joints: Sequence[UrdfJoint]) -> UrdfTree:
+def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> UrdfTree:
     """
     Return links and joints as a tree.
 
@@ -156,7 +156,7 @@ def build_tree(name: str, links: Sequence[Link], joints: Sequence[UrdfJoint]) ->
     return UrdfTree(name, by_name, tuple(joints), roots[0])
 
 
-def _check_connected(links: dict[str, Link], above: dict[str, UrdfJoint]) -> None:
+def _check_connected(links: dict[str, UrdfLink], above: dict[str, UrdfJoint]) -> None:
     """Raise ModelError if going up from some link never ends."""
     sound: set[str] = set()
     for link in links:

@@ -9,13 +9,13 @@ import time
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Array
-from kane_dynamics.robot import Robot
-from kane_dynamics.trajectory import Path, Trajectory
+from kane_dynamics.model.model import Array
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.urdf.visuals import Visual
-from kane_dynamics.view.loads import KINDS, Loads, LONGEST, postures
-from kane_dynamics.view.looks import bounds, size
-from kane_dynamics.view.stage import COLORS, Stage
+from kane_dynamics.view.link_shapes import bounds, size
+from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, postures
+from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np
 from viser import ViserServer
 
@@ -65,7 +65,7 @@ class Window:
                 raise InputError(f'the speeds of this robot are {list(robot.speed_names)}; '
                                  'without a trajectory the view needs the joint rates')
             self._q = _neutral(robot)
-            self._largest = Loads.at_rest(robot, postures(robot)).largest
+            self._largest = LoadArrows.at_rest(robot, postures(robot)).largest
         else:
             trajectory.require(robot, 'the view')
             self._q = trajectory.q[0]
@@ -73,7 +73,7 @@ class Window:
             K = len(trajectory.t)
             rows = np.linspace(0, K - 1, min(K, _MOST)).astype(int)
             self._t = trajectory.t[rows]
-            self._loads = Loads.along(robot, *(part[rows] for part in (
+            self._loads = LoadArrows.along(robot, *(part[rows] for part in (
                 trajectory.q, trajectory.u, trajectory.udot, trajectory.tau, trajectory.t)))
             self._largest = self._loads.largest
         self._lock, self._playing, self._time = threading.Lock(), False, 0.0
@@ -82,7 +82,7 @@ class Window:
             self.server = ViserServer(host=host, port=port, verbose=False, label='kane_dynamics')
         try:
             extent = size(robot.model, self._q)
-            self._stage = Stage(self.server, robot.model, visuals, extent)
+            self._stage = Scene(self.server, robot.model, visuals, extent)
             self._length = LONGEST * extent
             self._stage.look(*self._box())
             self._add_controls()
@@ -210,7 +210,7 @@ class Window:
         """Draw the state of now: pages ask from threads of their own."""
         with self._lock:
             if self.trajectory is None:
-                loads, k = Loads.at_rest(self.robot, self._q[None]), 0
+                loads, k = LoadArrows.at_rest(self.robot, self._q[None]), 0
             else:
                 loads, k = self._loads, int(np.abs(self._t - self._time).argmin())
             self._stage.place(loads.q[k], loads.arrows(k, self._length, self._largest))

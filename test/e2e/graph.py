@@ -59,7 +59,7 @@ def model():
 class Process:
     """A node in a process of its own; the dynamics node unless another module is named."""
 
-    def __init__(self, *arguments, module='kane_dynamics.ros.main', **parameters):
+    def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', **parameters):
         command = [sys.executable, '-m', module, '--ros-args']
         for name, value in parameters.items():
             command += ['-p', f'{name.replace("__", ".")}:={value}']

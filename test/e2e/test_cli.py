@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from kane_dynamics.cli import main
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 import pytest
 

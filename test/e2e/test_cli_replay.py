@@ -8,7 +8,7 @@ import sys
 
 from command import command
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.cli.replay import remarks
+from kane_dynamics.cli.commands.replay_command import remarks
 import numpy as np
 import pytest
 from recordings import simulated

@@ -11,7 +11,7 @@ import time
 
 import distributed
 from kane_dynamics.cli import main
-from kane_dynamics.cli.sweeping import read_sweep
+from kane_dynamics.cli.commands.sweep_command import read_sweep
 from kane_dynamics.sweep import read_table, run_sweep
 import pytest
 

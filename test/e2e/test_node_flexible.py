@@ -4,7 +4,7 @@ import time
 
 from graph import DEEP, Process, wait_until
 from kane_dynamics import Controller, load_urdf, Motion, QuasiStatic, Robot, simulate, stiffened
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -29,7 +29,7 @@ def error_of_rigid_feedforward(motion):
 
 
 def test_the_node_leads_a_bending_arm_far_better_than_rigid_feedforward(client, start):
-    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', urdf=URDF,
+    plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', urdf=URDF,
                     rate=200, substeps=5, supplement=BENDING, initial__position=list(POINTS[0][1]))
     node = start(urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],
                  gains__kd=GAINS['kd'])

@@ -3,7 +3,7 @@
 import signal
 
 from graph import URDF, wait_until
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate
 from lifecycle_msgs.msg import Transition
 import numpy as np

@@ -9,7 +9,7 @@ import time
 
 from graph import Process, wait_until
 from kane_dynamics import load_urdf
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ import math
 from geometry_msgs.msg import Inertia, Vector3
 from graph import model, URDF, wait_until
 from kane_dynamics import Robot, simulate
-from kane_dynamics.inertial import Inertial
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics_interfaces.srv import GetDynamics, InverseDynamics, SetPayload, Simulate
 import numpy as np
 import pytest

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from graph import DEEP, JOINTS, model, Process, URDF, wait_until
 from kane_dynamics import Robot
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-PLANT = 'kane_dynamics.ros.plant.main'
+PLANT = 'kane_dynamics.ros.plant.plant_main'
 START = (0.3, -0.4, 0.2)
 NANO = 10**9
 

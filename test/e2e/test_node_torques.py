@@ -5,7 +5,7 @@ import time
 
 from graph import JOINTS, model, URDF, wait_until
 from kane_dynamics import Controller, Motion, Robot, Terms
-from kane_dynamics.ros.specs import SPECS
+from kane_dynamics.ros.parameters.parameter_table import SPECS
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ import time
 from geometry_msgs.msg import Inertia
 from graph import DEEP, JOINTS, Process, URDF, wait_until
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.inertial import Inertial
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics_interfaces.srv import GetDynamics, SetPayload
 import numpy as np
 import pytest
@@ -58,7 +58,7 @@ def arms(participant):
         namespace = ('-r', f'__ns:=/{side}')
         running += [Process(*namespace, mode='gravity_compensation', state_timeout=0.5,
                             payload__frame='c', **common),
-                    Process(*namespace, module='kane_dynamics.ros.plant.main', rate=200,
+                    Process(*namespace, module='kane_dynamics.ros.plant.plant_main', rate=200,
                             initial__position=POSES[side], after_timeout='hold', **common)]
     yield {side: Side(participant, side) for side in MASSES}
     for process in running:

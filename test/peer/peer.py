@@ -6,7 +6,7 @@ from importlib.metadata import files
 import warnings
 
 from kane_dynamics import load_urdf
-from kane_dynamics.model import WORLD
+from kane_dynamics.model.model import WORLD
 import numpy as np
 import pinocchio as pin
 

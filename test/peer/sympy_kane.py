@@ -1,9 +1,9 @@
 """SymPy's KanesMethod on a Model: frames, points and velocities by sympy.physics.mechanics."""
 
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
-from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.structure import structured
-from kane_dynamics.model import WORLD
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import WORLD
 import numpy as np
 import sympy as sp
 import sympy.physics.mechanics as me
@@ -14,8 +14,8 @@ class Ours:
 
     def __init__(self, model, constraints=(), independent=None, speeds=None):
         self.model = model
-        self.mechanism = structured(model, speeds, constraints, independent)
-        self.equations = ConstrainedEquations(Equations(model), self.mechanism)
+        self.mechanism = choose_independent(model, speeds, constraints, independent)
+        self.equations = ConstrainedEquations(TreeEquations(model), self.mechanism)
 
     def mass_matrix(self, q):
         return np.array(self.equations.mass_matrix(q, self.model.gravity, 0.0), dtype=float)

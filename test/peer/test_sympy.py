@@ -3,8 +3,8 @@
 from kane_dynamics import box, disc, ModelBuilder, point_mass, rod
 from kane_dynamics.mechanics.constraints import (Closure, knife_edge, PointVelocity, Prescribed,
                                                  Rolling)
-from kane_dynamics.mechanics.speeds import absolute_rates, body_angular_velocity
-from kane_dynamics.mechanics.structure import closed_posture
+from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
+from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
 import numpy as np
 import pytest
 import sympy as sp

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from definition import Definition
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from kane_dynamics import Robot
-from kane_dynamics.mechanics import energy, kane
-from kane_dynamics.mechanics.payload import with_payload
-from kane_dynamics.native.kernels import Argument, Kernel
-from kane_dynamics.native.program import trace_program
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.program import trace_program
 from mechanisms import random_inertial, random_model, random_state
 import numpy as np
 import pytest
@@ -72,21 +72,21 @@ def test_recursion_on_numbers_is_what_was_compiled(drawn):
 def test_energy_road_gives_kanes_generalized_forces(drawn):
     robot, q, u, udot = drawn
     model = robot.model
-    inertia_force = energy.generalized_inertia_force(model, q, u, udot)
+    inertia_force = energies.generalized_inertia_force(model, q, u, udot)
     size = np.abs(robot.torque_terms(q, u, udot)).max()
     close(kane.generalized_inertia_force(model, q, u, udot), inertia_force, size)
-    rigid = inertia_force + energy.conservative_force(model, q)
+    rigid = inertia_force + energies.conservative_force(model, q)
     close(robot.inverse_dynamics(q, u, udot) - robot.friction_force(u), -rigid, size)
 
 
 @given(robots_and_states(2))
 def test_energy_road_gives_energies_and_mass_matrix(drawn):
     robot, q, u = drawn
-    M = energy.mass_matrix(robot.model, q)
+    M = energies.mass_matrix(robot.model, q)
     close(robot.mass_matrix(q), M, np.abs(M).max())
-    close(robot.kinetic_energy(q, u), energy.kinetic_energy(robot.model, q, u),
+    close(robot.kinetic_energy(q, u), energies.kinetic_energy(robot.model, q, u),
           np.abs(M).max() * (u @ u))
-    potential = energy.potential_energy(robot.model, q)
+    potential = energies.potential_energy(robot.model, q)
     close(robot.potential_energy(q), potential, 100.0 + abs(potential))
 
 

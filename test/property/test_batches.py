@@ -1,8 +1,7 @@
 """Batches of random mechanisms are their states one by one."""
 
-from hypothesis import given
-from hypothesis import strategies as st
-from kane_dynamics.kernel_set import QUANTITIES
+from hypothesis import given, strategies as st
+from kane_dynamics.robot.kernel_set import QUANTITIES
 import numpy as np
 from strategies import robots, vectors
 

@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 from constrained_trees import KINDS, linkage_of_four_bars, rolling_disc, states, T, tree
-from kane_dynamics.mechanics import kinematics, nonholonomic
-from kane_dynamics.mechanics.constrained import ConstrainedEquations
+from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import Closure, knife_edge, PointVelocity, Rolling
-from kane_dynamics.mechanics.dual import moving, rates
-from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.speeds import absolute_rates, body_angular_velocity
-from kane_dynamics.mechanics.structure import structured
-from kane_dynamics.model import Frame, WORLD
-from kane_dynamics.native.program import trace_program
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
+from kane_dynamics.mechanics.definition import kinematics, nonholonomic
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import Frame, WORLD
+from kane_dynamics.native.tracing.program import trace_program
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ import pytest
 
 def compiled_road(mechanism):
     """Return the equations that are traced."""
-    return ConstrainedEquations(Equations(mechanism.model), mechanism)
+    return ConstrainedEquations(TreeEquations(mechanism.model), mechanism)
 
 
 def check_roads(mechanism, seed):
@@ -60,7 +60,7 @@ def test_compiled_road_is_kanes_definition_on_trees(kind, speeds, seed):
 
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
 def test_compiled_road_is_kanes_definition_on_a_closed_loop(kind):
-    mechanism = structured(linkage_of_four_bars(), None, (
+    mechanism = choose_independent(linkage_of_four_bars(), None, (
         Closure('pin_coupler', 'pin_rocker', kind, axis=(0, 1, 0)),))
     assert mechanism.n == 1
     assert len(mechanism.kept) == 2  # what points out of the plane follows from the rest
@@ -72,20 +72,20 @@ def test_compiled_road_is_kanes_definition_on_a_chain_welded_at_both_ends():
     tip = chain.frames[-1]
     R, p = kinematics.frame_pose(chain, tip, np.full(8, 0.2))
     model = replace(chain, frames=(*chain.frames, Frame('dock', WORLD, R, p)))
-    mechanism = structured(model, None, (Closure(tip.name, 'dock', 'weld'),))
+    mechanism = choose_independent(model, None, (Closure(tip.name, 'dock', 'weld'),))
     assert mechanism.n == 2
     check_roads(mechanism, 4)
 
 
 def test_compiled_road_is_kanes_definition_on_a_rolling_disc():
     for speeds in (None, body_angular_velocity('disc')):
-        mechanism = structured(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
+        mechanism = choose_independent(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
         assert mechanism.n == 3
         check_roads(mechanism, 2)
 
 
 def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
-    mechanism = structured(linkage_of_four_bars(), None, (
+    mechanism = choose_independent(linkage_of_four_bars(), None, (
         Closure('pin_coupler', 'pin_rocker', 'spherical'),), ('crank',))
     equations, (q, u, udot) = check_roads(mechanism, 3)
     g = mechanism.model.gravity
@@ -101,7 +101,7 @@ def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
 
 def test_a_constrained_arm_costs_less_than_three_plain_ones():
     model = random_model(11, 6, branching=0.0, prismatic=0.0)
-    plain, tip = Equations(model), model.frames[-1].name
+    plain, tip = TreeEquations(model), model.frames[-1].name
 
     def operations(equations, n):
         def forward(q, u, tau, parameters):
@@ -112,7 +112,7 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
     cost = operations(plain, 6)
     for speeds, constraints in ((None, (PointVelocity(tip, (0, 0, 1)),)),
                                 (None, (knife_edge(tip, (0, 1, 0)),)), (absolute_rates, ())):
-        mechanism = structured(model, speeds, constraints)
+        mechanism = choose_independent(model, speeds, constraints)
         bound = ConstrainedEquations(plain, mechanism)
 
         class AtTimeZero:

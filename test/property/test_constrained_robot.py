@@ -5,7 +5,7 @@ from functools import cache
 from kane_dynamics import (absolute_rates, Closure, ConstraintError, Coupling, InputError,
                            knife_edge, ModelBuilder, momenta, PointVelocity, power_balance,
                            Prescribed, Robot, rod, simulate, Speeds, Trajectory)
-from kane_dynamics.mechanics import kinematics
+from kane_dynamics.mechanics.definition import kinematics
 from mechanisms import random_model
 import numpy as np
 import pytest

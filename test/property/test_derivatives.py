@@ -2,8 +2,8 @@
 
 from hypothesis import given
 from kane_dynamics import Robot
-from kane_dynamics.mechanics import kane, kinematics
-from kane_dynamics.mechanics.hyperdual import seeded
+from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_model
 import numpy as np
 from strategies import robots_and_states

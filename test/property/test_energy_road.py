@@ -3,24 +3,24 @@
 from dataclasses import replace
 from functools import cache
 
-from constrained_trees import (KINDS, linkage_of_four_bars, rolling_disc, states, T,
-                               tree, tree_constraints, wavy)
+from constrained_trees import (KINDS, linkage_of_four_bars, rolling_disc, states, T, tree,
+                               tree_constraints, wavy)
 from kane_dynamics import ConstraintError
-from kane_dynamics.mechanics import kane, nonholonomic
-from kane_dynamics.mechanics.admissible import admissible
 from kane_dynamics.mechanics.constraints import Closure, Rolling
-from kane_dynamics.mechanics.energy import poses
-from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
-from kane_dynamics.mechanics.mechanism import Mechanism
-from kane_dynamics.mechanics.speeds import body_angular_velocity, momenta, Speeds
-from kane_dynamics.mechanics.structure import structured
-from kane_dynamics.mechanics.vector_variations import VectorVariations
-from kane_dynamics.model import Frame, WORLD
+from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.constraints.speeds import body_angular_velocity, momenta, Speeds
+from kane_dynamics.mechanics.definition import kane, nonholonomic
+from kane_dynamics.mechanics.energy_form.admissible_motion import admissible
+from kane_dynamics.mechanics.energy_form.energies import poses
+from kane_dynamics.mechanics.energy_form.hamilton import HamiltonByVariations
+from kane_dynamics.mechanics.energy_form.lagrange_constrained import EnergyForm, PasserelloHuston
+from kane_dynamics.model.model import Frame, WORLD
 from mechanisms import random_model
 import numpy as np
 import pytest
 
-FORMS = {'Passerello and Huston': PasserelloHuston(), 'vector variations': VectorVariations()}
+FORMS = {'Passerello and Huston': PasserelloHuston(), 'vector variations': HamiltonByVariations()}
 SCLERONOMIC = ('a point in the world', 'a point seen from a body', 'a knife edge', 'a coupling')
 
 
@@ -76,7 +76,7 @@ def check(mechanism, seed):
     motion, kanes, powers = check_motion(mechanism, q, u, udot), OfKane(mechanism, q, u, udot), []
     speed = 1.0 + np.abs(motion.qdot).max()
     for form in FORMS.values():
-        road = EnergyRoad(mechanism, form)
+        road = EnergyForm(mechanism, form)
         close(road.inverse_dynamics(q, u, udot, T, wrenches=kanes.wrenches), kanes.tau)
         close(road.forward_dynamics(q, u, kanes.tau, T, wrenches=kanes.wrenches), udot,
               1.0 + np.abs(udot).max() + kanes.rounding)
@@ -100,7 +100,7 @@ def test_energy_road_is_kanes_on_trees(kind, speeds):
 
 @pytest.mark.parametrize('joined', ['revolute', 'spherical'])
 def test_energy_road_is_kanes_on_a_closed_loop(joined):
-    mechanism = structured(linkage_of_four_bars(), wavy(3, 2), (
+    mechanism = choose_independent(linkage_of_four_bars(), wavy(3, 2), (
         Closure('pin_coupler', 'pin_rocker', joined, axis=(0, 1, 0)),))
     powers, size = check(mechanism, 1)
     assert powers.max() < 1e-9 * size
@@ -111,7 +111,7 @@ def test_energy_road_is_kanes_on_a_welded_spatial_loop():
     T_tip = poses(model, np.linspace(0.2, 0.8, 7))[-1]
     model = replace(model, frames=(*model.frames, Frame('tip', 6),
                                    Frame('socket', WORLD, T_tip[:3, :3], T_tip[:3, 3])))
-    mechanism = structured(model, momenta, (Closure('tip', 'socket'),))
+    mechanism = choose_independent(model, momenta, (Closure('tip', 'socket'),))
     assert mechanism.n == 1  # six rows, all of them independent
     powers, size = check(mechanism, 1)
     assert powers.max() < 1e-9 * size
@@ -119,7 +119,7 @@ def test_energy_road_is_kanes_on_a_welded_spatial_loop():
 
 @pytest.mark.parametrize('speeds', [None, body_angular_velocity('disc')])
 def test_energy_road_is_kanes_on_a_rolling_disc(speeds):
-    mechanism = structured(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
+    mechanism = choose_independent(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
     powers, size = check(mechanism, 2)
     assert powers.max() < 1e-9 * size
 
@@ -129,7 +129,7 @@ def branched():
     """Return a branched tree with mimic joints, wavy speeds and two constraints."""
     model = random_model(8, 6, branching=0.5, mimics=2)
     kinds = tree_constraints(model.frames[-1].name, model.frames[2].name)
-    return structured(model, wavy(6, 3), (kinds['a point seen from a body'],
+    return choose_independent(model, wavy(6, 3), (kinds['a point seen from a body'],
                                           kinds['a prescribed joint']))
 
 
@@ -142,7 +142,7 @@ def test_mass_matrix_and_constraint_forces_are_kanes():
     mechanism, (q, u, udot) = branched(), states(branched(), 5)
     kanes = OfKane(mechanism, q, u, udot)
     for form in FORMS.values():
-        road = EnergyRoad(mechanism, form)
+        road = EnergyForm(mechanism, form)
         close(road.mass_matrix(q, T), kanes.M)
         close(road.constraint_forces(q, u, kanes.torques, T, wrenches=kanes.wrenches)[
             mechanism.kept], kanes.constraint_forces, kanes.size)
@@ -152,7 +152,7 @@ def test_friction_is_left_out_on_request():
     mechanism, state = branched(), states(branched(), 6)
     expected = nonholonomic.inverse_dynamics(mechanism, *state, T, friction=False)
     for form in FORMS.values():
-        close(EnergyRoad(mechanism, form, friction=False).inverse_dynamics(*state, T), expected)
+        close(EnergyForm(mechanism, form, friction=False).inverse_dynamics(*state, T), expected)
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -160,8 +160,8 @@ def test_each_term_may_be_varied_in_any_frame(seed):
     mechanism, state = branched(), states(branched(), seed)
     count = len(mechanism.model.bodies)
     frames = np.random.default_rng(seed).integers(WORLD, count, (2, count))
-    expected = EnergyRoad(mechanism, VectorVariations()).inverse_dynamics(*state, T)
-    close(EnergyRoad(mechanism, VectorVariations(*frames)).inverse_dynamics(*state, T), expected)
+    expected = EnergyForm(mechanism, HamiltonByVariations()).inverse_dynamics(*state, T)
+    close(EnergyForm(mechanism, HamiltonByVariations(*frames)).inverse_dynamics(*state, T), expected)
 
 
 def test_singular_speeds_and_constraints_are_named():

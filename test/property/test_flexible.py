@@ -7,11 +7,12 @@ from examples.flexible_mast import mast_on_a_sleigh
 from kane_dynamics import (ball, Bending, FlexibleLink, Inertial, load_urdf, ModelBuilder,
                            ModelError, natural_vibration, point_mass, Robot, rod, simulate,
                            Torsion, UrdfError, with_beam)
-from kane_dynamics.mechanics import energy, kane
-from kane_dynamics.mechanics.energy_road import EnergyRoad, PasserelloHuston
-from kane_dynamics.mechanics.payload import with_payload
-from kane_dynamics.resources import resource_path
-from kane_dynamics.vibration import stiffness_matrix
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.analysis.vibration import stiffness_matrix
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.mechanics.energy_form.lagrange_constrained import EnergyForm, PasserelloHuston
+from kane_dynamics.model.with_payload import with_payload
 import numpy as np
 import pytest
 
@@ -60,14 +61,14 @@ def test_three_roads_give_one_torque(seed, twists):
     near = {'rtol': 0.0, 'atol': 1e-12 * (1.0 + np.abs(expected).max())}
     np.testing.assert_allclose(tau, expected, **near)
     J = [robot.partial_velocities(name, q) for name in ('middle', 'hand')]
-    by_energy = -(energy.generalized_inertia_force(model, q, u, udot)
-                  + energy.conservative_force(model, q) + energy.friction_force(model, u)
+    by_energy = -(energies.generalized_inertia_force(model, q, u, udot)
+                  + energies.conservative_force(model, q) + energies.friction_force(model, u)
                   + sum(partials.T @ f for partials, f in zip(J, push)))
     np.testing.assert_allclose(by_energy, expected, **near)
-    np.testing.assert_allclose(robot.mass_matrix(q), energy.mass_matrix(model, q), atol=1e-12)
+    np.testing.assert_allclose(robot.mass_matrix(q), energies.mass_matrix(model, q), atol=1e-12)
     np.testing.assert_allclose(robot.mass_matrix(q), kane.mass_matrix(model, q), atol=1e-12)
-    assert robot.kinetic_energy(q, u) == pytest.approx(energy.kinetic_energy(model, q, u))
-    assert robot.potential_energy(q) == pytest.approx(energy.potential_energy(model, q))
+    assert robot.kinetic_energy(q, u) == pytest.approx(energies.kinetic_energy(model, q, u))
+    assert robot.potential_energy(q) == pytest.approx(energies.potential_energy(model, q))
     np.testing.assert_allclose(robot.forward_dynamics(q, u, tau, wrench=push), udot, atol=1e-8)
 
 
@@ -146,7 +147,7 @@ def test_energy_split_is_the_volume_integral():
     # 1/2 int v.v dm = KE_rigid + 1/2 int [(w x d)^2 + d'^2 + 2 (v_n.d' + v_n.w x d + d'.w x d)] dm
     model = arm()
     q, u, _ = states(model, 6)
-    rates, poses = energy.pose_rates(model, q, u), energy.poses(model, q)
+    rates, poses = energies.pose_rates(model, q, u), energies.poses(model, q)
     for body, T, T_rate in zip(model.bodies, poses, rates):
         beam = body.beam
         if beam is None:
@@ -363,7 +364,7 @@ def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
     rng = np.random.default_rng(1)
     modal = np.array([0.02 if 'mode' in name else 1.0 for name in robot.speed_names])
     u, udot = rng.uniform(-1.0, 1.0, (2, robot.n)) * modal
-    road = EnergyRoad(robot.mechanism, PasserelloHuston())
+    road = EnergyForm(robot.mechanism, PasserelloHuston())
     tau = robot.inverse_dynamics(q, u, udot)
     np.testing.assert_allclose(tau, road.inverse_dynamics(q, u, udot), rtol=1e-9,
                                atol=1e-9 * (1.0 + np.abs(tau).max()))
@@ -438,8 +439,8 @@ def test_what_is_welded_to_a_bending_link_goes_on_weighing():
     bare, *held = (load_urdf(source, supplement={'beams': beams, **payload}) for payload in (
         {}, *({'payload': {'link': link, 'mass': 1.5, 'com': com}} for link in ('tip', 'link2'))))
     q = states(bare, 1)[0]
-    expected = energy.conservative_force(with_payload(bare, 'tip', point_mass(1.5, com)), q)
-    np.testing.assert_allclose(energy.conservative_force(held[0], q), expected)
+    expected = energies.conservative_force(with_payload(bare, 'tip', point_mass(1.5, com)), q)
+    np.testing.assert_allclose(energies.conservative_force(held[0], q), expected)
     beside, = (body for body in held[1].bodies if body.inertial.mass == 1.5)
     assert beside.name.startswith('link2/at_0.1/')  # the section beside its mass centre
     locked = load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={

@@ -2,8 +2,9 @@
 
 from hypothesis import given
 from kane_dynamics import Robot, simulate
-from kane_dynamics.mechanics import energy, kane
-from kane_dynamics.mechanics.hyperdual import seeded
+from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import energies
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ def scale(robot, q, u, udot):
 def rates(robot, q, u, udot):
     """Return dKE/dt and dPE/dt along the motion, exactly, by the energy road."""
     path = seeded(q, u, 0, robot.n)
-    kinetic = energy.kinetic_energy(robot.model, path, seeded(u, udot, 0, robot.n))
-    return kinetic.rate, energy.potential_energy(robot.model, path).rate
+    kinetic = energies.kinetic_energy(robot.model, path, seeded(u, udot, 0, robot.n))
+    return kinetic.rate, energies.potential_energy(robot.model, path).rate
 
 
 @given(robots_and_states(1))
@@ -77,7 +78,7 @@ def test_gravity_and_springs_are_the_gradient_of_the_potential_energy(drawn):
     held = robot.bias_force(q, rest) - robot.friction_force(rest)  # which may have an offset
     springs = robot.torque_terms(q, np.zeros(robot.n), np.zeros(robot.n))[4]
     size = scale(robot, q, np.zeros(robot.n), np.zeros(robot.n))
-    gradient = -energy.conservative_force(robot.model, q)
+    gradient = -energies.conservative_force(robot.model, q)
     np.testing.assert_allclose(held, gradient, rtol=1e-11, atol=1e-12 * size)
     np.testing.assert_allclose(robot.gravity_force(q) + springs, held, rtol=1e-11,
                                atol=1e-12 * size)

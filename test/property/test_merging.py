@@ -1,8 +1,7 @@
 """Merging loses nothing: mass, mass centre and inertia of the whole robot, for any selection."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from kane_dynamics.model import Inertial, WORLD
+from hypothesis import given, settings, strategies as st
+from kane_dynamics.model.model import Inertial, WORLD
 from mechanisms import random_inertial
 import numpy as np
 from numpy.testing import assert_allclose

@@ -17,16 +17,16 @@ pytest.importorskip('kane_dynamics_interfaces')
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError, KaneError  # noqa: E402
-from kane_dynamics.resources import resource_path  # noqa: E402
-from kane_dynamics.ros import services  # noqa: E402
-from kane_dynamics.ros.conversion import motion_from_message  # noqa: E402
-from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
-from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.requests import Bounds, Served, Simulation  # noqa: E402
-from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.trajectories import read_trajectory  # noqa: E402
-from kane_dynamics.ros.wrenches import Wrenches, WrenchFrames  # noqa: E402
+from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.services import services  # noqa: E402
+from kane_dynamics.ros.services.simulation_request import Bounds, ServedRobot, SimulationRequest  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames, WrenchInput  # noqa: E402
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics,  # noqa: E402
                                           GetDynamics, InverseDynamics, Simulate)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -226,7 +226,7 @@ def test_a_mutated_wrench_acts_as_rclpys_reading_does_or_not_at_all():
         (), (), (), (FRAME, 0), ('elsewhere',), (FRAME, NOW - 2 * TIMEOUT),
         (FRAME, NOW + 2 * TIMEOUT))]
     reasons = Counter()
-    wrenches = Wrenches(ROBOT, lambda: NOW, {
+    wrenches = WrenchInput(ROBOT, lambda: NOW, {
         'wrench.timeout': TIMEOUT * 1e-9, 'wrench.max_force': 100.0, 'wrench.max_moment': 50.0},
         lambda reason, detail: reasons.update([reason]))
     q, acted = np.array([0.3, -0.7]), 0
@@ -271,7 +271,7 @@ def requests(chance):
 
 def test_a_mutated_request_is_answered_or_refused_in_words():
     chance = random.Random(7)
-    served = Served(ROBOT, ROBOT, Loads(ROBOT.model.gravity), np.ones(2), np.ones(2),
+    served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2), np.ones(2),
                     Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
     seeds = requests(chance)
     outcomes = Counter()
@@ -287,7 +287,7 @@ def test_a_mutated_request_is_answered_or_refused_in_words():
             if call is not None:
                 call(served, request, response)
             else:
-                Simulation.from_request(request, served).run(response, lambda t: True)
+                SimulationRequest.from_request(request, served).run(response, lambda t: True)
         except InputError:
             outcomes['refused'] += 1
             continue

@@ -1,8 +1,9 @@
 """Variations in turning frames: identities against derivatives that know no frame's formula."""
 
-from kane_dynamics.mechanics.hyperdual import HyperDual, joined, Parts, parts, seeded
-from kane_dynamics.mechanics.variations import (absolute, angular_velocity_variation, relative,
-                                                turned)
+from kane_dynamics.mechanics.algebra.hyperdual import HyperDual, joined, parts, Parts, seeded
+from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
+                                                                 angular_velocity_variation,
+                                                                 relative, turned)
 import numpy as np
 import pytest
 

@@ -3,8 +3,8 @@
 from definition import Definition
 from kane_dynamics import (ball, box, disc, Inertial, load_urdf, ModelBuilder, ModelError,
                            ModelWarning, point_mass, rod)
-from kane_dynamics.mechanics import kane, kinematics
-from kane_dynamics.resources import resource_path
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_inertial, random_state
 import numpy as np
 import pytest

@@ -5,8 +5,9 @@ import os
 import subprocess
 import sys
 
-from kane_dynamics import kernel_set, Robot
-from kane_dynamics.native import cache
+from kane_dynamics import Robot
+from kane_dynamics.native.machine_code import object_cache
+from kane_dynamics.robot import kernel_set
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_a_damaged_file_is_rebuilt(place, damage):
     for file in place.iterdir():
         file.write_bytes(damage(file.read_bytes()))
     assert np.array_equal(torque(), expected)
-    assert cache.load(next(iter(os.listdir(place)))) is not None
+    assert object_cache.load(next(iter(os.listdir(place)))) is not None
 
 
 def test_a_file_under_anothers_name_is_not_trusted(place):
@@ -58,7 +59,7 @@ def test_a_file_under_anothers_name_is_not_trusted(place):
     contents = [file.read_bytes() for file in files]
     for file, content in zip(files, contents[1:] + contents[:1]):
         file.write_bytes(content)
-    assert all(cache.load(file.name) is None for file in files)
+    assert all(object_cache.load(file.name) is None for file in files)
 
 
 def test_a_directory_that_others_may_write_to_is_not_used(place):
@@ -103,21 +104,21 @@ def test_processes_that_start_together_do_not_disturb_each_other(place):
 
 
 def test_a_file_that_others_may_write_to_is_not_trusted(place):
-    cache.store('name', b'code')
-    assert cache.load('name') == b'code'
+    object_cache.store('name', b'code')
+    assert object_cache.load('name') == b'code'
     (place / 'name').chmod(0o620)
-    assert cache.load('name') is None
+    assert object_cache.load('name') is None
 
 
 def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
-    monkeypatch.setattr(cache, 'MOST_BYTES', 10_000)
+    monkeypatch.setattr(object_cache, 'MOST_BYTES', 10_000)
     body = bytes(900)
     for k in range(10):
-        cache.store(f'file{k}', body)
+        object_cache.store(f'file{k}', body)
         os.utime(place / f'file{k}', (k, k))
     assert len(os.listdir(place)) == 10
-    assert cache.load('file0') == body
-    cache.store('one more', body)
+    assert object_cache.load('file0') == body
+    object_cache.store('one more', body)
     left = set(os.listdir(place))
     assert left == {'file0', 'one more', *(f'file{k}' for k in range(5, 10))}
     assert sum((place / name).stat().st_size for name in left) <= 7500
@@ -125,8 +126,8 @@ def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
 
 def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch):
     expected = torque()
-    monkeypatch.setattr(cache, 'MOST_BYTES', 0)
-    cache.store('another', b'')
+    monkeypatch.setattr(object_cache, 'MOST_BYTES', 0)
+    object_cache.store('another', b'')
     assert not os.listdir(place)
     assert np.array_equal(torque(), expected)
 
@@ -138,7 +139,7 @@ import sys
 from kane_dynamics import Robot
 from kane_dynamics.native import cache
 from mechanisms import random_model, random_state
-cache.MOST_BYTES = int(sys.argv[1])
+object_cache.MOST_BYTES = int(sys.argv[1])
 model = random_model(8, 3)
 sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes().hex())
 """
@@ -149,4 +150,4 @@ sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes(
     results = {process.communicate(timeout=60)[0] for process in running}
     assert [process.returncode for process in running] == [0] * 4
     assert results == {torque().tobytes().hex()}
-    assert all(cache.load(name) is not None for name in os.listdir(place))
+    assert all(object_cache.load(name) is not None for name in os.listdir(place))

@@ -4,10 +4,10 @@ from dataclasses import replace
 from itertools import product
 
 from kane_dynamics import box, Inertial, InputError, Model, ModelBuilder, point_mass
-from kane_dynamics.cli import polynomials
-from kane_dynamics.cli.equations import as_csv, closed_form
-from kane_dynamics.cli.symbolic import exact, shortened, Symbolic, symbols, unwrapped
-from kane_dynamics.mechanics import kane, kinematics
+from kane_dynamics.cli.equations import polynomials
+from kane_dynamics.cli.equations.closed_form import as_csv, closed_form
+from kane_dynamics.cli.equations.symbolic import exact, shortened, Symbolic, symbols, unwrapped
+from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest

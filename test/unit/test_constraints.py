@@ -1,14 +1,15 @@
 """Every misuse of speeds and constraints is refused by name; small inverses are inverses."""
 
 from kane_dynamics import ConstraintError, InputError, ModelBuilder
+from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.linear_solve import inverse
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, PointVelocity,
                                                  Prescribed, Rolling)
-from kane_dynamics.mechanics.dual import moving, rates, values
-from kane_dynamics.mechanics.linear import inverse
-from kane_dynamics.mechanics.speeds import body_angular_velocity, Speeds
-from kane_dynamics.mechanics.structure import closed_posture, structured
-from kane_dynamics.native.program import trace_program
-from kane_dynamics.shapes import rod
+from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
+                                                                    closed_posture)
+from kane_dynamics.mechanics.constraints.speeds import body_angular_velocity, Speeds
+from kane_dynamics.model.primitive_inertias import rod
+from kane_dynamics.native.tracing.program import trace_program
 import numpy as np
 import pytest
 
@@ -43,7 +44,7 @@ def arm(n=3):
 ])
 def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
     with pytest.raises(ConstraintError, match=words):
-        structured(arm(), None, constraints)
+        choose_independent(arm(), None, constraints)
 
 
 @pytest.mark.parametrize(('make', 'words'), [
@@ -66,21 +67,21 @@ def test_values_that_no_constraint_has_are_refused(make, words):
     (body_angular_velocity('rod1'), ConstraintError, r'turned by 2 joints \(joint0, joint1\)')])
 def test_speeds_that_cannot_be_are_refused_by_name(speeds, error, words):
     with pytest.raises(error, match=words):
-        structured(arm(), speeds, (PointVelocity('tip', (1, 0, 0)),))
+        choose_independent(arm(), speeds, (PointVelocity('tip', (1, 0, 0)),))
 
 
 def test_independent_speeds_that_do_not_fit_are_refused():
     constraints = (Coupling('joint1', {'joint0': 2.0}),)
-    assert structured(arm(), None, constraints, ('joint0', 'joint2')).speed_names == (
+    assert choose_independent(arm(), None, constraints, ('joint0', 'joint2')).speed_names == (
         'joint0', 'joint2')
     with pytest.raises(ConstraintError, match='leave exactly 2 of joint0, joint1, joint2'):
-        structured(arm(), None, constraints, ('joint0',))
+        choose_independent(arm(), None, constraints, ('joint0',))
     with pytest.raises(ConstraintError, match='joint0, joint1 do not determine the others'):
-        structured(arm(), None, constraints, ('joint0', 'joint1'))
+        choose_independent(arm(), None, constraints, ('joint0', 'joint1'))
 
 
 def test_a_closed_posture_is_near_closed_and_leaves_what_is_fixed():
-    mechanism = structured(arm(), None, (Closure('tip', 'near', 'spherical'),))
+    mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     q = closed_posture(mechanism, [0.5, 1.0, 1.0], fixed=['joint0'])
     assert q[0] == 0.5
     np.testing.assert_allclose(mechanism.posture(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)

@@ -8,10 +8,10 @@ pytest.importorskip('rclpy')
 pytest.importorskip('mujoco')
 
 from kane_dynamics import load_urdf, Robot  # noqa: E402, I100
-from kane_dynamics.contact import CollisionDetector  # noqa: E402
-from kane_dynamics.demo.arm import HOME, JOINTS, KD, KP, RATE, URDF  # noqa: E402
-from kane_dynamics.demo.plant import Arm  # noqa: E402
-from kane_dynamics.observer import MomentumObserver  # noqa: E402
+from kane_dynamics.control.collision_detection import CollisionDetector  # noqa: E402
+from kane_dynamics.control.momentum_observer import MomentumObserver  # noqa: E402
+from kane_dynamics.demo.demo_settings import HOME, JOINTS, KD, KP, RATE, URDF  # noqa: E402
+from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 import mujoco  # noqa: E402
 
 # Every joint swings by itself, without a common period, at up to nine tenths of its speed limit.
@@ -37,7 +37,7 @@ class Rig:
 
     def __init__(self):
         with open(URDF, encoding='utf-8') as file:
-            self.arm = Arm(file.read())
+            self.arm = MujocoArm(file.read())
         self.observer = MomentumObserver(ROBOT, gain=50.0, held=True)
         self.detector = CollisionDetector(JOINTS, THRESHOLD)
         self.chance = np.random.default_rng(0)

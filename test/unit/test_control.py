@@ -2,13 +2,13 @@
 
 from types import SimpleNamespace
 
-from kane_dynamics.build import ModelBuilder
-from kane_dynamics.control import ComputedTorque, Controller, Mode, Terms
+from kane_dynamics.control.controller import ComputedTorque, Controller, Mode, Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.model import Body, Inertial, Joint, Limits, Model
-from kane_dynamics.motion import Motion
-from kane_dynamics.robot import Robot
-from kane_dynamics.shapes import point_mass
+from kane_dynamics.model.builder import ModelBuilder
+from kane_dynamics.model.model import Body, Inertial, Joint, Limits, Model
+from kane_dynamics.model.primitive_inertias import point_mass
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 import pytest
 

@@ -1,14 +1,14 @@
 """Promises of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics import InputError
-from kane_dynamics.native import llvm
-from kane_dynamics.native.elementary import LARGEST
-from kane_dynamics.native.emit import module_text
-from kane_dynamics.native.kernels import Argument, Kernel
-from kane_dynamics.native.lanes import lane_text, width
-from kane_dynamics.native.march import march, Strided
-from kane_dynamics.native.program import trace_program
-from kane_dynamics.native.support import repeat
+from kane_dynamics.native.backends.llvm_math import LARGEST
+from kane_dynamics.native.backends.llvm_scalar import module_text
+from kane_dynamics.native.backends.llvm_simd import lane_text, width
+from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.tracing.program import trace_program
 import mpmath
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def functions(request):
     width = request.param
     program = trace_program('f', lambda x, none: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
                             [('x', (1,)), ('none', (1,))])
-    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
+    code = llvm_assembler.Code(llvm_assembler.assemble(module_text(program, 'f') if width == 1
                                    else lane_text(program, 'f', width)))
 
     def run(x):
@@ -34,7 +34,7 @@ def functions(request):
             repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
                    len(x))
         else:
-            march(code.address('f'), rows, len(x), width=width)
+            run_batch(code.address('f'), rows, len(x), width=width)
         return out
     return run
 

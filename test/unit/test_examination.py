@@ -4,8 +4,8 @@ from functools import cache
 import math
 
 from kane_dynamics import ModelBuilder, point_mass, Robot, rod
-from kane_dynamics.examination import examine_model, heaviest
-from kane_dynamics.model import Limits
+from kane_dynamics.analysis.model_checks import examine_model, heaviest
+from kane_dynamics.model.model import Limits
 import numpy as np
 import pytest
 

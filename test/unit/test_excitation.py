@@ -7,10 +7,10 @@ from pathlib import Path
 
 from kane_dynamics import ComputedTorque, InputError, load_urdf, Robot, simulate
 from kane_dynamics.identification import excite, fit_base, Recording, rows
-from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.design import Design
-from kane_dynamics.identification.excitation import random_motion, within
-from kane_dynamics.identification.fourier import FourierBasis
+from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
+from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
+from kane_dynamics.identification.excitation.optimal_excitation import random_motion, within
 import numpy as np
 import pytest
 
@@ -35,7 +35,7 @@ def found():
 
 def design(model, floor=None):
     """Return what motions of ten seconds are judged by."""
-    return Design(model, FourierBasis(10.0, 5), SHARE, math.inf, math.inf, floor, None)
+    return DesignCriterion(model, FourierBasis(10.0, 5), SHARE, math.inf, math.inf, floor, None)
 
 
 def test_condition_number_is_less_than_half_of_that_of_random_motions_within_the_limits():

@@ -8,9 +8,9 @@ import subprocess
 import sys
 
 from kane_dynamics import Inertial, InputError, load_urdf, Model, Robot
-from kane_dynamics.export import DEFAULT_KERNELS
-from kane_dynamics.quantities import QUANTITIES
-from kane_dynamics.resources import package_version, resource_path
+from kane_dynamics._util.resources import package_version, resource_path
+from kane_dynamics.robot.export_c import DEFAULT_KERNELS
+from kane_dynamics.robot.quantities import QUANTITIES
 from mechanisms import random_model
 import numpy as np
 import pytest

@@ -2,8 +2,8 @@
 
 import math
 
-from kane_dynamics.native.expression import Expr, Trace
-from kane_dynamics.native.program import factored, Program, trace_program
+from kane_dynamics.native.tracing.expression import Expr, Trace
+from kane_dynamics.native.tracing.program import factored, Program, trace_program
 import numpy as np
 import pytest
 

@@ -9,7 +9,7 @@ from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelErro
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
 from kane_dynamics.feasibility.time_scale import highest_free, positive
-from kane_dynamics.parameters import JointLimits
+from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np
 import pytest

@@ -5,14 +5,13 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import Inertial, InputError, load_urdf, ModelError, Robot
-from kane_dynamics.identification import (base_parameters, base_speeds, fit_base,
-                                          friction_speeds, identify, read_recording, Recording,
-                                          rows)
-from kane_dynamics.identification.base import true_unknowns
-from kane_dynamics.identification.equations import compressed, full_regressor, stacked
-from kane_dynamics.identification.files import written
-from kane_dynamics.identification.physical import physical
-from kane_dynamics.mechanics.regressor import inertial_parameters, PARAMETERS
+from kane_dynamics.identification import (base_parameters, base_speeds, fit_base, friction_speeds,
+                                          identify, read_recording, Recording, rows)
+from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification.physical_consistency import physical
+from kane_dynamics.identification.regression import compressed, full_regressor, stacked
+from kane_dynamics.identification.result_files import written
+from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 import numpy as np
 import pytest
 from recordings import exciting, quiet, real, simulated
@@ -167,7 +166,7 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     A, b = stacked(equations, np.full(6, 0.5))
     prior = [body.inertial for body in wrong().bodies]
     direct = physical(A, b, prior, 6, 100.0)
-    monkeypatch.setattr('kane_dynamics.identification.physical._unconstrained', lambda *_: None)
+    monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained', lambda *_: None)
     program = physical(A, b, prior, 6, 100.0)
     misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)

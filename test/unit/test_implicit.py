@@ -3,10 +3,10 @@
 import warnings
 
 from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink, InputError,
-                           load_urdf, longest_step, ModelBuilder, ModelWarning, Motion,
-                           point_mass, Robot, rod, simulate)
-from kane_dynamics.mechanics.implicit import ImplicitStep
-from kane_dynamics.resources import resource_path
+                           load_urdf, longest_step, ModelBuilder, ModelWarning, Motion, point_mass,
+                           Robot, rod, simulate)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from mechanisms import random_model
 import numpy as np
 import pytest

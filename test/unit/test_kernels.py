@@ -7,8 +7,8 @@ import threading
 import weakref
 
 from kane_dynamics import InputError, Robot
-from kane_dynamics.native import entry
-from kane_dynamics.native.collection import without_collection
+from kane_dynamics.native.python_call import entry
+from kane_dynamics.native.runtime.gc_pause import gc_paused
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -266,8 +266,8 @@ def test_the_collector_rests_while_kernels_are_made_and_is_then_as_it_was(enable
     was = gc.isenabled()
     (gc.enable if enabled else gc.disable)()
     try:
-        with pytest.raises(ZeroDivisionError), without_collection():
-            with without_collection():
+        with pytest.raises(ZeroDivisionError), gc_paused():
+            with gc_paused():
                 assert not gc.isenabled()
             assert not gc.isenabled()
             raise ZeroDivisionError

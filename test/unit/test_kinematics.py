@@ -6,8 +6,8 @@ from pathlib import Path
 from kane_dynamics import (Closure, Inertial, InputError, inverse_kinematics, load_urdf,
                            ModelBuilder, pose_error, pose_exp, pose_log, Robot, rod, rotation_exp,
                            rotation_log)
-from kane_dynamics.mechanics import kinematics
-from kane_dynamics.mechanics.speeds import absolute_rates
+from kane_dynamics.mechanics.constraints.speeds import absolute_rates
+from kane_dynamics.mechanics.definition import kinematics
 from mechanisms import random_model
 import numpy as np
 import pytest

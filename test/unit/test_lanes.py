@@ -8,20 +8,22 @@ import threading
 import time
 
 from kane_dynamics import InputError, Robot
-from kane_dynamics.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes
-from kane_dynamics.native import lanes, llvm, threads
-from kane_dynamics.native.expression import call
-from kane_dynamics.native.kernels import Argument, Kernel
-from kane_dynamics.native.lanes import lane_text
-from kane_dynamics.native.march import BAD_INPUT, BAD_RESULT, march, Strided
-from kane_dynamics.native.program import trace_program
+from kane_dynamics.native.backends import llvm_simd
+from kane_dynamics.native.backends.llvm_simd import lane_text
+from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.runtime import threads
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, BAD_RESULT, run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes
 from mechanisms import random_model
 import numpy as np
 import pytest
 
 MODEL = random_model(3, 5, mimics=1)
 FRAME = MODEL.frames[-1].name
-W = lanes.width()
+W = llvm_simd.width()
 COUNTS = (0, 1, W - 1, W, W + 1, 3 * W + 2, 1000)
 
 
@@ -167,22 +169,22 @@ def test_lanes_of_every_width_compute_the_same(width):
         second = call(inner, [first[0], x[2]])
         return [*second, np.tanh(y[0]) * block[1], np.sqrt(y[1] * y[1]), 4.0, *first]
     program = trace_program('outer', outer, [('x', (3,)), ('y', (2,)), ('block', (2,))])
-    code = llvm.Code(llvm.assemble(lane_text(program, 'f', width)))
+    code = llvm_assembler.Code(llvm_assembler.assemble(lane_text(program, 'f', width)))
     rng = np.random.default_rng(0)
     x, y, block = rng.normal(size=(13, 3)), rng.normal(size=(13, 2)), np.array([9.0, 3.0])
     out = np.full((14, 7), -7.0)
     rows = [Strided(x.ctypes.data, 24), Strided(y.ctypes.data, 16), Strided(block.ctypes.data),
             Strided(out.ctypes.data, 56)]
-    assert march(code.address('f'), rows, 13, width=width) == 0
+    assert run_batch(code.address('f'), rows, 13, width=width) == 0
     first = np.stack([np.sin(x[:, 0]), x[:, 0] / x[:, 1]], axis=1)
     expected = np.column_stack([np.sin(first[:, 0]), first[:, 0] / x[:, 2],
                                 3.0 * np.tanh(y[:, 0]), np.abs(y[:, 1]), np.full(13, 4.0), first])
     np.testing.assert_allclose(out[:13], expected, rtol=1e-15)
     assert (out[13] == -7.0).all()  # nothing is written past the last state
     y[12, 0] = np.nan
-    assert march(code.address('f'), rows, 13, width=width) == BAD_INPUT | BAD_RESULT
+    assert run_batch(code.address('f'), rows, 13, width=width) == BAD_INPUT | BAD_RESULT
     y[12, 0], x[3, 1] = 0.0, 0.0
-    assert march(code.address('f'), rows, 13, width=width) == BAD_RESULT
+    assert run_batch(code.address('f'), rows, 13, width=width) == BAD_RESULT
 
 
 def test_long_rows_that_fill_no_whole_tiles_arrive_in_order():
@@ -248,8 +250,8 @@ def test_compile_leaves_nothing_for_the_first_batch(monkeypatch):
 
     def refuse(*_, **__):
         raise AssertionError('compiled in a call')
-    monkeypatch.setattr(llvm, 'assemble', refuse)
-    monkeypatch.setattr(llvm, 'Code', refuse)
+    monkeypatch.setattr(llvm_assembler, 'assemble', refuse)
+    monkeypatch.setattr(llvm_assembler, 'Code', refuse)
     given = np.ones((3, 4, 2))
     for name, quantity in QUANTITIES.items():
         getattr(robot, name)(*given[:len(quantity.arguments)])

@@ -3,15 +3,16 @@
 import re
 
 from kane_dynamics import ComputedTorque, InputError, Motion, Robot, simulate, Trajectory
-from kane_dynamics import limit_watch, simulation
-from kane_dynamics.native import lanes, march, support, threads
-from kane_dynamics.stepping import compile_simulation
+from kane_dynamics.native.backends import llvm_simd
+from kane_dynamics.native.runtime import batch_loop, loop_support, threads
+from kane_dynamics.simulation import limit_events, simulate as simulation
+from kane_dynamics.simulation.step_kernels import compile_simulation
 from mechanisms import random_model
 import numpy as np
 import pytest
 
 MODEL = random_model(11, 4, mimics=1)
-W = lanes.width()
+W = llvm_simd.width()
 N, STEPS = 2 * W + 3, 40
 ARRAYS = ('q', 'u', 'udot', 'tau', 'energy')
 rng = np.random.default_rng(4)
@@ -100,7 +101,7 @@ def test_every_passing_of_a_limit_is_an_event_as_in_one_simulation(robot):
 
 
 def test_too_many_events_are_refused_not_dropped(robot, monkeypatch):
-    monkeypatch.setattr(limit_watch, 'MOST_EVENTS', 10)
+    monkeypatch.setattr(limit_events, 'MOST_EVENTS', 10)
     with pytest.raises(InputError, match='pass their limits more than 10 times by'):
         simulate(robot, Q0, 6.0 * U0, 1.5)
 
@@ -173,13 +174,13 @@ def test_files_keep_every_number_and_pictures_need_one_motion(robot, tmp_path):
 
 def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypatch):
     robot = Robot(random_model(22, 2))
-    for shared in (support.support, support._repeat, march.driver, march._march):
+    for shared in (loop_support.support, loop_support._repeat, batch_loop.driver, batch_loop._march):
         shared.cache_clear()  # what other tests have compiled for all robots
     compile_simulation(robot)
 
     def refuse(*_, **__):
         raise AssertionError('compiled in a call')
-    monkeypatch.setattr('kane_dynamics.native.llvm.Code', refuse)
+    monkeypatch.setattr('kane_dynamics.native.machine_code.llvm_assembler.Code', refuse)
     motion = Motion.from_points([0.0, 0.1], [[0.0, 0.0], [0.1, 0.1]],
                                 joint_names=robot.joint_names)
     for torque in (None, ComputedTorque(robot, motion, 1.0, 1.0)):

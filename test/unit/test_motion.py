@@ -1,7 +1,7 @@
 """Promises of Motion: joint_trajectory_controller's interpolation, and refusals in words."""
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion import Motion
+from kane_dynamics.motion.motion import Motion
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -5,12 +5,12 @@ from itertools import pairwise
 import math
 
 from kane_dynamics import Motion, Robot
-from kane_dynamics.contact import CollisionDetector, frame_wrench
+from kane_dynamics.analysis.power_balance import power_balance
+from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
+from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.errors import InputError
-from kane_dynamics.inertial import Inertial
-from kane_dynamics.mechanics.speeds import absolute_rates
-from kane_dynamics.observer import MomentumObserver
-from kane_dynamics.power import power_balance
+from kane_dynamics.mechanics.constraints.speeds import absolute_rates
+from kane_dynamics.model.inertial import Inertial
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest

@@ -6,10 +6,10 @@ import sys
 from types import SimpleNamespace
 
 from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
+from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
 from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions, plot_replay,
                                 plot_torque_by_source, plot_tracking, plot_trajectory)
-from kane_dynamics.power import power_balance, unaccounted_energy
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.simulation.trajectory import Trajectory
 import matplotlib
 from mechanisms import random_model
 import numpy as np

@@ -3,7 +3,7 @@
 import io
 import sys
 
-from kane_dynamics import progress
+from kane_dynamics._util import progress
 import pytest
 
 

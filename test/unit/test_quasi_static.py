@@ -5,9 +5,10 @@ from functools import cache
 from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (Controller, InputError, load_urdf, Motion, QuasiStatic, Robot, simulate,
                            stiffened)
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
-from kane_dynamics.mechanics import energy, kane
-from kane_dynamics.resources import resource_path
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import energies
 import numpy as np
 import pytest
 import yaml
@@ -64,7 +65,7 @@ def test_modes_are_in_equilibrium_by_the_definition():
         np.testing.assert_allclose(tau[k], expected[:2], rtol=1e-9)
         np.testing.assert_allclose(terms[k].sum(axis=0), expected[:2], rtol=1e-9)
     still = bending().modes(q[0], np.zeros(2), np.zeros(2))
-    force = energy.conservative_force(model, np.append(q[0], still))
+    force = energies.conservative_force(model, np.append(q[0], still))
     np.testing.assert_allclose(force[2:], 0.0, atol=1e-8)
     np.testing.assert_allclose(bending().gravity_force(q[0]), -force[:2], rtol=1e-9)
 

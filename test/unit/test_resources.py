@@ -5,7 +5,7 @@ from pathlib import Path
 import sys
 from xml.etree import ElementTree
 
-from kane_dynamics import resources
+from kane_dynamics._util import resources
 from kane_dynamics.errors import KaneError
 import pytest
 
@@ -16,7 +16,7 @@ FOLDERS = ('config', 'launch', 'urdf')
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
     """Pretend that the module lies in site-packages, with nothing beside it, and no prefix."""
-    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site/kane_dynamics/resources.py'))
+    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site/kane_dynamics/_util/resources.py'))
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'prefix'))
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     return tmp_path
@@ -69,6 +69,6 @@ def test_environment_of_make_install_has_every_file():
 def test_the_version_is_that_of_the_checkout_or_of_the_installation(installed, monkeypatch):
     monkeypatch.setattr(metadata, 'version', {'kane_dynamics': '7.8.9'}.__getitem__)
     assert resources.package_version() == '7.8.9'
-    monkeypatch.setattr(resources, '__file__', str(ROOT / 'kane_dynamics/resources.py'))
+    monkeypatch.setattr(resources, '__file__', str(ROOT / 'kane_dynamics/_util/resources.py'))
     described = ElementTree.parse(ROOT / 'package.xml').findtext('version')
     assert resources.package_version() == described

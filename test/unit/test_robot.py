@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-from kane_dynamics import (Body, CompileError, Inertial, InputError, Joint, Model, ModelError,
-                           Robot)
-from kane_dynamics.mechanics import kane
-from kane_dynamics.mechanics.equations import Equations, TORQUE_TERMS
-from kane_dynamics.mechanics.linkage import denavit_hartenberg, linkage
-from kane_dynamics.mechanics.payload import with_payload
-from kane_dynamics.mechanics.vector import axis_rotation
+from kane_dynamics import Body, CompileError, Inertial, InputError, Joint, Model, ModelError, Robot
+from kane_dynamics.mechanics.algebra.vector import axis_rotation
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.recursive.link_frames import denavit_hartenberg, linkage
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
+from kane_dynamics.model.with_payload import with_payload
 from mechanisms import random_inertial, random_model, random_state
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ def test_definition_recursion_and_compiled_code_agree(seed, options):
     model = random_model(seed, 5, mimics=seed % 3)
     q, u, udot = random_state(model, seed)
     friction = options.get('friction', True)
-    robot, equations = Robot(model, **options), Equations(model, **options)
+    robot, equations = Robot(model, **options), TreeEquations(model, **options)
     g = model.gravity
     for given, reference in (
             ((robot.inverse_dynamics(q, u, udot), equations.inverse_dynamics(q, u, udot, None, g)),

@@ -4,9 +4,9 @@ import math
 import struct
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.cdr import joint_efforts, numbers, Reader
-from kane_dynamics.ros.conversion import motion_from_message
-from kane_dynamics.ros.trajectories import read_trajectory
+from kane_dynamics.ros.common.conversion import motion_from_message
+from kane_dynamics.ros.torque_path.cdr import joint_efforts, numbers, Reader
+from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 from builtin_interfaces.msg import Duration
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.conversion import duration, order, trajectory_message
-from kane_dynamics.ros.diagnostics import Statistics
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.ros.common.conversion import duration, order, trajectory_message
+from kane_dynamics.ros.common.node_statistics import Statistics
+from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 import pytest
 

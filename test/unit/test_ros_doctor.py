@@ -5,11 +5,11 @@ import math
 from pathlib import Path
 
 from kane_dynamics import load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
-from kane_dynamics.resources import resource_path
-from kane_dynamics.ros.conversion import NANO
-from kane_dynamics.ros.doctor import examine_states, Heard
-from kane_dynamics.ros.doctor_configuration import examine_configuration
+from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.doctor.configuration import examine_configuration
+from kane_dynamics.ros.doctor.live_graph import examine_states, Heard
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

@@ -10,15 +10,15 @@ pytest.importorskip('kane_dynamics_interfaces')
 pytest.importorskip('mujoco')
 
 from kane_dynamics import Controller, Inertial, load_urdf, Robot  # noqa: E402, I100
-from kane_dynamics.demo.arm import desired_motion, JOINTS, KD, KP, RATE, URDF  # noqa: E402
-from kane_dynamics.demo.plant import Arm  # noqa: E402
+from kane_dynamics.demo.demo_settings import desired_motion, JOINTS, KD, KP, RATE, URDF  # noqa: E402
+from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
-from kane_dynamics.ros.estimator import Estimator, estimator_settings  # noqa: E402
-from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.parameters import read  # noqa: E402
-from kane_dynamics.ros.specs import BY_NAME, SPECS  # noqa: E402
-from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
@@ -45,7 +45,7 @@ class Rig:
     def __init__(self, carrying=True, **changes):
         with open(URDF, encoding='utf-8') as file:
             text = file.read()
-        self.arm = Arm(text.replace('</robot>', CARRIED) if carrying else text)
+        self.arm = MujocoArm(text.replace('</robot>', CARRIED) if carrying else text)
         self.heard, self.rejected, self.time = [], [], 100 * NANO
         self.chance = np.random.default_rng(0)
         self.robot = Robot(MODEL, payload_frame=FRAME)
@@ -53,7 +53,7 @@ class Rig:
         self.path = TorquePath(Controller(self.robot, mode='gravity_compensation'), silent, silent,
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
         timers = SimpleNamespace(create_timer=self.timer)
-        self.estimator = Estimator(self.robot, settings(**changes), timers,
+        self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
                                    SimpleNamespace(publish=self.heard.append),
                                    lambda *words: self.rejected.append(words))
         self.path.add_watch(self.estimator, need_effort=True)
@@ -85,7 +85,7 @@ class Rig:
                          ids=['not told', 'told to carry it'])
 def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(told):
     rig = Rig()
-    rig.path.set_loads(Loads(MODEL.gravity, told))
+    rig.path.set_loads(GravityAndPayload(MODEL.gravity, told))
     rig.run(8.0, desired_motion())
     found = rig.heard[-1]
     assert len(rig.heard) == 16

@@ -3,12 +3,13 @@
 import math
 
 from kane_dynamics import load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
-from kane_dynamics.inertial import Inertial
-from kane_dynamics.mechanics.payload import with_payload
-from kane_dynamics.resources import resource_path
-from kane_dynamics.ros.imu import GravityFromImu
-from kane_dynamics.ros.loads import checked_payload, Loads, PayloadBounds
+from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
+from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
+                                                           PayloadBounds)
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu
@@ -27,7 +28,7 @@ def tensor(xx, xy, xz, yy, yz, zz):
 @pytest.mark.parametrize('frame', ['', 'wrist_3_link', 'tool0'])
 def test_a_payload_in_any_frame_of_its_link_equals_a_heavier_model(frame):
     robot = Robot(MODEL, payload_frame='wrist_3_link')
-    Loads(MODEL.gravity, checked_payload(MODEL, BOUNDS, frame, 3.0, COM, INERTIA)).apply(robot)
+    GravityAndPayload(MODEL.gravity, checked_payload(MODEL, BOUNDS, frame, 3.0, COM, INERTIA)).apply(robot)
     heavier = Robot(with_payload(MODEL, frame or 'wrist_3_link',
                                  Inertial(3.0, np.array(COM), tensor(*INERTIA))))
     np.testing.assert_allclose(robot.inverse_dynamics(*STATE), heavier.inverse_dynamics(*STATE),
@@ -38,7 +39,7 @@ def test_a_mass_of_zero_takes_the_payload_off():
     robot, plain = Robot(MODEL, payload_frame='wrist_3_link'), Robot(MODEL)
     for mass in (3.0, 0.0):
         payload = checked_payload(MODEL, BOUNDS, '', mass, COM, (0.0,) * 6)
-        Loads(MODEL.gravity, payload).apply(robot)
+        GravityAndPayload(MODEL.gravity, payload).apply(robot)
     np.testing.assert_allclose(robot.inverse_dynamics(*STATE), plain.inverse_dynamics(*STATE),
                                rtol=1e-12)
 

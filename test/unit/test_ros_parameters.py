@@ -6,10 +6,10 @@ import re
 
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.files import located
-from kane_dynamics.ros.parameters import misspelt, per_joint, read
-from kane_dynamics.ros.plant import specs as plant_specs
-from kane_dynamics.ros.specs import BY_NAME, SPECS
+from kane_dynamics.ros.common.configuration_files import located
+from kane_dynamics.ros.parameters.parameter_checks import misspelt, per_joint, read
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
+from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import numpy as np
 import pytest
 from ros_lines import flat

@@ -5,16 +5,16 @@ from functools import cache
 import math
 
 from kane_dynamics import load_urdf, QuasiStatic, Robot, simulate
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
-from kane_dynamics.parameters import JointLimits
-from kane_dynamics.resources import resource_path
-from kane_dynamics.ros.parameters import read
-from kane_dynamics.ros.plant.arm import SimulatedArm
-from kane_dynamics.ros.plant.channel import Channel, MOST
-from kane_dynamics.ros.plant.pace import Pace
-from kane_dynamics.ros.plant.plant import Plant
-from kane_dynamics.ros.plant.specs import SPECS
-from kane_dynamics.ros.plant.stops import pushed_back
+from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.ros.parameters.parameter_checks import read
+from kane_dynamics.ros.plant.delay_line import DelayLine, MOST
+from kane_dynamics.ros.plant.joint_stops import pushed_back
+from kane_dynamics.ros.plant.plant_parameters import SPECS
+from kane_dynamics.ros.plant.plant_state import PlantState
+from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
+from kane_dynamics.ros.plant.tick_schedule import TickSchedule
 import numpy as np
 import pytest
 
@@ -48,7 +48,7 @@ def values(**changes):
 def plant(**changes):
     robot = Robot(MODEL, payload_frame=changes.get('payload__frame'),
                   wrench_frames=changes.get('wrench__frames', ()))
-    return Plant(robot, values(**changes))
+    return PlantState(robot, values(**changes))
 
 
 @cache
@@ -151,7 +151,7 @@ def test_a_wrench_is_in_the_axes_of_its_frame_and_acts_at_its_origin():
 
 
 def test_a_line_delays_in_order_and_a_shorter_delay_lets_nothing_overtake():
-    line = Channel()
+    line = DelayLine()
     line.settle(0.5, 0.0)
     line.put(0, 'a')
     line.settle(0.1, 0.0)
@@ -161,14 +161,14 @@ def test_a_line_delays_in_order_and_a_shorter_delay_lets_nothing_overtake():
 
 
 def test_a_line_on_which_nothing_arrives_keeps_a_bounded_number():
-    line = Channel()
+    line = DelayLine()
     for k in range(MOST + 10):
         line.put(0, k)
     assert list(line.take(0)) == list(range(10, MOST + 10))
 
 
 def test_a_line_loses_the_share_that_it_is_told_to():
-    line = Channel()
+    line = DelayLine()
     line.settle(0.0, 0.25)
     for k in range(4000):
         line.put(k, k)
@@ -277,7 +277,7 @@ def test_gravity_payload_and_effort_limits_change_between_ticks():
 def test_without_an_initial_position_it_starts_at_zero_or_at_the_limit_next_to_it():
     bodies = [replace(body, joint=replace(body.joint, limits=replace(
         body.joint.limits, upper=upper))) for body, upper in zip(MODEL.bodies, (3.0, -0.15))]
-    which = Plant(Robot(replace(MODEL, bodies=tuple(bodies))), values())
+    which = PlantState(Robot(replace(MODEL, bodies=tuple(bodies))), values())
     assert which.arm.q.tolist() == [0.0, -0.15]
 
 
@@ -320,7 +320,7 @@ def test_a_motion_beyond_all_numbers_is_an_error_and_the_arm_stays_finite():
 
 
 def test_a_late_tick_does_not_make_the_next_one_late():
-    pace = Pace(1000.0 / 3.0)
+    pace = TickSchedule(1000.0 / 3.0)
     pace.start(50)
     for now in (50, 383, 900, 1050):
         assert now >= pace.due
@@ -330,7 +330,7 @@ def test_a_late_tick_does_not_make_the_next_one_late():
 
 
 def test_overruns_are_counted_and_what_cannot_be_caught_up_on_is_skipped():
-    pace = Pace(2e6)
+    pace = TickSchedule(2e6)
     pace.start(0)
     pace.tick(0)
     pace.tick(5_000_000)
@@ -343,7 +343,7 @@ def test_overruns_are_counted_and_what_cannot_be_caught_up_on_is_skipped():
 
 def test_an_arm_that_bends_rests_where_its_weight_has_bent_it():
     start = [0.4, -0.3]
-    bends = Plant(Robot(flexible()), values(initial__position=start, after_timeout='hold'))
+    bends = PlantState(Robot(flexible()), values(initial__position=start, after_timeout='hold'))
     assert bends.arm.joint_names == ('joint1', 'joint2')
     hold = QuasiStatic(Robot(flexible())).gravity_force(start)
     bends.command(hold)
@@ -352,12 +352,12 @@ def test_an_arm_that_bends_rests_where_its_weight_has_bent_it():
     np.testing.assert_allclose(last.q, start, atol=1e-7)
     np.testing.assert_allclose(last.effort, hold)
     with pytest.raises(InputError, match=r'initial\.position'):
-        Plant.check(bends.robot, values(initial__position=[0.0] * 7))
+        PlantState.check(bends.robot, values(initial__position=[0.0] * 7))
 
 
 def test_an_arm_that_bends_moves_as_the_library_says_and_stops_take_its_joints_alone():
     start, tau = np.array([0.2, 0.1]), np.array([9.0, 2.0])
-    bends = Plant(Robot(flexible()), values(initial__position=[0.2, 0.1], after_timeout='hold'))
+    bends = PlantState(Robot(flexible()), values(initial__position=[0.2, 0.1], after_timeout='hold'))
     modes = QuasiStatic(Robot(flexible())).modes(start, np.zeros(2), np.zeros(2))
     bends.command(tau)
     moved = [m for (m,) in run(bends, 101)]
@@ -376,7 +376,7 @@ def test_with_friction_as_stiff_as_identified_the_implicit_integrator_stops_the_
     model = load_urdf(URDF, supplement={'joints': dict.fromkeys(MODEL.joint_names, joint)})
 
     def coasting(**changes):
-        which = Plant(Robot(model), values(hold_until_command=False, substeps=1, **changes))
+        which = PlantState(Robot(model), values(hold_until_command=False, substeps=1, **changes))
         which.arm.u[:] = 1.0, -1.0
         for _ in range(200):
             which.arm.step(which.robot.gravity_force(which.arm.q))

@@ -6,7 +6,7 @@ import re
 import resource
 import threading
 
-from kane_dynamics.ros import realtime
+from kane_dynamics.ros.common import realtime
 import pytest
 
 OFF = {'realtime.priority': 0, 'realtime.cpus': (), 'realtime.lock_memory': False,

@@ -4,8 +4,9 @@ from array import array
 import math
 import struct
 
-from kane_dynamics.ros.states import (GARBLED, MISSING, MOST_LAYOUTS, NO_VELOCITY, NOT_FINITE,
-                                      SHORT, StateReader, TWICE)
+from kane_dynamics.ros.torque_path.joint_state_reader import (GARBLED, JointStateReader, MISSING,
+                                                              MOST_LAYOUTS, NO_VELOCITY,
+                                                              NOT_FINITE, SHORT, TWICE)
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -24,7 +25,7 @@ def wire(*arguments):
 
 
 def test_a_state_is_read_by_name_into_the_same_arrays():
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     q, u = reader.q, reader.u
     assert reader.read(wire('cxab', [3, 9, 1, 2], [30, 90, 10, 20]), True) is None
     assert (q.tolist(), u.tolist()) == ([1, 2, 3], [10, 20, 30])
@@ -44,21 +45,21 @@ def test_a_state_is_read_by_name_into_the_same_arrays():
     (SHORT, '0 positions', state('abc', [])),
 ])
 def test_a_bad_state_is_told_its_reason_and_a_good_one_still_goes(reason, detail, message):
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     assert reader.read(serialize_message(message), True) == reason
     assert detail in reader.detail
     assert reader.read(wire('abc', [1, 2, 3], [1, 2, 3]), True) is None
 
 
 def test_without_need_of_velocity_a_missing_one_is_rest():
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     reader.u[:] = 5.0
     assert reader.read(wire('abc', [1, 2, 3]), False) is None
     assert not reader.u.any()
 
 
 def test_only_the_first_message_of_a_layout_takes_the_normal_road():
-    reader, generator = StateReader(JOINTS), np.random.default_rng(3)
+    reader, generator = JointStateReader(JOINTS), np.random.default_rng(3)
     for _ in range(50):
         q, u = generator.normal(size=(2, 3))
         message = state('cab', q, u)
@@ -70,7 +71,7 @@ def test_only_the_first_message_of_a_layout_takes_the_normal_road():
 
 
 def test_padding_and_what_follows_the_end_may_be_anything():
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     data = bytearray(wire('abc', [1, 2, 3], [4, 5, 6]))
     assert reader.read(bytes(data), True) is None
     data[17:20] = b'\xaa\xbb\xcc'  # after the empty frame
@@ -84,7 +85,7 @@ def test_padding_and_what_follows_the_end_may_be_anything():
     wire('abc', [1, 2, 3], [], ) + bytes(24),    # same length, other counts
 ])
 def test_another_layout_of_the_same_length_is_not_taken_for_the_first(other):
-    reader, fresh = StateReader(JOINTS), StateReader(JOINTS)
+    reader, fresh = JointStateReader(JOINTS), JointStateReader(JOINTS)
     assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), False) is None
     assert reader.read(other, False) is fresh.read(other, False) is None
     assert (reader.q == fresh.q).all() and (reader.u == fresh.u).all()
@@ -100,14 +101,14 @@ def test_big_endian_messages_are_read_by_the_normal_road_or_not_at_all():
         body += b'' if values[0] == 1.0 else struct.pack('>I', 3)
         body += bytes(-len(body) % 8) + struct.pack('>3d', *values)
     data = bytes(4) + body + bytes(4)
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     fault = reader.read(data, True)
     assert fault == GARBLED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
     assert not reader._layouts
 
 
 def test_publishers_with_layouts_of_their_own_are_all_remembered_up_to_a_bound():
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     extra = ['x' * (8 * k + 1) for k in range(MOST_LAYOUTS + 1)]
     messages = [wire([*JOINTS, name], [1, 2, 3, 4], [1, 2, 3, 4]) for name in extra]
     for _ in range(3):
@@ -120,6 +121,6 @@ def test_publishers_with_layouts_of_their_own_are_all_remembered_up_to_a_bound()
 
 @pytest.mark.parametrize('data', [b'', b'\0\1', b'\0\1\0\0', bytes(100), b'\xff' * 200])
 def test_what_is_no_joint_state_is_dropped_and_the_next_one_read(data):
-    reader = StateReader(JOINTS)
+    reader = JointStateReader(JOINTS)
     assert reader.read(data, True) is not None
     assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), True) is None

@@ -9,16 +9,17 @@ pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.resources import resource_path  # noqa: E402
-from kane_dynamics.ros import trajectories  # noqa: E402
-from kane_dynamics.ros.conversion import motion_from_message  # noqa: E402
-from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
-from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.states import DISORDER, FUTURE, MISSING, NO_CLOCK, OLD  # noqa: E402
-from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.trajectories import take_trajectory  # noqa: E402
-from kane_dynamics.ros.wrenches import Wrenches  # noqa: E402
+from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.torque_path import trajectory_input  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER, FUTURE, MISSING, NO_CLOCK,
+                                                              OLD)  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.trajectory_input import take_trajectory  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -131,7 +132,7 @@ def test_loads_are_put_into_the_kernels_between_two_cycles_and_not_before():
     rig, before = Rig(), ROBOT.parameters.gravity
     try:
         rig.state()
-        rig.path.set_loads(Loads(np.array([1.0, 0.0, -3.0])))
+        rig.path.set_loads(GravityAndPayload(np.array([1.0, 0.0, -3.0])))
         assert (ROBOT.parameters.gravity == before).all(), 'not from another thread'
         command = rig.state(after=0.01)
         assert ROBOT.parameters.gravity.tolist() == [1.0, 0.0, -3.0]
@@ -225,7 +226,7 @@ def test_a_motion_received_or_begun_to_be_read_before_all_was_forgotten_is_not_f
         rig.path.stop()
         rig.path.start()
         return motion_from_message(*arguments)
-    monkeypatch.setattr(trajectories, 'motion_from_message', read)
+    monkeypatch.setattr(trajectory_input, 'motion_from_message', read)
     with pytest.raises(InputError, match='while it was read'):
         take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
@@ -313,7 +314,7 @@ def test_states_of_other_joints_alone_are_no_fault():
 
 def test_a_wrench_does_not_outlive_deactivation():
     rig = Rig()
-    rig.path.wrenches = Wrenches(Robot(load_urdf(URDF), wrench_frames=('tip',)),
+    rig.path.wrenches = WrenchInput(Robot(load_urdf(URDF), wrench_frames=('tip',)),
                                  lambda: rig.time, {'wrench.timeout': 60.0,
                                                     'wrench.max_force': 100.0,
                                                     'wrench.max_moment': 10.0}, print)

@@ -1,4 +1,4 @@
-"""Wrenches on a topic: sign, axes, what is dropped and why; and the observer beside them."""
+"""WrenchInput on a topic: sign, axes, what is dropped and why; and the observer beside them."""
 
 import math
 from types import SimpleNamespace
@@ -10,20 +10,20 @@ pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.resources import resource_path  # noqa: E402
-from kane_dynamics.ros import wrenches  # noqa: E402
-from kane_dynamics.ros.contact import Contact, Outputs, settings  # noqa: E402
-from kane_dynamics.ros.diagnostics import Statistics  # noqa: E402
-from kane_dynamics.ros.explainer import Explainer  # noqa: E402
-from kane_dynamics.ros.loads import Loads  # noqa: E402
-from kane_dynamics.ros.parameters import read  # noqa: E402
-from kane_dynamics.ros.specs import BY_NAME, SPECS  # noqa: E402
-from kane_dynamics.ros.states import DISORDER, FUTURE, GARBLED, NOT_FINITE  # noqa: E402
-from kane_dynamics.ros.surroundings import check_surroundings  # noqa: E402
-from kane_dynamics.ros.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.watch import Cycle  # noqa: E402
-from kane_dynamics.ros.wrenches import FRAME, LARGE, OLD, SILENT, Wrenches  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.monitors.contact_monitor import ContactMonitor, Outputs, settings  # noqa: E402
+from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
+from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
+from kane_dynamics.ros.torque_path import wrench_input  # noqa: E402
+from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import DISORDER, FUTURE, GARBLED, NOT_FINITE  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import FRAME, LARGE, OLD, SILENT, WrenchInput  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -67,9 +67,9 @@ class Rig:
         self.outputs = Outputs(Sink(JointState), Sink(WrenchStamped), Sink(None))
         self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
-        self.wrenches = self.path.wrenches = Wrenches(ROBOT, lambda: self.time, self.values,
+        self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
                                                       self.reject)
-        self.contact = Contact(ROBOT, self.values, self.outputs, self.log, self.reject)
+        self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)
         self.path.add_watch(self.contact, need_effort=True)
         self.path.start()
 
@@ -167,9 +167,9 @@ def test_frames_that_cannot_carry_a_wrench_are_refused_by_name():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     for name, words in (('claw', "no frame 'claw'"), (MODEL.base_name, 'does not move')):
         with pytest.raises(InputError, match=words):
-            wrenches.check_frames(MODEL, [name])
+            wrench_input.check_frames(MODEL, [name])
     with pytest.raises(InputError, match="no frame 'claw'"):
-        check_surroundings(values | {'observer.enabled': True, 'observer.frame': 'claw'}, ROBOT)
+        check_optional_topics(values | {'observer.enabled': True, 'observer.frame': 'claw'}, ROBOT)
 
 
 def gravity():
@@ -242,7 +242,7 @@ def test_a_change_of_gravity_is_handed_to_the_observer_before_the_next_state():
     rig.contact.refresh = lambda: seen.append((ROBOT.parameters.gravity[2], rig.time))
     try:
         rig.state()
-        rig.path.set_loads(Loads(np.array([0.0, 0.0, -3.0])))
+        rig.path.set_loads(GravityAndPayload(np.array([0.0, 0.0, -3.0])))
         rig.state()
         rig.state()
     finally:
@@ -270,12 +270,12 @@ U = np.array([0.3, -0.5])
     ('computed_torque', MOTION, (Q, U, DESIRED[2])), ('computed_torque', None, (Q, U, 0.0 * U)),
     ('gravity_compensation', MOTION, (Q, 0.0 * U, 0.0 * U))])
 def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, motion, point):
-    served = SimpleNamespace(robot=ROBOT, loads=Loads(ROBOT.parameters.gravity))
+    served = SimpleNamespace(robot=ROBOT, loads=GravityAndPayload(ROBOT.parameters.gravity))
     publish, sent = [], []
     server = SimpleNamespace(served=served, create_timer=lambda period, call, clock:
                              publish.append(call))
     rig = Rig()
-    explainer = Explainer(server, SimpleNamespace(publish=sent.append), 10.0,
+    explainer = TorqueBreakdownTopic(server, SimpleNamespace(publish=sent.append), 10.0,
                           Controller(ROBOT, mode=mode), rig.wrenches, rig.reject)
     rig.wrench(PUSH)
     state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())

@@ -2,7 +2,7 @@
 
 from kane_dynamics import (Body, ComputedTorque, Inertial, InputError, Joint, Limits, Model,
                            Motion, Robot, simulate, Trajectory)
-from kane_dynamics.mechanics.integration import runge_kutta_4
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest

@@ -5,11 +5,11 @@ import math
 import warnings
 
 from kane_dynamics import (Closure, FlexibleLink, InputError, load_urdf, longest_step,
-                           ModelBuilder, ModelWarning, natural_vibration, point_mass, Robot,
-                           rod, simulate)
+                           ModelBuilder, ModelWarning, natural_vibration, point_mass, Robot, rod,
+                           simulate)
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
-from kane_dynamics.resources import resource_path
-from kane_dynamics.stability import step_warning
+from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.sweep import run_sweep, Sweep
 import numpy as np
 import pytest
@@ -118,12 +118,13 @@ def test_commands_and_sweeps_say_it_too(tmp_path, capsys):
 def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     pytest.importorskip('rclpy')
     pytest.importorskip('kane_dynamics_interfaces')
-    from kane_dynamics.ros.loads import Loads
-    from kane_dynamics.ros.parameters import read
-    from kane_dynamics.ros.plant.arm import SimulatedArm
-    from kane_dynamics.ros.requests import Bounds, Served, Simulation
-    from kane_dynamics.ros.specs import SPECS
-    from kane_dynamics.ros.wrenches import WrenchFrames
+    from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+    from kane_dynamics.ros.parameters.parameter_checks import read
+    from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
+    from kane_dynamics.ros.services.simulation_request import (Bounds, ServedRobot,
+                                                               SimulationRequest)
+    from kane_dynamics.ros.parameters.parameter_table import SPECS
+    from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
     from kane_dynamics_interfaces.srv import Simulate
     robot = wheel(**RUB)
     assert SimulatedArm(robot, 0.05).doubt is None
@@ -132,13 +133,13 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
     for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
-        served = Served.from_values(robot, robot, Loads(robot.model.gravity), values | {
+        served = ServedRobot.from_values(robot, robot, GravityAndPayload(robot.model.gravity), values | {
             'simulation.integrator': integrator}, WrenchFrames(robot))
         request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
             Simulate.Response())
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', ModelWarning)
-            Simulation.from_request(request, served).run(answer, lambda t: True)
+            SimulationRequest.from_request(request, served).run(answer, lambda t: True)
         answers.append(answer.message)
     assert answers[0] == answers[2] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
@@ -148,7 +149,7 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'leaves the finite numbers.*: a step of 0.1 s is too long'):
-        Simulation.from_request(request, served).run(Simulate.Response(), lambda t: True)
+        SimulationRequest.from_request(request, served).run(Simulate.Response(), lambda t: True)
 
 
 def test_no_warning_where_there_is_nothing_to_warn_of(arm):

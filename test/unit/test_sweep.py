@@ -9,16 +9,16 @@ import sys
 
 from kane_dynamics import InputError, Motion, Robot
 from kane_dynamics.errors import SweepError
-from kane_dynamics.inertial import Inertial
-from kane_dynamics.mechanics.implicit import ImplicitStep
-from kane_dynamics.mechanics.integration import runge_kutta_4
-from kane_dynamics.mechanics.payload import with_payload
-from kane_dynamics.native import threads
-from kane_dynamics.stepping import INTEGRATORS
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.native.runtime import threads
+from kane_dynamics.simulation.step_kernels import INTEGRATORS
 from kane_dynamics.sweep import read_table, run_sweep, Sweep, workers
 from kane_dynamics.sweep.sampling import drawn, of_joints
 from kane_dynamics.sweep.simulator import Simulator
-from kane_dynamics.sweep.table import Table
+from kane_dynamics.sweep.table import SweepTable
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -237,7 +237,7 @@ def test_a_part_that_is_of_another_chunk_is_made_anew(tmp_path):
     ({'chunk': 8}, 'chunk'), ({'payload': {**PAYLOAD, 'mass': 1.0}}, 'payload.mass')])
 def test_a_folder_of_another_sweep_is_refused_by_name(tmp_path, change, word):
     mine = sweep(samples=2, chunk=1)
-    with Table(mine, tmp_path).opened():
+    with SweepTable(mine, tmp_path).opened():
         pass
     with pytest.raises(InputError, match=f'differ in {word}[,;]') as caught:
         run_sweep(sweep(**{'samples': 2, 'chunk': 1, **change}), tmp_path, workers=1)
@@ -253,7 +253,7 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
 
 
 def test_two_runs_do_not_write_one_folder_at_once(tmp_path):
-    with (Table(sweep(), tmp_path).opened(),
+    with (SweepTable(sweep(), tmp_path).opened(),
           pytest.raises(SweepError, match='another process is writing')):
         run_sweep(sweep(), tmp_path, workers=1)
 
@@ -329,7 +329,7 @@ def test_what_is_not_installed_is_named_with_its_extra(monkeypatch, tmp_path):
 
 def test_the_description_in_the_folder_tells_what_the_rows_are_of(tmp_path):
     given = sweep()
-    with Table(given, tmp_path).opened() as finished:
+    with SweepTable(given, tmp_path).opened() as finished:
         assert finished == set()
     told = json.loads((tmp_path / '_sweep.json').read_text())
     assert told['digest'] == given.digest and told['seed'] == 7

@@ -2,7 +2,7 @@
 
 import math
 
-from kane_dynamics.model import WORLD
+from kane_dynamics.model.model import WORLD
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 import pytest

@@ -1,7 +1,7 @@
 """Which joints move: base, tip, joints, locked and drop."""
 
 from kane_dynamics.errors import InputError, KaneError, ModelError
-from kane_dynamics.model import WORLD
+from kane_dynamics.model.model import WORLD
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal

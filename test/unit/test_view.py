@@ -5,11 +5,11 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, ModelWarning, Robot, UrdfError
-from kane_dynamics.trajectory import Trajectory
+from kane_dynamics.simulation.trajectory import Trajectory
 from kane_dynamics.urdf.visuals import load_visuals
 from kane_dynamics.view import Window
-from kane_dynamics.view.loads import Loads
-from kane_dynamics.view.looks import body_poses, looks
+from kane_dynamics.view.link_shapes import body_poses, link_shapes
+from kane_dynamics.view.load_arrows import LoadArrows
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_shapes_are_drawn_where_the_robots_frames_are(arm):
     q = np.array([0.4, -0.9])
     for link in ('base', 'upper', 'tool'):  # fixed, moving, merged into another's body
         stated = replace(load_visuals(arm)[0], link=link)
-        body, visual = looks(robot.model, [stated], 1.0)[0]
+        body, visual = link_shapes(robot.model, [stated], 1.0)[0]
         np.testing.assert_allclose(body_poses(robot.model, q)[body] @ visual.pose,
                                    robot.frame_pose(link, q) @ stated.pose, atol=1e-14)
     q = random_state(tree().model, 1)[0]
@@ -97,12 +97,12 @@ def test_shapes_are_drawn_where_the_robots_frames_are(arm):
 
 def test_rods_from_joint_to_joint_stand_for_links_that_look_like_nothing(arm):
     model = load_urdf(arm)
-    shown = looks(model, load_visuals(arm), 1.0)
+    shown = link_shapes(model, load_visuals(arm), 1.0)
     rods = {body: visual for body, visual in shown if visual.kind == 'cylinder'}
-    assert set(rods) == {-1, 1}  # the upper arm has looks of its own
+    assert set(rods) == {-1, 1}  # the upper arm has link_shapes of its own
     np.testing.assert_allclose(rods[-1].pose[:3, 3], [0.0, 0.0, 0.25])
     assert rods[1].size[1] == pytest.approx(0.4)  # to the tool
-    bare = [visual for _, visual in looks(model, (), 1.0) if visual.kind == 'cylinder']
+    bare = [visual for _, visual in link_shapes(model, (), 1.0) if visual.kind == 'cylinder']
     assert [visual.size[1] for visual in bare] == pytest.approx([0.5, 0.6, 0.4])
     for file in URDFS.glob('*.urdf'):
         assert load_visuals(file)
@@ -112,7 +112,7 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
     robot = tree()
     q, u, udot = (random_state(robot.model, seed) for seed in (1, 2, 3))
     tau = robot.inverse_dynamics(q, u, udot)
-    loads = Loads.along(robot, q, u, udot, tau, np.zeros(len(q)))
+    loads = LoadArrows.along(robot, q, u, udot, tau, np.zeros(len(q)))
     np.testing.assert_array_equal(loads.reactions[1],
                                   robot.joint_reactions(q[1], u[1], udot[1]))
     scale = dict.fromkeys(('torques', 'forces', 'moments'), 2.0)
@@ -132,7 +132,7 @@ def test_arrows_are_the_torques_and_reactions_at_their_joints():
 
 
 def test_at_rest_the_base_carries_the_weight_and_torques_hold_it_up(arm):
-    loads = Loads.at_rest(Robot(load_urdf(arm)), np.array([[0.3, 0.2]]))
+    loads = LoadArrows.at_rest(Robot(load_urdf(arm)), np.array([[0.3, 0.2]]))
     np.testing.assert_allclose(loads.reactions[0, 0, :3], [0.0, 0.0, 3 * 9.81], atol=1e-12)
     arrows = loads.arrows(0, 1.0, loads.largest)
     up = arrows['torques'][:, 1] - arrows['torques'][:, 0]  # x turns to z about -y

@@ -2,9 +2,10 @@
 
 from definition import Definition
 from kane_dynamics import Robot
-from kane_dynamics.cli.symbolic import symbols, unwrapped
-from kane_dynamics.mechanics import energy, kane, kinematics
-from kane_dynamics.model import Body, Frame, Inertial, Joint, Model, WORLD
+from kane_dynamics.cli.equations.symbolic import symbols, unwrapped
+from kane_dynamics.mechanics.definition import kane, kinematics
+from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 import pytest
 import sympy as sp
@@ -191,8 +192,8 @@ def test_the_energy_road_gives_the_same_equations(model):
     for q, u in STATES:
         udot = np.array([0.3, -1.1])
         np.testing.assert_allclose(
-            energy.generalized_inertia_force(model, q, u, udot),
+            energies.generalized_inertia_force(model, q, u, udot),
             kane.generalized_inertia_force(model, q, u, udot), atol=1e-12)
         np.testing.assert_allclose(
-            energy.conservative_force(model, q),
+            energies.conservative_force(model, q),
             kane.generalized_active_force(model, q, u), atol=1e-12)

@@ -1,0 +1,1 @@
+"""Shared by all packages: checks, YAML, resources, progress, optional imports."""

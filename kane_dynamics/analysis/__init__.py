@@ -1,0 +1,1 @@
+"""Checks and analyses of a robot: power balance, natural vibration, model checks."""

@@ -1,0 +1,185 @@
+"""What `doctor` finds without ROS: whether a URDF is one to command a real arm with."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.urdf.notices import NO_INERTIAL
+import numpy as np
+from numpy.typing import NDArray
+
+POSTURES, STARTS = 500, 8  # tried at random; of them those from which a search goes on
+FINE, ROUNDING = 1e-4, 1e-12  # of a range, where steps end; of a weight that is no larger
+Level = Literal['fine', 'doubt', 'problem']
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    What was looked at, and what it means.
+
+    Attributes
+    ----------
+    level : 'fine', 'doubt' or 'problem'
+        Doubts may be meant; a problem makes torques wrong or unsafe.
+    words : str
+
+    """
+
+    level: Level
+    words: str
+
+
+def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
+    """Return what is doubtful or wrong about a robot's description."""
+    found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'doubt', f'URDF: {warning}')
+             for warning in warnings]
+    found += examine_masses(robot)
+    limits, names = robot.limits, model.joint_names
+    for what, values, consequence in (
+            ('effort limit', limits.effort, 'torques on them are bounded by nothing'),
+            ('speed limit', limits.velocity, 'motions are not held against one')):
+        without = [name for name, value in zip(names, values) if not np.isfinite(value)]
+        if without:
+            found.append(Finding('doubt', f'no {what}: {listed(without)}; {consequence}'))
+    found += _weight(robot)
+    joints = model.coordinate_joints
+    for what, missing, consequence in (
+            ('friction', [j.name for j in joints if not (j.damping or j.friction)],
+             '`kane-dynamics identify` finds it from a recording'),
+            ('rotor inertia (armature)', [j.name for j in joints if not j.armature],
+             'behind a gear it can outweigh the link; say it in the supplement')):
+        if missing:
+            found.append(Finding('doubt', f'no {what} is known of {listed(missing)}: '
+                                 f'{consequence}'))
+    return found
+
+
+def examine_masses(robot: Robot) -> list[Finding]:
+    """Return joints that move no mass: forward dynamics is impossible, M is singular."""
+    equations = robot.equations
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
+    if isinstance(equations, ConstrainedEquations):
+        return []  # what a mass is missing from, constraints may hold
+    M = np.array(equations.mass_matrix(q, robot.parameters.block), dtype=np.float64)
+    without = [name for name, moved in zip(robot.joint_names, np.abs(M).max(axis=1, initial=0.0))
+               if moved == 0.0]
+    return [Finding('problem', f'no mass moves with {listed(without)}: no torque determines their '
+                    'acceleration, forward dynamics and simulation fail; expected an <inertial> '
+                    'on what they move, or an armature in the supplement')] if without else []
+
+
+def _weight(robot: Robot) -> list[Finding]:
+    """Return whether the motors can hold the arm everywhere within its limits."""
+    most = heaviest(robot)
+    weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
+            for name, weight, limit in zip(robot.joint_names, most, robot.limits.effort)
+            if weight > limit]
+    if weak:
+        return [Finding('problem', f'the arm cannot hold itself in every posture: {listed(weak)} '
+                        'N m or N')]
+    if not most.any():
+        return [Finding('doubt', 'gravity asks no torque of any joint: is the base mounted as '
+                        'the URDF says, and gravity along its -z?')]
+    return [Finding('fine', f'the efforts hold the arm in {POSTURES} random postures within its '
+                    'limits, and in the heaviest that a search from there finds')]
+
+
+def heaviest(robot: Robot) -> Array:
+    """
+    Return the largest weight that a search finds for each joint, (n,), N m or N.
+
+    From the heaviest of `POSTURES` random postures it goes on uphill. Where a joint states no
+    bound, half a turn or 1 m from 0, or from the other bound, stands in for it.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose limits hold.
+
+    """
+    lower, upper = robot.sampling_range()
+    q = np.random.default_rng(0).uniform(lower, upper, (POSTURES, robot.n))
+    weights = np.abs(robot.gravity_force(q))
+    best = np.argsort(weights, axis=0)[-STARTS:].T.ravel()  # for each joint postures of its own
+    joint = np.repeat(np.arange(robot.n), STARTS)
+    q, most, step = q[best], weights[best, joint], np.full(len(best), 0.25)
+    while (going := np.flatnonzero(step > FINE)).size:
+        there, found = _uphill(robot, q[going], joint[going], step[going, None] * (upper - lower))
+        up = found > most[going] * (1.0 + ROUNDING)
+        q[going[up]], most[going[up]] = there[up], found[up]
+        step[going[~up]] *= 0.5
+    return np.asarray(most.reshape(robot.n, STARTS).max(axis=1))
+
+
+def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tuple[Array, Array]:
+    """
+    Return the heaviest of the postures that are a step away, (k, n), and its weight, (k,).
+
+    Steps go along one coordinate, or at once along all of those that lead uphill.
+    """
+    lower, upper = robot.sampling_range()
+    rows = np.arange(len(q))
+
+    def weights(q: Array) -> Array:
+        flat = np.abs(robot.gravity_force(q.reshape(-1, robot.n)))
+        return np.asarray(flat.reshape(q.shape)[rows, ..., joint])
+    one = step[:, None, None] * np.stack([np.eye(robot.n), -np.eye(robot.n)])  # (k, 2, n, n)
+    tried = np.clip(q[:, None, None] + one, lower, upper)
+    along = weights(tried)  # (k, 2, n): forth and back
+    ways = np.where(along.max(axis=1) > weights(q)[:, None],
+                    np.where(along[:, 0] >= along[:, 1], step, -step), 0.0)
+    together = np.clip(q + ways, lower, upper)[:, None]
+    every = np.concatenate([tried.reshape(len(q), -1, robot.n), together], axis=1)
+    found = np.concatenate([along.reshape(len(q), -1), weights(together)], axis=1)
+    best = found.argmax(axis=1)
+    return every[rows, best], found[rows, best]
+
+
+def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
+    """
+    Return what measured efforts at rest say about sign and gravity.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose weight it is.
+    q, effort : (n,) arrays
+        At rest; rad or m, N m or N.
+
+    """
+    weight = robot.gravity_force(q)
+    size = float(np.linalg.norm(weight))
+    if size < 1e-9:
+        return []
+    share = float(effort @ weight) / size**2  # 1: just the weight
+    if share > 0.7:
+        return [Finding('fine', f'at rest the measured efforts hold {share:.0%} of the weight')]
+    if share < -0.7:
+        return [Finding('problem', 'at rest the measured efforts are the weight with the opposite '
+                        'sign: efforts or joint axes are reversed, and torques would push the '
+                        'wrong way')]
+    return [Finding('doubt', f'at rest the measured efforts hold {share:.0%} of the weight: the '
+                    'arm adds gravity itself (then compensate.gravity: false), or its efforts '
+                    'leave it out')]
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Return names in one line, the first few of many."""
+    every = list(names)
+    more = f' and {len(every) - most} more' if len(every) > most else ''
+    return ', '.join(every[:most]) + more
+
+
+def print_findings(found: Sequence[Finding]) -> None:
+    """Print findings, the worst first."""
+    counts = []
+    for level in ('problem', 'doubt', 'fine'):
+        group = [finding for finding in found if finding.level == level]
+        counts.append(len(group))
+        for finding in group:
+            print(f'{level:>8}: {finding.words}')
+    print(f'\n{counts[0]} problems, {counts[1]} doubts, {counts[2]} fine')

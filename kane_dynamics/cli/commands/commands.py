@@ -1,0 +1,320 @@
+"""What the subcommands of `kane-dynamics` do."""
+
+from argparse import Namespace
+import math
+from pathlib import Path
+import sys
+import time
+from typing import Any
+import warnings
+
+from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.progress import progress_bar
+from kane_dynamics.analysis import model_checks
+from kane_dynamics.cli import pictures
+from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
+                                        inspect_command, replay_command as replaying,
+                                        sweep_command, view_command)
+from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of,
+                                      split, told, warn_degrees, without_rounding)
+from kane_dynamics.cli.tables import (read_motion, read_rows, read_states, read_trajectory,
+                                      write_states)
+from kane_dynamics.control.controller import ComputedTorque
+from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model.flexible_model import stiffened
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+from kane_dynamics.simulation.simulate import simulate
+from kane_dynamics.simulation.trajectory import increasing
+from kane_dynamics.urdf import load_urdf
+from kane_dynamics.urdf.document import read_source
+import numpy as np
+
+_MOST_EVENTS = 10  # printed for people
+
+
+def torque(options: Namespace) -> None:
+    """Print the torques of one state, or write those of a trajectory."""
+    plot = pictures.plotter(options)
+    if options.motion is None:
+        for name in ('out', 'plot', 'step'):
+            if getattr(options, name):
+                raise InputError(f'--{name} is for a --motion; the torque of one state is printed')
+    model, robot = load(options)
+    if options.motion is None:
+        _print_torque(options, model, robot)
+        return
+    if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
+        raise InputError('--motion holds the states; leave out --q, --u and --udot')
+    t, state = read_rows(options.motion, robot.joint_names, options.step)
+    warn_degrees(robot, state[0], options.motion)
+    rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
+    rows['tau'] = robot.inverse_dynamics(*state)
+    if plot is not None:
+        pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, t, rows, robot.joint_names)
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 't': t, **rows})
+    elif options.out or options.plot:
+        if options.out:
+            print(f'wrote {len(rows["tau"])} rows to {options.out}')
+        if options.plot:
+            print(f'wrote {options.plot}')
+    else:
+        write_states(sys.stdout, t, rows, robot.joint_names)
+
+
+def simulation(options: Namespace) -> None:
+    """Simulate, save, draw and sum up."""
+    if options.out and not options.out.endswith(('.npz', '.csv')):
+        raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
+    plot = pictures.plotter(options)  # before the work
+    _, robot = load(options)
+    q0, u0, duration, source = _plan(options, robot)
+    start = time.perf_counter()
+    with progress_bar('simulating', duration) as progress, (
+            told(verbose=options.verbose)):
+        result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
+                          progress=progress, integrator=options.integrator)
+    wall = time.perf_counter() - start
+    if options.out:
+        (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
+    if plot is not None:
+        pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
+    before, after = result.energy[[0, -1]].sum(axis=1).tolist()
+    events = [str(event) for event in result.limit_events]
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
+                    'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
+                    'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
+                    'limit_events': events})
+        return
+    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
+          f'from {before:.6g} J to {after:.6g} J')
+    inspect_command.print_table(['joint', 'q', 'u', 'tau'], zip(
+        robot.joint_names, *map(without_rounding, (result.q[-1], result.u[-1], result.tau[-1])),
+        strict=True))
+    more = len(events) - _MOST_EVENTS
+    for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
+                 *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
+        print(line)
+
+
+def sweep(options: Namespace) -> None:
+    """Run a sweep, or what is left of it, and sum up its table."""
+    data = sweep_command.run(options)
+    (print_json if options.json else sweep_command.print_result)(data)
+
+
+def inspect(options: Namespace) -> int:
+    """Print what is known about a robot; compare it with a peer on request."""
+    caught: list[str] = []
+    model, robot = load(options, caught)
+    if not options.verbose:
+        caught = [brief(text) for text in caught]
+    facts = inspect_command.describe(model, robot, caught,
+                                operations=options.operations or options.json)
+    if options.against:
+        # The peer knows neither a supplement nor friction.
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', ModelWarning)
+            bare = load_urdf(source_of(options), **selection(options))
+        facts['against'] = inspect_command.compare_pinocchio(source_of(options), bare)
+    if options.json:
+        print_json(facts)
+    else:
+        inspect_command.print_facts(facts)
+    return 0 if facts.get('against', {'agrees': True})['agrees'] else 1
+
+
+def export(options: Namespace) -> None:
+    """Write C, and say what is in it."""
+    _, robot = load(options, wrench_frames=options.wrench_frames,
+                    payload_frame=options.payload_frame)
+    files = robot.export_c(options.out, split(options.kernel))
+    if options.json:
+        print_json({'files': [str(file) for file in files],
+                    'digest': robot.model.digest()})
+        return
+    for file in files:
+        print(f'wrote {file}')
+
+
+def equations(options: Namespace) -> None:
+    """Print or write the closed form of a small mechanism's equations of motion."""
+    closed = extra('kane_dynamics.cli.equations.closed_form', 'equations')  # before the work
+    model, robot = load(options)
+    with progress_bar('deriving', 1.0) as progress:
+        form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction,
+                                  progress=progress)
+    if options.json:
+        text = as_json(closed.as_data(form, robot.operation_count())) + '\n'
+    elif options.format == 'text':
+        text = closed.as_text(form, robot.operation_count())
+    else:
+        text = getattr(closed, f'as_{options.format}')(form)
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8') as stream:
+            stream.write(text)
+    print(f'wrote {options.out}' if options.out else text, end='\n' if options.out else '')
+
+
+def identify(options: Namespace) -> None:
+    """Identify friction and inertials, or a payload; print, and write on request."""
+    model, _ = load(options)
+    if options.base_parameters:
+        data, printed = identify_command.run_base(options, model), identify_command.print_base
+    elif options.payload:
+        data, printed = identify_command.run_payload(options, model), identify_command.print_payload
+    else:
+        data = identify_command.run(options, source_of(options), model)
+        printed = identify_command.print_data
+    (print_json if options.json else printed)(data)
+
+
+def excite(options: Namespace) -> None:
+    """Find and write a motion that excites what `identify` looks for."""
+    model, _ = load(options)
+    data = excite_command.run(options, model)
+    (print_json if options.json else excite_command.print_data)(data)
+
+
+def replay(options: Namespace) -> None:
+    """Compare a recording's measured torques with those of the equations of motion."""
+    plot = pictures.plotter(options)  # before the work
+    model, robot = load(options)
+    recording = identify_command.recorded(options, model)
+    warn_degrees(robot, recording.q, options.recording)
+    data = replaying.run(options, robot, recording)
+    if plot is not None:
+        plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
+                         options.plot, prismatic=model.sliding, limits=robot.limits.effort,
+                         title=f'{model.name}: measured and computed torque')
+    (print_json if options.json else replaying.print_comparison)(data)
+
+
+def feasible(options: Namespace) -> int:
+    """Judge a motion by the limits of the joints; return 1 if it does not fit."""
+    plot = pictures.plotter(options)  # before the work
+    model, robot = load(options, payload_frame=options.payload_frame)
+    motion = read_motion(options.motion, robot.joint_names)
+    warn_degrees(robot, motion.positions, options.motion)
+    data, asked = feasible_command.run(options, robot, motion)
+    if plot is not None:
+        plot.plot_demand(asked, options.plot, prismatic=model.sliding,
+                         title=f'{model.name}: torque, speed and power against the limits')
+        data['files'].append(options.plot)
+    (print_json if options.json else feasible_command.print_data)(data)
+    return 0 if data['fits'] else 1
+
+
+def doctor(options: Namespace) -> int:
+    """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
+    if options.live is not None and not 0.0 < options.live < math.inf:
+        raise InputError(f'--live is {options.live}; expected a positive, finite number of s')
+    caught: list[str] = []
+    model, robot = load(options, caught)
+    if model.flexible:  # a mode has no limit, and no message tells of it
+        model = stiffened(model)
+        robot = Robot(model)
+    found = model_checks.examine_model(model, robot, caught)
+    arm = None
+    if options.config:
+        files = extra('kane_dynamics.ros.doctor.configuration', 'ros')
+        more, arm = files.examine_configuration(
+            Path(options.config), read_source(source_of(options)), prefix=options.prefix,
+            namespace=options.namespace, told=caught)
+        found += more
+    if options.live:
+        found += extra('kane_dynamics.ros.doctor.live_graph', 'ros').examine_graph(
+            arm or Robot(model.prefixed(options.prefix)), options.live, options.namespace,
+            options.commands, options.joint_states)
+    if options.json:
+        print_json([{'level': finding.level, 'words': finding.words} for finding in found])
+    else:
+        model_checks.print_findings(found if options.verbose else [
+            model_checks.Finding(each.level, brief(each.words)) for each in found])
+    return int(any(finding.level == 'problem' for finding in found))
+
+
+def view(options: Namespace) -> None:
+    """Show a robot and its motion in the browser."""
+    view_command.run(options)
+
+
+def demo(options: Namespace) -> int:
+    """Run the demo with the arguments that follow."""
+    return int(extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
+
+
+def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
+    """Return q0, u0, duration and torque source of a simulation."""
+    zero, duration, step = np.zeros(robot.n), options.duration, options.step
+    q0 = _vector(options, 'q0', robot)
+    u0 = _vector(options, 'u0', robot)
+    source: Any = None
+    if options.motion:
+        motion = read_motion(options.motion, robot.joint_names)
+        warn_degrees(robot, motion.positions, options.motion)
+        q_d, u_d, _ = motion.sample(0.0)
+        q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
+        gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
+        source = ComputedTorque(robot, motion, *gains)
+        if duration is None and motion.duration > 0.0 and step > 0.0:
+            duration = math.ceil(motion.duration / step - 1e-6) * step
+    duration = 1.0 if duration is None else duration
+    if options.torque:
+        tokens = split(options.torque)
+        source = (_held(tokens[0], robot, duration, step)
+                  if len(tokens) == 1 and tokens[0].endswith('.csv')
+                  else _vector(options, 'torque', robot))
+    return q0 + zero, u0 + zero, duration, source
+
+
+def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
+    """Return the torques of a file as one row a step."""
+    states = read_states(path, robot.joint_names)
+    if states.tau is None:
+        raise InputError(f"{path}: has no columns 'tau.<joint>'")
+    if states.t is None or not step > 0.0:
+        return states.tau
+    increasing(states.t, len(states.tau), f"{path}: column 't'")
+    now = np.arange(max(1, round(duration / step))) * step
+    rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
+    return states.tau[np.maximum(rows, 0)]
+
+
+def _vector(options: Namespace, name: str, robot: Robot) -> Array:
+    """Return an argument as one number a joint; zeros if it was not given."""
+    given = getattr(options, name)
+    if given is None:
+        return np.zeros(robot.n)
+    try:
+        values = np.array([float(part) for part in split(given)])
+    except ValueError as error:
+        part = str(error).partition(': ')[2]
+        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
+                         f'{", ".join(robot.joint_names)}') from None
+    if len(values) != robot.n:
+        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
+                         f'{", ".join(robot.joint_names)}')
+    if name in ('q', 'q0'):
+        warn_degrees(robot, values, f'--{name}')
+    return values
+
+
+def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
+    """Print the torque of one state, and what it is made of."""
+    state = [_vector(options, name, robot) for name in ('q', 'u', 'udot')]
+    tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 'tau': tau,
+                    'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
+        return
+    slides = model.sliding
+    rows = without_rounding(np.column_stack([tau, terms.T]))
+    inspect_command.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
+        [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
+        for name, row in zip(robot.joint_names, rows, strict=True)])

@@ -1,0 +1,50 @@
+"""The command `excite`: a motion to record for `identify`."""
+
+from argparse import Namespace
+from typing import Any
+
+from kane_dynamics._util.progress import progress_bar
+from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.tables import write_states
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
+from kane_dynamics.model.model import Model
+import numpy as np
+
+
+def run(options: Namespace, model: Model) -> dict[str, Any]:
+    """Search, write the motion, and return what it is worth as plain data."""
+    if not 0.0 < options.rate < np.inf:
+        raise InputError(f'--rate is {options.rate}; expected a positive, finite number of Hz')
+    with progress_bar('searching', 1.0) as progress:
+        found = excite(
+            model, duration=options.duration, harmonics=options.harmonics,
+            periods=options.periods, seed=options.seed, starts=options.starts,
+            share=options.share, floor=options.floor, progress=progress,
+            **{name: values[0] if len(values) == 1 else values for name, values in (
+                ('velocity', options.velocity), ('acceleration', options.acceleration))})
+    write(found, options.out, options.rate)
+    q, _, _ = found.sample(np.zeros(1))
+    return {'joint_names': list(found.joint_names), 'condition': found.condition,
+            'start': q[0], 'uses': found.uses, 'files': [options.out]}
+
+
+def write(found: Excitation, path: str, rate: float) -> None:
+    """Write the motion as a table of states."""
+    t = found.motion(rate).times
+    with open(path, 'w', encoding='utf-8', newline='') as stream:
+        write_states(stream, t, dict(zip(('q', 'u', 'udot'), found.sample(t), strict=True)),
+                     found.joint_names)
+
+
+def print_data(data: dict[str, Any]) -> None:
+    """Print what `run` returned."""
+    print(f'condition number of the base parameters {data["condition"]:.3g}; it starts and ends '
+          'at rest; shares of limits:')
+    inspect_command.print_table(
+        ['joint', 'starts at', *data['uses']],
+        [[name, data['start'][j], *(f'{100.0 * use[j]:.0f} %' if use[j] > 0.0 else '-'
+                                    for use in data['uses'].values())]
+         for j, name in enumerate(data['joint_names'])])
+    for path in data['files']:
+        print(f'wrote {path}')

@@ -1,0 +1,123 @@
+"""The command `feasible`: what a motion asks of the motors, and how fast it may be."""
+
+from argparse import Namespace
+import math
+from typing import Any
+
+from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.tables import write_states
+from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility import Demand, demand, fastest, largest_payload
+from kane_dynamics.feasibility.samples import NONE
+from kane_dynamics.feasibility.time_scale import LEAST, TimeScale
+from kane_dynamics.feasibility.torque_demand import demand_at
+from kane_dynamics.model.model import Array
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+
+def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any], Demand]:
+    """Judge a motion, write what --out asks for; return the result as plain data, and in full."""
+    given: dict[str, Any] = {
+        'step': options.step, 'power': options.power[0] if len(options.power) == 1
+        else options.power}
+    asked = demand(robot, motion, speed=options.speed, **given)
+    scale = fastest(robot, motion, **given)
+    data = {**as_data(asked), 'speed': options.speed, 'fastest': scale and vars(scale),
+            'payload': None, 'files': []}
+    if scale is None:
+        data['hopeless'] = hopeless(robot, motion, given)
+    if options.payload_frame and asked.fits:
+        data['payload'] = vars(largest_payload(robot, motion, com=options.payload_com,
+                                               speed=options.speed, **given))
+    if options.out:
+        write_fitting(options.out, robot, motion, scale, given)
+        data['files'].append(options.out)
+    return data, asked
+
+
+def hopeless(robot: Robot, motion: Motion, given: dict[str, Any]) -> str:
+    """Return in words why a motion fits at no speed."""
+    still = demand(robot, motion, speed=LEAST, **given)
+    return (f'hardly moving it passes a limit already: {still.excesses[0]}' if still.excesses
+            else 'at every speed some limit is passed somewhere')
+
+
+def write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | None,
+                  given: dict[str, Any]) -> None:
+    """Write the motion, at the highest speed that fits, as a table of states."""
+    if scale is None or math.isinf(scale.speed):
+        raise InputError('--out writes the motion at the highest speed that fits; '
+                         + ('none does' if scale is None else 'no limit bounds it'))
+    asked = demand_at(robot, motion, scale.speed, given['step'], given['power'], NONE)
+    # Of two samples at one time the later; at both ends those of the motion, not of rest.
+    kept = np.append(np.diff(asked.t[:-1]) > 1e-9 * asked.t[-1], [True, False])
+    # A jump of udot has two values at its time. Without the column a reader joins the rows by
+    # cubics, which are the motion again, for a motion with jumps is made of cubics.
+    twice = np.flatnonzero(~kept[1:-2]) + 1
+    jump = np.abs(asked.udot[twice + 1] - asked.udot[twice]).max(initial=0.0)
+    jumps = jump > 1e-9 * np.abs(asked.udot).max(initial=0.0)
+    with open(path, 'w', encoding='utf-8', newline='') as stream:
+        write_states(stream, asked.t[kept], {
+            name: getattr(asked, name)[kept]
+            for name in ('q', 'u', *(() if jumps else ('udot',)), 'tau')}, robot.joint_names)
+
+
+def as_data(asked: Demand) -> dict[str, Any]:
+    """Return peaks and their shares of the limits as plain data."""
+    def peaks(values: Array) -> Array:
+        return np.asarray(np.abs(values).max(axis=0))
+    return {'joint_names': list(asked.joint_names), 'duration': float(asked.t[-1]),
+            'samples': len(asked.t), 'fits': asked.fits,
+            'torque': {'peak': peaks(asked.tau), 'rms': asked.torque_rms,
+                       'limit': asked.limits.effort, 'use': asked.uses['effort']},
+            'velocity': {'peak': peaks(asked.u), 'limit': asked.limits.velocity,
+                         'use': asked.uses['velocity']},
+            'power': {'peak': peaks(asked.power), 'limit': asked.power_limit,
+                      'use': asked.uses['power'],
+                      'peak_of_all': float(asked.power.sum(axis=1).max())},
+            'position': {'lowest': asked.q.min(axis=0), 'highest': asked.q.max(axis=0),
+                         'lower': asked.limits.lower, 'upper': asked.limits.upper},
+            'excesses': [{**excess._asdict(), 'words': str(excess)}
+                         for excess in asked.excesses]}
+
+
+def print_data(data: dict[str, Any]) -> None:
+    """Print what `run` returned first."""
+    def percent(use: float, limit: float) -> str:
+        return '-' if math.isinf(limit) else f'{100.0 * use:.1f} %'
+    torque, velocity, power = data['torque'], data['velocity'], data['power']
+    print(f'{data["duration"]:.6g} s, {data["samples"]} samples; rad or m, s, N m or N, W')
+    inspect_command.print_table(
+        ['joint', 'peak torque', 'of limit', 'RMS torque', 'peak speed', 'of limit', 'peak power'],
+        [[name, torque['peak'][j], percent(torque['use'][j], torque['limit'][j]),
+          torque['rms'][j], velocity['peak'][j],
+          percent(velocity['use'][j], velocity['limit'][j]), power['peak'][j]]
+         for j, name in enumerate(data['joint_names'])])
+    print(f'\npeak power of all joints together {power["peak_of_all"]:.4g} W')
+    print('the motion fits' if data['fits'] else 'the motion does NOT fit:')
+    for excess in data['excesses']:
+        print(f'  {excess["words"]}')
+    print(_speed_in_words(data))
+    if data['payload']:
+        print('largest payload ' + _bound_in_words(data['payload'], 'mass', ' kg'))
+    for path in data['files']:
+        print(f'wrote {path}')
+
+
+def _speed_in_words(data: dict[str, Any]) -> str:
+    """Return the highest speed that fits, in words."""
+    if data['fastest'] is None:
+        return f'it fits at no speed: {data["hopeless"]}'
+    return 'highest speed that fits: ' + _bound_in_words(
+        data['fastest'], 'speed', ' times that of the file')
+
+
+def _bound_in_words(found: dict[str, Any], name: str, unit: str) -> str:
+    """Return a number and what bounds it."""
+    if math.isinf(found[name]):
+        return 'unbounded'
+    by = '' if found['joint'] is None else (
+        f", bounded by the {found['limit']} limit of '{found['joint']}' at {found['t']:.4g} s")
+    return f'{found[name]:.6g}{unit}{by}'

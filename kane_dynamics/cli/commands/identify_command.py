@@ -1,0 +1,198 @@
+"""The command `identify`: a table for people, JSON for programs, files for load_urdf."""
+
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from kane_dynamics._util.progress import progress_bar
+from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.commands.replay_command import rms
+from kane_dynamics.cli.shared import as_json, every_joint
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
+from kane_dynamics.identification.fit import Identification, identify
+from kane_dynamics.identification.payload.payload_fit import identify_payload
+from kane_dynamics.identification.recordings.reader import read_recording
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import FRICTION, LOWEST, rows
+from kane_dynamics.identification.result_files import six, written, written_payload
+from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
+from kane_dynamics.model.model import Model
+import numpy as np
+
+
+def recorded(options: Namespace, model: Model) -> Recording:
+    """Return the recording that the arguments name, filtered if they say so."""
+    recording = read_recording(options.recording, model.joint_names, options.topic,
+                               numbered=every_joint(options))
+    return recording if options.cutoff is None else recording.filtered(options.cutoff)
+
+
+def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
+    """Identify, write what --out asks for, and return the result as plain data."""
+    if options.unbounded and not options.friction_only:
+        raise InputError('--unbounded is for friction alone; give --friction-only with it')
+    recording = recorded(options, model)
+    with progress_bar('identifying', 1.0) as progress:
+        found = identify(model, recording, friction_only=options.friction_only,
+                         bounded=not options.unbounded, weight=options.weight,
+                         standstill=options.standstill, progress=progress)
+    files = write_files(source, found.model, options.out) if options.out else ()
+    return {**as_data(found, recording), 'files': files}
+
+
+def run_base(options: Namespace, model: Model) -> dict[str, Any]:
+    """Estimate base parameters by weighted least squares; return the result as plain data."""
+    refuse(options, '--base-parameters takes no model but its structure')
+    if options.out or options.payload:
+        raise InputError('--base-parameters are no model and no payload; leave out --out and '
+                         '--payload')
+    recording = recorded(options, model)
+    data = rows(model, recording, options.standstill)
+    first, second = data.half(second=False), data.half(second=True)
+    speeds = base_speeds(first, model)
+    found = fit_base(first, model, speeds)
+    return {'joint_names': list(model.joint_names), 'rows': len(recording),
+            'names': list(found.base.names), 'values': found.values,
+            'standard_deviations': found.deviations, 'condition': found.condition,
+            'friction_speed': speeds, 'rms_fitted': found.sigma,
+            'rms_held_out': rms(base_error(found, second, speeds))}
+
+
+def print_base(data: dict[str, Any]) -> None:
+    """Print what `run_base` returned."""
+    print(f'{data["rows"]} rows: fitted to the first half, judged on the second')
+    inspect_command.print_table(['value', '+-', 'base parameter'], [
+        (value, f'{deviation:.1g}', name) for name, value, deviation in zip(
+            data['names'], data['values'], data['standard_deviations'], strict=True)])
+    print()
+    inspect_command.print_table(['joint', 'RMS fitted', 'held out'], zip(
+        data['joint_names'], data['rms_fitted'], data['rms_held_out'], strict=True))
+    print(f'\ncondition number {data["condition"]:.3g}')
+
+
+def refuse(options: Namespace, because: str) -> None:
+    """Raise InputError if an option is given that the chosen kind of fit does not use."""
+    for given, name in ((options.friction_only, '--friction-only'),
+                        (options.unbounded, '--unbounded'),
+                        (options.weight is not None, '--weight'),
+                        (options.no_friction, '--no-friction')):
+        if given:
+            raise InputError(f'{because}; leave out {name}')
+
+
+def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
+    """Identify a payload, write what --out asks for, and return the result as plain data."""
+    refuse(options, '--payload takes the arm as known, friction too')
+    recording = recorded(options, model)
+    found = identify_payload(model, recording, options.payload)
+    load = found.inertial
+    if options.out:
+        if not options.out.endswith(('.yaml', '.yml')):
+            raise InputError(f"--out is '{options.out}'; with --payload it is a supplement, "
+                             'expected a name that ends in .yaml')
+        text = written_payload(options.supplement, options.payload, load)
+        Path(options.out).write_text(text, encoding='utf-8')
+    return {
+        'joint_names': list(model.joint_names), 'rows': len(recording), 'frame': options.payload,
+        'mass': load.mass, 'com': load.com, 'inertia': load.inertia,
+        'standard_deviations': {'mass': found.mass_deviation, 'com': found.com_deviation,
+                                'inertia': found.inertia_deviation},
+        'rms_residual': found.residual, 'rms_held_out': found.held_out,
+        'condition': found.condition,
+        'node_parameters': {'payload.frame': options.payload, 'payload.mass': load.mass,
+                            'payload.com': load.com, 'payload.inertia': six(load)},
+        'files': [options.out] if options.out else []}
+
+
+def print_payload(data: dict[str, Any]) -> None:
+    """Print what `run_payload` returned."""
+    deviations = data['standard_deviations']
+    print(f"{data['rows']} rows; payload in axes of '{data['frame']}', condition number "
+          f'{data["condition"]:.3g}')
+    moments = [(f'inertia {"xyz"[r]}{"xyz"[s]} [kg m^2]', data['inertia'][r, s],
+                deviations['inertia'][r, s]) for r in range(3) for s in range(r, 3)]
+    inspect_command.print_table(['', 'value', '+-'], [(name, value, f'{deviation:.1g}') for (
+        name, value, deviation) in (
+        ('mass [kg]', data['mass'], deviations['mass']),
+        *((f'mass centre {axis} [m]', *pair) for axis, *pair in zip(
+            'xyz', data['com'], deviations['com'], strict=True)), *moments)])
+    print()
+    inspect_command.print_table(['joint', 'RMS left', 'held out'], zip(
+        data['joint_names'], data['rms_residual'], data['rms_held_out'], strict=True))
+    print('\nparameters of the node:')
+    for name, value in data['node_parameters'].items():
+        print(f'  {name}: {as_json(value) if not isinstance(value, str) else value}')
+    for path in data['files']:
+        print(f'wrote {path}')
+
+
+def as_data(found: Identification, recording: Recording) -> dict[str, Any]:
+    """Return the result as plain data."""
+    bodies = (found.given if found.friction_only else found.model).bodies
+    return {
+        'joint_names': list(found.given.joint_names), 'rows': len(recording),
+        'rms_before': found.before, 'rms_fitted': found.fitted, 'rms_held_out': found.held_out,
+        'friction': {**dict(zip(FRICTION, found.losses.T.tolist(), strict=True)),
+                     'friction_speed': found.friction_speed.tolist()},
+        'standard_deviations': dict(zip(FRICTION, found.deviations.T.tolist(), strict=True)),
+        'inertials': _told(found),
+        'masses': {body.name: body.inertial.mass for body in bodies},
+        'condition': found.condition, 'prior_weight': found.weight}
+
+
+def _told(found: Identification) -> dict[str, dict[str, dict[str, float]]]:
+    """Return value and deviation of the inertial parameters that torques tell one by one."""
+    if found.friction_only:
+        return {}
+    values = inertial_parameters(found.model).reshape(-1, 10)
+    return {body.name: {
+        name: {'value': float(value), 'deviation': float(deviation)}
+        for name, value, deviation in zip(PARAMETERS, row, deviations, strict=True)
+        if np.isfinite(deviation)} for body, row, deviations in zip(
+            found.model.bodies, values, found.inertial_deviations, strict=True)}
+
+
+def print_data(data: dict[str, Any]) -> None:
+    """Print what `as_data` returned."""
+    print(f'{data["rows"]} rows: fitted to the first half, judged on the second; RMS of torque '
+          'error')
+    inspect_command.print_table(['joint', 'before', 'fitted', 'held out'], zip(
+        data['joint_names'], data['rms_before'], data['rms_fitted'], data['rms_held_out'],
+        strict=True))
+    print()
+    deviations = data['standard_deviations']
+    inspect_command.print_table(
+        ['joint', *(word for name in FRICTION for word in (name, '+-')), 'sets in at'],
+        [[joint, *(word for name in FRICTION
+                   for word in (data['friction'][name][k], f'{deviations[name][k]:.1g}')),
+          data['friction']['friction_speed'][k]]
+         for k, joint in enumerate(data['joint_names'])])
+    negative = [f'{joint} {name}' for name, lowest in zip(FRICTION, LOWEST, strict=True)
+                for joint, value in zip(data['joint_names'], data['friction'][name], strict=True)
+                if value < lowest]
+    if negative:
+        print(f'\nnegative, as no joint\'s is: {", ".join(negative)}\n'
+              'Inertials or torques are wrong there; no model can be made of this.')
+    told = [(f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}')
+            for body, row in data['inertials'].items() for name, pair in row.items()]
+    if told:
+        print('\ninertial parameters that torques tell by themselves; kg, m, about the origin')
+        inspect_command.print_table(['parameter', 'value', '+-'], told)
+    print(f'\ncondition number {data["condition"]:.3g}, weight of the prior '
+          f'{data["prior_weight"]:g}')
+    for path in data['files']:
+        print(f'wrote {path}')
+
+
+def write_files(source: str | bytes, model: Model, out: str) -> Sequence[str]:
+    """Write <out>.urdf and <out>.supplement.yaml; return their names."""
+    urdf, supplement = written(source, model)
+    stem = out.removesuffix('.urdf')
+    if not Path(stem).name:
+        raise InputError(f"--out is '{out}'; expected the name of a URDF to write")
+    paths = f'{stem}.urdf', f'{stem}.supplement.yaml'
+    for path, text in zip(paths, (urdf, supplement), strict=True):
+        Path(path).write_text(text, encoding='utf-8')
+    return paths

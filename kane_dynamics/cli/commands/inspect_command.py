@@ -1,0 +1,186 @@
+"""Facts about a robot for people to read, and its comparison with a peer."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+import math
+from pathlib import Path
+from typing import Any
+
+from kane_dynamics.analysis.model_checks import examine_masses
+from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.model.model import Array, Joint, Model, WORLD
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+STATES = 100  # random states of a comparison
+TOLERANCE = 1e-12  # of a comparison, relative to the largest torque
+_DEEPEST = 16  # levels of the tree that are indented
+
+
+def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
+             operations: bool = False) -> dict[str, Any]:
+    """
+    Return bodies, joints, limits and masses as plain data.
+
+    Problems are what makes the dynamics impossible; on request also the operations of the kernels,
+    without those that a problem leaves out.
+    """
+    bodies = []
+    for body in model.bodies:
+        joint = body.joint
+        own = joint.name == model.coordinate_names[joint.coordinate]
+        bodies.append({
+            'joint': joint.name, 'kind': joint.kind, 'body': body.name,
+            'parent': model.base_name if body.parent == WORLD else model.bodies[body.parent].name,
+            'depth': sum(1 for _ in model.path(body.parent)), 'mass': body.inertial.mass,
+            'mimics': None if own else model.coordinate_names[joint.coordinate],
+            'multiplier': joint.multiplier, 'offset': joint.offset,
+            'limits': asdict(joint.limits), 'damping': joint.damping,
+            'friction': joint.friction, 'armature': joint.armature, 'stiffness': joint.stiffness})
+    return {'name': model.name, 'joint_names': list(model.joint_names), 'base': model.base_name,
+            'base_mass': model.base_inertial.mass,
+            'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
+            'gravity': model.gravity.tolist(), 'bodies': bodies, 'warnings': list(warnings),
+            'problems': [finding.words for finding in examine_masses(robot)],
+            **({'operations': _operations(robot)} if operations else {})}
+
+
+def _operations(robot: Robot) -> dict[str, dict[str, int]]:
+    """Return the operations of one call of every kernel that there is."""
+    found = {}
+    for name in robot.kernels.names:
+        try:
+            found[name] = asdict(robot.kernels.program(name).operation_count())
+        except ModelError:
+            continue  # no forward dynamics with massless joints: that is among the problems
+    return found
+
+
+def print_facts(facts: dict[str, Any]) -> None:
+    """Print what `describe` and a comparison returned."""
+    print(f'{facts["name"]}: {len(facts["joint_names"])} degrees of freedom, '
+          f'{len(facts["bodies"])} moving bodies of {facts["moving_mass"]:.6g} kg on '
+          f'{facts["base"]} of {facts["base_mass"]:.6g} kg\n')
+    slides = {body['kind'] == 'prismatic' for body in facts['bodies']}
+    of = [', '.join(pair[slide] for slide in sorted(slides)) for pair in (
+        ('rad', 'm'), ('rad/s', 'm/s'), ('N m', 'N'))]
+    print_table(['joint', 'kind', 'body', 'mass [kg]', f'range [{of[0]}]', f'speed [{of[1]}]',
+                 f'effort [{of[2]}]'], [
+        [('  ' * min(body['depth'], _DEEPEST)) + body['joint'],
+         body['kind'] if body['mimics'] is None else f'mimics {body["mimics"]}',
+         body['body'], body['mass'], _range(body['limits']),
+         _limit(body['limits']['velocity']), _limit(body['limits']['effort'])]
+        for body in facts['bodies']])
+    if operations := facts.get('operations'):
+        print('\noperations of one call:')
+        kinds = list(next(iter(operations.values())))
+        print_table(['function', *kinds], [[name, *(str(count[kind]) for kind in kinds)]
+                                           for name, count in operations.items()])
+    for level in ('problem', 'warning'):
+        for words in facts[f'{level}s']:
+            print(f'\n{level}: {words}')
+    against = facts.get('against')
+    if against:
+        print(f'\ninverse dynamics against {against["peer"]} {against["version"]} at '
+              f'{against["states"]} random states: largest difference '
+              f'{against["relative_error"]:.2g} of the largest torque: '
+              f'{"agrees" if against["agrees"] else "DIFFERS"} (tolerance {TOLERANCE:g})')
+
+
+def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
+    """
+    Compare inverse dynamics without friction with Pinocchio's at random states.
+
+    Joints that do not move here are held at zero there; what mimic joints feel is added to their
+    masters. So parts of a robot and mimic joints compare as well.
+
+    Raises
+    ------
+    InputError
+        Pinocchio is not installed, or a floating or planar joint has no counterpart in it.
+
+    """
+    peer = pinocchio_model(source, model)
+    import pinocchio as pin
+    data, robot = peer.createData(), Robot(model, friction=False)
+    joints = [body.joint for body in model.bodies]
+    for joint in joints:
+        if not peer.existJointName(joint.name):
+            raise InputError(f"joint '{joint.name}' is part of a floating or planar joint, whose "
+                             'coordinates Pinocchio chooses differently: no comparison')
+    rng = np.random.default_rng(0)
+    worst = largest = 0.0
+    for _ in range(STATES):
+        q, u, udot = _random_state(robot, rng)
+        q_peer, u_peer, udot_peer = pin.neutral(peer), np.zeros(peer.nv), np.zeros(peer.nv)
+        for joint in joints:
+            there, k = peer.joints[peer.getJointId(joint.name)], joint.coordinate
+            position = joint.multiplier * q[k] + joint.offset
+            q_peer[there.idx_q:there.idx_q + there.nq] = (
+                position if there.nq == 1 else (math.cos(position), math.sin(position)))
+            u_peer[there.idx_v] = joint.multiplier * u[k]
+            udot_peer[there.idx_v] = joint.multiplier * udot[k]
+        tau_peer = pin.rnea(peer, data, q_peer, u_peer, udot_peer)
+        tau = _projected(joints, model.n, [
+            tau_peer[peer.joints[peer.getJointId(joint.name)].idx_v] for joint in joints])
+        worst = max(worst, float(np.abs(robot.inverse_dynamics(q, u, udot) - tau).max()))
+        largest = max(largest, float(np.abs(tau).max()))
+    error = worst / largest if largest else worst
+    return {'peer': 'pinocchio', 'version': pin.__version__, 'states': STATES,
+            'relative_error': error, 'agrees': error <= TOLERANCE}
+
+
+def pinocchio_model(source: str | bytes, model: Model) -> Any:
+    """Return Pinocchio's model of the whole URDF; InputError if it is not installed."""
+    try:
+        import pinocchio as pin
+    except ImportError:
+        raise InputError('Pinocchio is not installed; pip install pin') from None
+    peer = (pin.buildModelFromXML(source.decode()) if isinstance(source, bytes)
+            else pin.buildModelFromXML(source) if source.lstrip().startswith('<')
+            else pin.buildModelFromUrdf(str(Path(source))))
+    peer.gravity.linear = np.array(model.gravity)
+    return peer
+
+
+def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Print columns: words to the left, numbers to the right, six digits each."""
+    lines = [[cell if isinstance(cell, str) else f'{cell + 0.0:.6g}' for cell in row]
+             for row in rows]
+    numeric = [all(_is_number(line[k]) for line in lines) for k in range(len(header))]
+    widths = [max(len(line[k]) for line in [list(header), *lines]) for k in range(len(header))]
+    for line in [list(header), *lines]:
+        print('  '.join(cell.rjust(width) if right else cell.ljust(width) for cell, width, right
+                        in zip(line, widths, numeric, strict=True)).rstrip())
+
+
+def _projected(joints: Sequence[Joint], n: int, torques: Sequence[float]) -> Array:
+    """Return what joints feel as torques of the coordinates that move them."""
+    tau = np.zeros(n)
+    for joint, value in zip(joints, torques, strict=True):
+        tau[joint.coordinate] += joint.multiplier * value
+    return tau
+
+
+def _random_state(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return random q within the limits, u and udot."""
+    return (robot.random_configuration(rng), rng.uniform(-2.0, 2.0, robot.n),
+            rng.uniform(-5.0, 5.0, robot.n))
+
+
+def _range(limits: dict[str, float]) -> str:
+    if math.isinf(limits['lower']) and math.isinf(limits['upper']):
+        return 'free'
+    return f'{_limit(limits["lower"])} to {_limit(limits["upper"])}'
+
+
+def _limit(value: float) -> str:
+    return f'{value:.6g}' if math.isfinite(value) else 'none'
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return text == 'none'
+    return True

@@ -1,0 +1,114 @@
+"""The command `sweep`: a sweep's file read, run, and summed up."""
+
+from argparse import Namespace
+from collections.abc import Mapping
+from dataclasses import fields
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.shared import load, told
+from kane_dynamics.cli.tables import read_motion
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import GRAVITY
+from kane_dynamics.sweep import read_table, run_sweep, Sweep
+from kane_dynamics.urdf.supplement import read_yaml
+import numpy as np
+
+FILES = ('urdf', 'supplement', 'motion')  # relative to the sweep's own folder
+ROBOT = ('urdf', 'supplement', 'base', 'tip', 'joints', 'gravity')
+SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name != 'model')
+SHOWN = 5  # kinds of errors
+
+
+def read_sweep(path: str | os.PathLike[str]) -> Sweep:
+    """
+    Return the sweep that a YAML or JSON file describes.
+
+    Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file, and what
+    chooses the robot: `urdf`, `supplement`, `base`, `tip`, `joints`, `gravity`.
+
+    Raises
+    ------
+    KaneError
+        Names the file, the entry, its value and what is valid.
+
+    """
+    given = _content(path)
+    for key in given:
+        if key not in (*ROBOT, *SWEEP):
+            raise InputError(f'{path}: unknown entry {key!r}; valid: '
+                             f'{", ".join((*ROBOT, *SWEEP))}')
+    for key in ('urdf', 'samples'):
+        if key not in given:
+            raise InputError(f"{path}: there is no '{key}'")
+    for key in FILES:
+        if given.get(key) is not None:
+            if not isinstance(given[key], str):
+                raise InputError(f'{path}: {key} is {given[key]!r}; expected the path of a file')
+            given[key] = str(Path(path).parent / Path(given[key]).expanduser())
+    model, _ = load(Namespace(
+        urdf=given['urdf'], supplement=given.get('supplement'), base=given.get('base'),
+        tip=given.get('tip'), joints=_names(path, given.get('joints')),
+        gravity=_gravity(path, given.get('gravity')), no_strict=False, no_friction=False))
+    chosen = {key: given[key] for key in SWEEP if given.get(key) is not None}
+    if 'motion' in chosen:
+        chosen['motion'] = read_motion(chosen['motion'], model.joint_names)
+    try:
+        return Sweep(model, **chosen)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from None
+
+
+def run(options: Namespace) -> dict[str, Any]:
+    """Run the sweep of a file, and return what came of it as plain data."""
+    sweep = read_sweep(options.sweep)
+    start = time.perf_counter()
+    with told():
+        done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)
+    wall = time.perf_counter() - start
+    rows = read_table(options.out).select(['ok', 'error', 'limit_events'])
+    errors = [text for text in rows['error'].to_pylist() if text is not None]
+    kinds = sorted(set(errors), key=lambda text: (-errors.count(text), text))
+    passed = np.array([count or 0 for count in rows['limit_events'].to_pylist()])
+    return {'folder': str(options.out), 'digest': done.digest, 'samples': rows.num_rows,
+            'found': done.found, 'made': done.made, 'wall_time': wall,
+            'ok': rows.num_rows - len(errors), 'failed': len(errors),
+            'past_a_limit': int((passed > 0).sum()),
+            'errors': {text: errors.count(text) for text in kinds[:SHOWN]}}
+
+
+def print_result(data: Mapping[str, Any]) -> None:
+    """Print what `run` returned."""
+    print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s, {data["found"]} were there')
+    inspect_command.print_table(['', 'simulations'], [
+        ['ok', data['ok']], ['past a limit', data['past_a_limit']], ['failed', data['failed']]])
+    for text, count in data['errors'].items():
+        print(f'{count}: {text}')
+    print(f'wrote {data["folder"]}')
+
+
+def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what a file holds."""
+    found = read_yaml(path, 'sweep', InputError)
+    if not isinstance(found, dict):
+        raise InputError(f'{path} holds no mapping; expected entries such as urdf and samples')
+    return found
+
+
+def _names(path: Any, joints: Any) -> list[str] | None:
+    """Return joints as a list of names."""
+    if joints is None or (isinstance(joints, list) and all(isinstance(x, str) for x in joints)):
+        return joints
+    raise InputError(f'{path}: joints is {joints!r}; expected a list of names')
+
+
+def _gravity(path: Any, gravity: Any) -> Any:
+    """Return gravity as a tuple; `load_urdf` judges the numbers."""
+    if gravity is None:
+        return GRAVITY
+    if not isinstance(gravity, list):
+        raise InputError(f'{path}: gravity is {gravity!r}; expected three numbers, m/s^2')
+    return tuple(gravity)

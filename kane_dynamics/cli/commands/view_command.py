@@ -1,0 +1,44 @@
+"""The command `view`: a robot, its motion and its loads in the browser."""
+
+from argparse import Namespace
+import webbrowser
+
+from kane_dynamics._util.optional_imports import extra
+from kane_dynamics.cli.shared import load, print_json, source_of, told
+from kane_dynamics.cli.tables import read_trajectory
+from kane_dynamics.errors import InputError
+from kane_dynamics.urdf.visuals import load_visuals
+
+
+def run(options: Namespace) -> None:
+    """Serve the page until interrupted, or write it to a file."""
+    if options.export and not options.export.endswith('.html'):
+        raise InputError(f"--export is '{options.export}'; expected a name that ends in .html")
+    view = extra('kane_dynamics.view', 'view')  # before the work
+    _, robot = load(options)
+    with told(verbose=options.verbose):
+        visuals = load_visuals(source_of(options))
+    trajectory = read_trajectory(options.motion, robot) if options.motion else None
+    window = view.Window(robot, trajectory, visuals=visuals, host=options.host,
+                         port=0 if options.export else options.port)
+    try:
+        if options.export:
+            window.export(options.export)
+            _say(options, 'file', options.export, 'wrote')
+            return
+        _say(options, 'url', window.url, 'Ctrl+C ends what is shown at')
+        if not options.no_open:
+            webbrowser.open(window.url)
+        window.run()
+    except KeyboardInterrupt:
+        pass  # that is how it ends
+    finally:
+        window.close()
+
+
+def _say(options: Namespace, key: str, value: str, words: str) -> None:
+    """Print where the page is."""
+    if options.json:
+        print_json({key: value})
+    else:
+        print(f'{words} {value}', flush=True)

@@ -1,0 +1,188 @@
+"""What estimated external torques say: whether something unexpected pushes, and how at the tip."""
+
+from typing import NamedTuple
+import warnings
+
+from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model.model import Array
+import numpy as np
+from numpy.typing import ArrayLike
+
+DAMPING = 0.005  # m, of `frame_wrench`: a condition number near 200 for an arm of 1 m
+
+
+class CollisionDetector:
+    """
+    Tells from estimated external torques whether something unexpected pushes.
+
+    The flag rises when one joint's torque has stayed beyond its threshold for `confirm`, and falls
+    when all have stayed below `release` of theirs for `clear`: neither a single bad sample nor a
+    torque near the threshold makes it flicker.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+    threshold : float or (n,) array_like
+        N m or N. It must exceed what the model lacks: friction above all.
+    confirm, clear : float
+        s; zero: at once.
+    release : float
+        Share of the threshold, 0 to 1.
+
+    Attributes
+    ----------
+    collision : bool
+        The flag.
+    joint : str or None
+        The joint that raised the flag: of those beyond for long enough, the one that was furthest
+        beyond in proportion.
+    beyond : tuple of str
+        All joints that are now beyond their thresholds. A push on a link loads only the joints
+        between it and the base, so the touched link is that of the outermost of them or a later
+        one.
+
+    Raises
+    ------
+    InputError
+        Names the argument, the joint and the value.
+
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], threshold: ArrayLike, *,
+                 confirm: float = 0.005, release: float = 0.5, clear: float = 0.2) -> None:
+        self._names = tuple(joint_names)
+        self.reset()
+        self.tune(threshold, confirm=confirm, release=release, clear=clear)
+
+    def tune(self, threshold: ArrayLike, *, confirm: float, release: float,
+             clear: float) -> None:
+        """Change thresholds and times; the flag stays as it is."""
+        thresholds = per_joint(threshold, 'threshold', self._names, finite=False).tolist()
+        for name, value in zip(self._names, thresholds):
+            if value == 0.0:
+                raise InputError(f"threshold of joint '{name}' is 0; expected a positive number")
+        for what, time in (('confirm', confirm), ('clear', clear)):
+            if not time >= 0.0:
+                raise InputError(f'{what} is {time}; expected a time in s, not negative')
+        if not 0.0 < release <= 1.0:
+            raise InputError(f'release is {release}; expected a share, more than 0, at most 1')
+        self._thresholds, self._release = thresholds, release
+        self._confirm, self._clear = confirm, clear
+
+    def reset(self) -> None:
+        """Lower the flag and forget how long torques have been where they are."""
+        self.collision = False
+        self.joint: str | None = None
+        self.beyond: tuple[str, ...] = ()
+        self._since: list[float | None] = [None] * len(self._names)  # beyond the threshold
+        self._calm: float | None = None  # since when all are below their release
+
+    def update(self, t: float, torque: Array) -> bool:
+        """
+        Take the torques, (n,), of time t, s; return whether the flag has changed.
+
+        Where the time jumps back, what had lasted begins anew.
+        """
+        shares = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
+        self._since = [None if not share > 1.0 else t if since is None or t < since else since
+                       for share, since in zip(shares, self._since)]
+        self.beyond = tuple(name for name, since in zip(self._names, self._since)
+                            if since is not None)
+        if not self.collision:
+            confirmed = [(share, name) for share, since, name in zip(
+                shares, self._since, self._names)
+                if since is not None and t - since >= self._confirm]
+            if confirmed:
+                self.collision, self.joint, self._calm = True, max(confirmed)[1], None
+            return self.collision
+        if max(shares) >= self._release:
+            self._calm = None
+            return False
+        self._calm = t if self._calm is None or t < self._calm else self._calm
+        if t - self._calm >= self._clear:
+            self.collision, self.joint, self._calm = False, None, None
+        return not self.collision
+
+
+class FrameWrench(NamedTuple):
+    """
+    The wrench at a frame that explains external torques; `frame_wrench` computes it.
+
+    Attributes
+    ----------
+    wrench : (6,) array
+        Force then moment, N and N m, world axes.
+    seen : int
+        How many of its six directions the torques determine. Along the others it is zero, or too
+        small by damping.
+    rest : (n,) array
+        The residual: what of the torques no wrench at the frame explains, N m or N. It is large
+        where the contact is elsewhere.
+
+    """
+
+    wrench: Array
+    seen: int
+    rest: Array
+
+    @property
+    def damped(self) -> int:
+        """Return the number of directions that the joints could show, but damping reduces."""
+        return min(6, len(self.rest)) - self.seen
+
+    @property
+    def residual(self) -> Array:
+        """Return `rest`, (n,): the torques that no wrench at the frame explains, N m or N."""
+        return self.rest
+
+
+def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.3,
+                 damping: float | None = None) -> FrameWrench:
+    """
+    Return the wrench at a frame that explains external torques best: least squares of ``J^T w``.
+
+    Where the arm is singular, or has fewer than six joints, some wrenches load structure alone and
+    no torque shows them. Near such configurations 1/s, s a singular value of J^T, is damped to
+    ``s / damping^2`` where s is below the damping: the wrench comes out too small there, never
+    huge. Elsewhere it is exact.
+
+    Parameters
+    ----------
+    partial_velocities : (6, n) array
+        `Robot.jacobian` of the frame, linear then angular, world axes.
+    torque : (n,) array
+        Of `MomentumObserver`, N m or N.
+    length : float
+        m; a moment of 1 N m counts like a force of 1 / length.
+    damping : float, optional
+        Largest torque, N m for a force of 1 N, so m, of a direction that counts as unseen. By
+        default 5 mm, and a warning where it acts; more where torques are noisy, for their noise
+        is divided by it.
+
+    Warns
+    -----
+    ModelWarning
+        Damping acts, and was not given: says on how many directions.
+
+    Raises
+    ------
+    InputError
+        The damping is not positive.
+
+    """
+    least = DAMPING if damping is None else damping
+    if not least > 0.0:
+        raise InputError(f'damping: {least}; expected a positive number, m')
+    scale = np.array([1.0, 1.0, 1.0, length, length, length])
+    columns = partial_velocities.T * scale  # (n, 6): torques of scaled directions
+    left, s, right = np.linalg.svd(columns, full_matrices=False)
+    inverse = np.where(s >= least, 1.0 / np.maximum(s, least), s / least**2)
+    scaled = right.T @ (inverse * (left.T @ torque))
+    found = FrameWrench(scaled * scale, int((s >= least).sum()), torque - columns @ scaled)
+    if damping is None and found.damped:
+        warnings.warn(f'frame_wrench: {found.damped} of {len(s)} directions damped (smallest '
+                      f'singular value {s[-1]:.2g} m, damping {least:g} m): the wrench is too '
+                      'small along them; expected a configuration away from singular ones, or '
+                      'damping=', ModelWarning, stacklevel=2)
+    return found

@@ -1,0 +1,331 @@
+"""
+Feedforward control: from a measured state and a desired motion to the torques to command.
+
+Everything here is plain library code; the ROS node only converts messages around it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+import math
+from typing import Any
+import warnings
+
+from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.torque_limiter import Command, measured, per_joint, TorqueLimiter
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array, freeze
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+KP, KD = 100.0, 20.0  # gains of computed torque, 1/s^2 and 1/s: critically damped
+
+
+class Mode(StrEnum):
+    """What the command is made of; see `Controller`."""
+
+    INVERSE_DYNAMICS = 'inverse_dynamics'
+    COMPUTED_TORQUE = 'computed_torque'
+    GRAVITY_COMPENSATION = 'gravity_compensation'
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Sources of torque that the command contains; False for what the arm compensates itself."""
+
+    gravity: bool = True
+    coriolis: bool = True
+    inertia: bool = True
+    friction: bool = True
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class ComputedTorque:
+    """
+    Computed torque on a desired motion, as a torque source of `simulate`.
+
+    ``tau = ID(q, u, udot_d + kd (u_d - u) + kp (q_d - q))``, with the dynamics of `robot`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The one that is simulated. The former order (motion, kp, kd) still works, with a
+        DeprecationWarning.
+    motion : Motion
+        Of the robot's joints, in their order.
+    kp : float or (n,) array_like
+        1/s^2, finite, not negative; default: 100.
+    kd : float or (n,) array_like
+        1/s, finite, not negative; default: 20.
+
+    Raises
+    ------
+    InputError
+        Names the argument, or the gain, the joint and the value.
+
+    """
+
+    robot: Robot | None
+    motion: Motion
+    kp: Array
+    kd: Array
+
+    def __init__(self, robot: Robot | Motion, motion: Motion | ArrayLike | None = None,
+                 kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> None:
+        """Check the gains and spread them over the joints."""
+        simulated: Robot | None = None
+        if isinstance(robot, Motion):
+            warnings.warn('ComputedTorque(motion, kp, kd) is deprecated; expected '
+                          'ComputedTorque(robot, motion, kp, kd)', DeprecationWarning,
+                          stacklevel=2)
+            former: Any = (motion, kd if kp is None else kp)
+            kp, kd = (kp, kd) if motion is None else former
+            motion = robot
+        elif isinstance(robot, Robot):
+            simulated = robot
+        else:
+            raise InputError(f'robot: a {type(robot).__name__}; expected a Robot: the order is '
+                             '(robot, motion, kp, kd)')
+        if not isinstance(motion, Motion):
+            raise InputError(f'motion: a {type(motion).__name__}; expected a Motion: the order is '
+                             '(robot, motion, kp, kd)')
+        if simulated is not None and motion.joint_names != simulated.joint_names:
+            raise InputError(f'the motion is of the joints {list(motion.joint_names)}; expected '
+                             f'{list(simulated.joint_names)}')
+        freeze(self, 'robot', simulated)
+        freeze(self, 'motion', motion)
+        for name, gain, default in (('kp', kp, KP), ('kd', kd, KD)):
+            freeze(self, name, per_joint(default if gain is None else gain, name,
+                                         motion.joint_names))
+
+
+class Controller:
+    """
+    Torques for one measured state after another.
+
+    Modes, with (q, u) measured and (q_d, u_d, udot_d) desired:
+
+    inverse_dynamics
+        The torque of the model at (q_d, u_d, udot_d); without a motion, gravity at q.
+    computed_torque
+        The torque of the model at q, u and udot_d + kd (u_d - u) + kp (q_d - q), but friction at
+        the desired speed: at the measured one, its compensation would push a resting arm on.
+        Without a motion it holds the first pose that it sees.
+    gravity_compensation
+        Gravity at q. The speed is not used.
+
+    `compensate` switches sources off in every mode. The springs of the model have no switch: they
+    are part of the model's torque wherever that is commanded, and not of gravity. Switching
+    inertia off leaves out M udot_d; the feedback of computed torque stays.
+
+    Each torque is clamped to the effort limit, then its change from the last command to the rate
+    limit times the time between the stamps. A controller that is new or was stopped counts as
+    having commanded zero at the stamp of its first state, so with a rate limit it starts at zero.
+
+    Parameters
+    ----------
+    robot : Robot
+    mode : Mode or str
+    compensate : Terms
+    kp : float or (n,) array_like
+        1/s^2, for computed torque.
+    kd : float or (n,) array_like
+        1/s, for computed torque.
+    effort_limit : float or (n,) array_like, optional
+        N m or N; what the robot's own limits say is never exceeded. Default: only those.
+    rate_limit : float or (n,) array_like
+        N m/s or N/s; infinite for no limit.
+    bending : QuasiStatic, optional
+        The arm with the beams that `robot` takes for rigid: its torques are commanded then.
+
+    Raises
+    ------
+    InputError
+        Names the argument, the joint, the value and what is valid.
+
+    """
+
+    def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
+                 compensate: Terms = Terms(), kp: ArrayLike = KP, kd: ArrayLike = KD,
+                 effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
+                 bending: QuasiStatic | None = None) -> None:
+        self.robot, self.bending = robot, bending
+        self._names = tuple(robot.joint_names)
+        if bending is not None and bending.joint_names != self._names:
+            raise InputError(f'bending is of the joints {list(bending.joint_names)}; expected '
+                             f'{list(self._names)}')
+        self._source = bending or robot
+        self._zero = np.zeros(len(self._names))
+        self._zero.flags.writeable = False
+        self._pose: Array | None = None  # held while there is no motion
+        self._motion: Motion | None = None  # the last one whose joints were found to fit
+        self._limiter = TorqueLimiter(self._names)
+        self.mode, self.kp, self.kd = Mode(Mode.INVERSE_DYNAMICS), self._zero, self._zero
+        self.update(mode=mode, compensate=compensate, kp=kp, kd=kd, effort_limit=effort_limit,
+                    rate_limit=rate_limit)
+
+    def update(self, *, mode: Mode | str | None = None, compensate: Terms | None = None,
+               kp: ArrayLike | None = None, kd: ArrayLike | None = None,
+               effort_limit: ArrayLike | None = None,
+               rate_limit: ArrayLike | None = None) -> None:
+        """
+        Change settings between two commands; None leaves one as it is.
+
+        Either all of them change or, on an InputError, none. The rate limit carries on from the
+        last command; a new mode holds a new pose.
+        """
+        if mode is not None and mode not in list(Mode):
+            raise InputError(f'mode is {mode!r}; valid: {", ".join(Mode)}')
+        names = self._names
+        new_kp = self.kp if kp is None else per_joint(kp, 'kp', names)
+        new_kd = self.kd if kd is None else per_joint(kd, 'kd', names)
+        effort = None if effort_limit is None else np.minimum(
+            per_joint(effort_limit, 'effort_limit', names, finite=False),
+            np.asarray(self.robot.limits.effort, dtype=np.float64))
+        rate = None if rate_limit is None else per_joint(rate_limit, 'rate_limit', names,
+                                                         finite=False)
+        self.kp, self.kd = new_kp, new_kd
+        self._gains = np.concatenate([new_kp, new_kd])
+        if effort is not None:
+            self._limiter.set_effort(effort)
+        if rate is not None:
+            self._limiter.set_rate(rate)
+        if mode is not None and mode != self.mode:
+            self.mode, self._pose = Mode(mode), None
+        if compensate is not None:
+            self.compensate = compensate
+            # One weight a row of torque_terms; the springs have no switch.
+            rows = {name: getattr(compensate, name, True) for name in TORQUE_TERMS}
+            self._all = all(rows.values())
+            self._forward = np.array(list(rows.values()), dtype=np.float64)
+            # Feedback acts through M in any case; friction is added at the desired speed.
+            rows |= {'inertia': True, 'friction': False}
+            self._back = np.array(list(rows.values()), dtype=np.float64)
+
+    @cached_property
+    def _law(self) -> Callable[..., Array]:
+        """Return the way into computed torque with all terms."""
+        kernel = self.robot.kernels.computed_torque()
+        return kernel.entry('', kernel)
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile now what a command may need beyond the robot's own kernels."""
+        if self.bending is None:
+            self._law  # noqa: B018
+        else:
+            self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
+
+    @property
+    def pose(self) -> Array | None:
+        """Return the positions, (n,) rad or m, that computed torque holds now; None if none."""
+        return self._pose
+
+    @property
+    def effort_limit(self) -> Array:
+        """Return the largest torques, (n,) N m or N: the tighter of robot's and given ones."""
+        return self._limiter.effort
+
+    @property
+    def rate_limit(self) -> Array:
+        """Return the largest change of each torque, (n,) N m/s or N/s."""
+        return self._limiter.rate
+
+    def command(self, t: float, q: ArrayLike, u: ArrayLike | None = None,
+                motion: Motion | None = None, motion_time: float | None = None,
+                external: ArrayLike | None = None) -> Command:
+        """
+        Return the torques to apply at the measured state.
+
+        Parameters
+        ----------
+        t : float
+            Stamp of the state, s on any clock; the rate limit counts the time between stamps, and
+            takes a jump backwards for none.
+        q : (n,) array_like
+            Measured positions, rad or m.
+        u : (n,) array_like, optional
+            Measured speeds, rad/s or m/s; may be missing in gravity compensation only.
+        motion : Motion, optional
+            The desired motion, of the robot's joints in the robot's order.
+        motion_time : float, optional
+            Time since the motion began, s. Default: t.
+        external : (n,) array_like, optional
+            What the environment is known to do (`Robot.external_force`), N m or N; the command
+            makes up for it, but in gravity compensation, where it is the hand that guides.
+
+        Returns
+        -------
+        Command
+
+        Raises
+        ------
+        InputError
+            A number of the state is missing or not finite, or the motion is of other joints.
+            Nothing has changed then.
+
+        """
+        t = float(t)
+        if not math.isfinite(t):
+            raise InputError(f't is {t}; expected a finite time in s')
+        q = measured(q, 'position', self._names)
+        if u is not None:
+            u = measured(u, 'speed', self._names)
+        elif self.mode is not Mode.GRAVITY_COMPENSATION:
+            raise InputError(f'the state has no speeds, which {self.mode} needs')
+        if motion is not None and motion is not self._motion:
+            if motion.joint_names != self._names:
+                raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
+                                 f'expected {list(self._names)}')
+            self._motion = motion
+        external = None if external is None else measured(
+            external, 'external torque', self._names)
+        return self.command_checked(t, q, q if u is None else u, motion,
+                                    t if motion_time is None else motion_time, external)
+
+    def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
+                        moment: float, external: Array | None = None) -> Command:
+        """
+        Return the torques to apply, as `command` does, without looking at the arguments.
+
+        For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
+        the motion is of the robot's joints in the robot's order.
+        """
+        if self.mode is Mode.COMPUTED_TORQUE:
+            tau = self._computed_torque(q, u, motion, moment)
+        elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
+            q_d, u_d, udot_d = motion.sample(moment)
+            tau = (self._source.inverse_dynamics(q_d, u_d, udot_d) if self._all
+                   else self._forward @ self._source.torque_terms(q_d, u_d, udot_d))
+        else:
+            tau = self._source.gravity_force(q) if self.compensate.gravity else self._zero.copy()
+        if external is not None and self.mode is not Mode.GRAVITY_COMPENSATION:
+            tau = tau - external
+        return self._limiter.apply(t, tau)
+
+    def stop(self) -> Command:
+        """Return zeros, past every limit, and start anew with the next state."""
+        self._pose = None
+        return self._limiter.stop()
+
+    def _computed_torque(self, q: Array, u: Array, motion: Motion | None,
+                         moment: float) -> Array:
+        """Return the torque of the model at the measured state and the corrected acceleration."""
+        if motion is None:
+            if self._pose is None:
+                self._pose = q.copy()
+            q_d, u_d, udot_d = self._pose, self._zero, self._zero
+        else:
+            self._pose = None  # where it stood before says nothing about where it will end
+            q_d, u_d, udot_d = motion.sample(moment)
+        if self._all and self.bending is None:
+            whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
+            return whole
+        with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
+            correction = self.kd * (u_d - u) + self.kp * (q_d - q)
+        udot = udot_d + correction if self.compensate.inertia else correction
+        tau: Array = self._back @ self._source.torque_terms(q, u, udot)
+        return tau + self.robot.friction_force(u_d) if self.compensate.friction else tau

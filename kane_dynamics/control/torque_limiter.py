@@ -1,0 +1,160 @@
+"""The last step before torques leave: the effort clamp and the torque-rate limit."""
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Flags = NDArray[np.bool_]
+FINITE = float(np.finfo(np.float64).max)
+
+
+class Command(NamedTuple):
+    """Torques to apply, (n,) N m or N; those that a limit changed, (n,) bool; whether any did."""
+
+    tau: Array
+    clamped: Flags
+    rate_limited: Flags
+    limited: bool
+
+
+class TorqueLimiter:
+    """
+    Clamps each torque to its limit, then its change since the last command.
+
+    A limiter that is new or was stopped counts as having commanded zero at the first stamp that
+    it sees, so a torque with a rate limit starts at zero. There are no limits until they are set.
+
+    Attributes
+    ----------
+    effort, rate : (n,) arrays
+        N m and N m/s, or N and N/s; infinite for no limit.
+
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self._zero = np.zeros(len(self._names))
+        self._none = np.zeros(len(self._names), dtype=bool)
+        self._none.flags.writeable = False
+        # Lists of floats: for the few joints of an arm, and between two sleeps of a controller,
+        # plain arithmetic takes a fraction of the time of a dozen array operations.
+        self._last: list[float] = self._zero.tolist()
+        self._stamp: float | None = None
+        self.set_effort(np.full(len(self._names), math.inf))
+        self.set_rate(np.full(len(self._names), math.inf))
+
+    def set_effort(self, effort: Array) -> None:
+        """Change the largest torques; the last command is taken into them at once."""
+        self.effort = effort
+        # A command under a wider limit must not outlast it through the rate limit.
+        self._largest: list[float] = effort.tolist()
+        self._bounds = [(-most, most) for most in np.minimum(effort, FINITE).tolist()]
+        self._last = [min(max(last, -most), most)
+                      for last, most in zip(self._last, self._largest, strict=True)]
+
+    def set_rate(self, rate: Array) -> None:
+        """Change the largest changes per second."""
+        self.rate = rate
+        self._rated = bool(np.isfinite(rate).any())
+        # The step is slope * dt + free, which avoids inf * 0 where there is no limit.
+        self._slope: list[float] = np.where(np.isfinite(rate), rate, 0.0).tolist()
+        self._free: list[float] = np.where(np.isfinite(rate), 0.0, math.inf).tolist()
+
+    def apply(self, t: float, tau: Array) -> Command:
+        """
+        Return what of `tau` may be commanded at stamp `t`, s.
+
+        A stamp that lies before the last one leaves no time for a change.
+
+        Parameters
+        ----------
+        t : float
+            s, on any clock.
+        tau : (n,) array
+            N m or N; it is the command where no limit changes it.
+
+        Raises
+        ------
+        InputError
+            A torque is not finite; the last command stays as it was.
+
+        """
+        wanted = tau.tolist()
+        if not self._rated:
+            for x, (low, high) in zip(wanted, self._bounds):
+                if not low <= x <= high:  # nan and infinity too
+                    break
+            else:
+                self._last, self._stamp = wanted, t
+                return Command(tau, self._none, self._none, False)
+        if not all(map(math.isfinite, wanted)):
+            raise InputError('the torques are not finite: '
+                             f'{dict(zip(self._names, wanted, strict=True))}; the state, '
+                             'the motion or the gains are beyond any physical range')
+        within = [min(max(x, -most), most)
+                  for x, most in zip(wanted, self._largest, strict=True)]
+        elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
+        out = within if not self._rated else [
+            min(max(x, last - (slope * elapsed + free)), last + (slope * elapsed + free))
+            for x, last, slope, free in zip(within, self._last, self._slope, self._free,
+                                            strict=True)]
+        self._last, self._stamp = out, t
+        if out == wanted:
+            return Command(tau, self._none, self._none, False)
+        clamped, limited = np.array(within) != tau, np.array(out) != np.array(within)
+        return Command(np.array(out), clamped, limited, True)
+
+    def stop(self) -> Command:
+        """Return zeros, past every limit, and start anew with the next stamp."""
+        self._last, self._stamp = self._zero.tolist(), None
+        return Command(self._zero.copy(), self._none, self._none, False)
+
+
+def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
+              finite: bool = True) -> Array:
+    """
+    Return one number, or one a joint, as a read-only (n,) array of numbers >= 0.
+
+    Raises
+    ------
+    InputError
+        Names `what`, the joint, the value and what is valid.
+
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'{what} is {value!r}; expected one number, or one a joint') from None
+    if array.shape not in ((), (len(names),)):
+        raise InputError(f'{what} is {value!r}; expected one number, or {len(names)} '
+                         f'({", ".join(names)})')
+    array = np.broadcast_to(array, len(names)).copy()
+    for name, number in zip(names, array.tolist(), strict=True):
+        if not number >= 0.0 or (finite and math.isinf(number)):
+            raise InputError(f"{what} of joint '{name}' is {number}; expected a "
+                             f'{"finite " if finite else ""}number >= 0')
+    array.flags.writeable = False
+    return array
+
+
+def measured(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
+    """Return (n,) finite numbers that were measured; InputError names `what` and the joint."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'the measured {what} is {values!r}; expected {len(names)} '
+                         f'numbers ({", ".join(names)})') from None
+    if array.shape != (len(names),):
+        raise InputError(f'the measured {what} has shape {array.shape}; expected '
+                         f'{(len(names),)} ({", ".join(names)})')
+    if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
+        for name, value in zip(names, array.tolist(), strict=True):
+            if not math.isfinite(value):
+                raise InputError(f"the measured {what} of joint '{name}' is {value}; "
+                                 'expected a finite number')
+    return array

@@ -1,0 +1,190 @@
+"""
+The demo's arm: MuJoCo as an independent engine behind ROS topics.
+
+Publishes ``joint_states`` at 500 Hz by an absolute clock, applies the torques of ``commands`` and
+a soft servo towards the motion that it is sent on ``desired``. Simulated time equals the stamps: a
+tick that comes late is caught up on. What happened is kept, and written to a file on request.
+"""
+
+from collections.abc import Sequence
+import re
+import sys
+import time
+from typing import Any
+
+from kane_dynamics.demo.demo_settings import GAINS, HOME, JOINTS, NODE, PLANT, RATE
+from kane_dynamics.model.model import Array
+from kane_dynamics.motion.motion import Motion
+import mujoco
+import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+SUBSTEPS = 4  # MuJoCo steps a tick
+COLUMNS = ('t', 'q', 'u', 'command', 'servo')
+HOLD = 2000.0  # N/m or N m/rad: keeps joints still that are not the arm's
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class MujocoArm:
+    """The arm in MuJoCo: the URDF's bodies, joints, damping and friction; no contacts."""
+
+    def __init__(self, urdf: str) -> None:
+        """Compile the URDF; geometry is of no use here and may name files."""
+        bare = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf, flags=re.DOTALL)
+        self.model = mujoco.MjModel.from_xml_string(bare)
+        self.model.opt.timestep = 1.0 / (RATE * SUBSTEPS)
+        self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.data = mujoco.MjData(self.model)
+        self._q = [self.model.joint(name).qposadr[0] for name in JOINTS]
+        self._u = [self.model.joint(name).dofadr[0] for name in JOINTS]
+        self._others = [k for k in range(self.model.nv) if k not in self._u]
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the arm at rest at home."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._q] = HOME
+        mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """Positions and speeds of the arm's joints, rad and rad/s."""
+        return self.data.qpos[self._q].copy(), self.data.qvel[self._u].copy()
+
+    def step(self, tau: Array) -> None:
+        """Advance by one tick under joint torques, N m."""
+        self.data.qfrc_applied[self._u] = tau
+        for _ in range(SUBSTEPS):
+            others = self._others
+            self.data.qfrc_applied[others] = (-HOLD * self.data.qpos[others]
+                                              - 20.0 * self.data.qvel[others])
+            mujoco.mj_step(self.model, self.data)
+
+
+class MujocoPlant(Node):
+    """The arm behind ROS topics and services."""
+
+    def __init__(self, arm: MujocoArm, record: str) -> None:
+        """Open topics and services; `record` is the file that save writes."""
+        super().__init__(PLANT.strip('/'))
+        self.arm = arm
+        self._record = record
+        self._motion: Motion | None = None
+        self._started = 0.0
+        self._servo_on = True
+        self._command = np.zeros(len(JOINTS))
+        self._rows: list[tuple[Any, ...]] = []
+        self._sent: dict[int, int] = {}
+        self._latencies: list[tuple[float, float]] = []  # time of the motion, delay
+        self._message = JointState(name=list(JOINTS))
+        self._publisher = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
+        reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self.create_subscription(Float64MultiArray, 'commands', self._on_command, reliable)
+        self.create_subscription(JointState, f'{NODE}/joint_torques',
+                                 self._on_torques, BEST_EFFORT)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(JointTrajectory, 'desired', self._on_desired, latched)
+        self.create_service(SetBool, '~/reset', self._reset)
+        self.create_service(Trigger, '~/save', self._save)
+
+    def tick(self, stamp: int) -> None:
+        """Publish the state at `stamp` (ns), then move on by one tick."""
+        q, u = self.arm.state
+        t = stamp * 1e-9
+        servo = self._servo(t, q, u)
+        message = self._message
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        message.position, message.velocity = q.tolist(), u.tolist()
+        self._sent[stamp] = time.perf_counter_ns()
+        self._publisher.publish(message)
+        self._rows.append((t - self._started, q, u, self._command, servo))
+        self.arm.step(self._command + servo)
+
+    def _servo(self, t: float, q: Array, u: Array) -> Array:
+        """Return the torque of the soft servo, N m."""
+        if not self._servo_on:
+            return np.zeros(len(JOINTS))
+        q_d, u_d = HOME, np.zeros(len(JOINTS))
+        if self._motion is not None:
+            q_d, u_d, _ = self._motion.sample(t - self._started)
+        return GAINS[0] * (q_d - q) + GAINS[1] * (u_d - u)
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self._command = np.array(message.data)
+
+    def _on_torques(self, message: JointState) -> None:
+        """Measure how long after a state its torques arrive."""
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        sent = self._sent.pop(stamp, None)
+        if sent is not None:
+            self._latencies.append((stamp * 1e-9 - self._started,
+                                    (time.perf_counter_ns() - sent) * 1e-9))
+
+    def _on_desired(self, message: JointTrajectory) -> None:
+        start = message.header.stamp
+        self._begin_record(start.sec + start.nanosec * 1e-9)
+        self._motion = Motion.from_points(
+            [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points],
+            [p.positions for p in message.points], joint_names=message.joint_names, order=JOINTS)
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        """Put the arm at rest at home, its servo on or off; forget the motion."""
+        self.arm.reset()
+        self._motion = None
+        self._servo_on = request.data
+        self._begin_record(time.time())
+        response.success = True
+        return response
+
+    def _begin_record(self, start: float) -> None:
+        """Record anew, with times from `start` on."""
+        self._started = start
+        self._rows.clear()
+        self._sent.clear()
+        self._latencies.clear()
+
+    def _save(self, request: Any, response: Any) -> Any:
+        """Write the record, and the latencies, to the file."""
+        columns: Any = {name: np.array(values) for name, values in zip(COLUMNS, zip(*self._rows))}
+        np.savez(self._record, latency=np.array(self._latencies).reshape(-1, 2), **columns)
+        response.success, response.message = True, self._record
+        return response
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Serve until a signal comes: URDF file, record file."""
+    urdf, record = arguments
+    with open(urdf, encoding='utf-8') as file:
+        arm = MujocoArm(file.read())
+    rclpy.init()
+    plant = MujocoPlant(arm, record)
+    period = round(1e9 / RATE)
+    tick = time.time_ns()
+    executor = EventsExecutor()
+    executor.add_node(plant)
+    never: Future[None] = Future()
+    try:
+        while rclpy.ok():
+            plant.tick(tick)
+            tick += period
+            left = max(1e-5, (tick - time.time_ns()) * 1e-9)
+            executor.spin_until_future_complete(never, timeout_sec=left)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        plant.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])

@@ -1,0 +1,118 @@
+"""What came of the demo: numbers on the terminal and pictures in a folder."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from kane_dynamics.demo.demo_settings import DURATION, JOINTS, URDF
+from kane_dynamics.model.model import Array
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.plot import plot_tracking
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.urdf import load_urdf
+import numpy as np
+
+ENOUGH = 10.0  # feedforward must cut the tracking error at least by this
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingLog:
+    """
+    What the arm did.
+
+    Attributes
+    ----------
+    t : (K,) array
+        Time from the motion's start, s.
+    q, u, command, servo : (K, n) arrays
+        States of the joints, and torques from the node and from the arm's own servo.
+    latency : (L, 2) array
+        When a state was published that torques came back for, and how long that took, s.
+
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    command: Array
+    servo: Array
+    latency: Array
+
+    @classmethod
+    def load(cls, path: Path) -> 'TrackingLog':
+        """Read what the plant wrote."""
+        with np.load(path) as file:
+            return cls(**{name: file[name] for name in cls.__dataclass_fields__})
+
+    def within(self, start: float, end: float) -> 'TrackingLog':
+        """Return the part between two times."""
+        def kept(table: Array, times: Array) -> Array:
+            return table[(times >= start) & (times <= end)]
+        rows = {name: kept(getattr(self, name), self.t) for name in ('t', 'q', 'u', 'command',
+                                                                     'servo')}
+        return TrackingLog(**rows, latency=kept(self.latency, self.latency[:, 0]))
+
+
+def rms(error: Array) -> Array:
+    """Return the root mean square down each column."""
+    result: Array = np.sqrt(np.mean(error * error, axis=0))
+    return result
+
+
+def report(motion: Motion, alone: TrackingLog, helped: TrackingLog, prediction: Any,
+           fall: TrackingLog, folder: Path) -> int:
+    """Print the figures, draw the pictures, and return 0 if feedforward did what it must."""
+    alone, helped = alone.within(0.0, DURATION), helped.within(0.0, DURATION)
+    before, after = (rms(run.q - motion.sample(run.t)[0]) for run in (alone, helped))
+    print('\nTracking error, RMS in mrad\n'
+          f'{"joint":14}{"servo alone":>14}{"+ feedforward":>16}{"ratio":>9}')
+    for name, x, y in zip(JOINTS, 1e3 * before, 1e3 * after):
+        print(f'{name:14}{x:14.2f}{y:16.3f}{x / y:9.1f}')
+    ratio = float(np.sqrt(np.mean(before**2) / np.mean(after**2)))
+    print(f'{"all joints":14}{1e3 * np.sqrt(np.mean(before**2)):14.2f}'
+          f'{1e3 * np.sqrt(np.mean(after**2)):16.3f}{ratio:9.1f}')
+    _print_latency(helped)
+    _print_fall(prediction, fall)
+    _draw(motion, alone, helped, folder)
+    if ratio < ENOUGH:
+        print(f'\nFeedforward cut the error {ratio:.1f} times; at least {ENOUGH:g} was expected.')
+        return 1
+    return 0
+
+
+def _print_latency(run: TrackingLog) -> None:
+    """Print how long after a state its torques were there."""
+    if not len(run.latency):
+        print('\nNo torques came back.')
+        return
+    p50, p90, p99 = (1e6 * np.percentile(run.latency[:, 1], p) for p in (50, 90, 99))
+    print(f'\nFrom joint state to torque and back, over DDS: p50 {p50:.0f} us, p90 {p90:.0f} us, '
+          f'p99 {p99:.0f} us ({len(run.latency)} torques for {len(run.t)} states)')
+
+
+def _print_fall(prediction: Any, fall: TrackingLog) -> None:
+    """Compare the predicted fall with what the arm then did."""
+    points = prediction.trajectory.points
+    t = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+    q = np.array([p.positions for p in points])
+    actual = fall.q[:len(t)]
+    q = q[:len(actual)]
+    moved = np.abs(actual - actual[0]).max(axis=0)
+    error = np.abs(q - actual).max(axis=0)
+    worst = int(np.argmax(error))
+    print(f'Arm let go for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} ms) '
+          f'foretold its fall of up to {np.degrees(moved.max()):.0f} deg to within '
+          f'{np.degrees(error[worst]):.2f} deg ({JOINTS[worst]})')
+
+
+def _draw(motion: Motion, alone: TrackingLog, helped: TrackingLog, folder: Path) -> None:
+    """Draw tracking and torques by source."""
+    robot = Robot(load_urdf(URDF, joints=JOINTS))
+    t = np.linspace(0.0, DURATION, 801)
+    terms = robot.torque_terms(*motion.sample(t))
+    runs = {label: (run.t, motion.sample(run.t)[0], run.q)
+            for label, run in (('servo alone', alone), ('servo + feedforward', helped))}
+    picture = folder / 'demo.png'
+    plot_tracking(runs, JOINTS, picture, sources=(t, terms),
+                  title='A seven-axis arm in MuJoCo, with and without feedforward torques')
+    print(f'\nPicture: {picture}')

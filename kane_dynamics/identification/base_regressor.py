@@ -1,0 +1,219 @@
+"""Base parameters: the combinations of unknowns that torques can tell, named and estimated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import (compressed, FRICTION, full_regressor,
+                                                     RegressionRows, rows, settled_speeds, stacked,
+                                                     UNBOUNDED, weights, without_losses)
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
+from kane_dynamics.model.model import Array, Model
+import numpy as np
+from numpy.typing import NDArray
+
+RANK = 1e-9  # of the columns, relative to the largest pivot
+ROUNDS = 8  # of reweighting, which converges in three or four
+USUAL = 0.05  # rad/s or m/s: where the search for friction's onset begins
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """
+    Combinations B x of the unknowns x on which the torques depend, and no others.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Such as 'shoulder.mx + 0.612 elbow.m': which unknowns stand together.
+    columns : (b,) array of int
+        Columns of the full regressor that serve for the combinations.
+    B : (b, unknowns) array
+        Value of the combinations: B @ x.
+
+    """
+
+    names: tuple[str, ...]
+    columns: Array
+    B: Array
+
+    @property
+    def single(self) -> NDArray[np.bool_]:
+        """Return which of the unknowns torques tell by themselves, (unknowns,) array of bool."""
+        found = np.zeros(self.B.shape[1], dtype=bool)
+        found[self.columns[np.count_nonzero(self.B, axis=1) == 1]] = True
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFit:
+    """
+    Estimated base parameters.
+
+    Attributes
+    ----------
+    base : BaseParameters
+    values, deviations : (b,) arrays
+        Estimate and standard deviation, if residuals of different rows are independent; kg, m,
+        s as the unknowns. Oversampled or filtered rows are not, and make it too small.
+    condition : float
+        Condition number of the equations, their columns scaled to unit length.
+    sigma : (n,) array
+        Standard deviation of each joint's residual, N m or N.
+
+    """
+
+    base: BaseParameters
+    values: Array
+    deviations: Array
+    condition: float
+    sigma: Array
+
+
+def unknown_names(model: Model) -> list[str]:
+    """Return a name for every unknown, in order."""
+    return [*(f'{body.name}.{name}' for body in model.bodies for name in PARAMETERS),
+            *(f'{joint}.{name}' for joint in model.joint_names for name in FRICTION)]
+
+
+def true_unknowns(model: Model) -> Array:
+    """Return the values that a model gives to the unknowns, (10 bodies + 4 n,)."""
+    losses = [[getattr(joint, name) for name in FRICTION] for joint in model.coordinate_joints]
+    return np.concatenate([inertial_parameters(model), np.ravel(losses)])
+
+
+def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: int = 200
+                    ) -> BaseParameters:
+    """
+    Return the base parameters of a model.
+
+    The regressor at random states is factorized by QR with column pivoting; dependent columns
+    give the groupings (Gautier, J. Robotic Systems 8 (1991)). Unknowns to which nothing but their
+    own torque answers keep their own names.
+
+    Parameters
+    ----------
+    model : Model
+        The arm.
+    speeds : (n,) array
+        At which each joint's Coulomb friction sets in, rad/s or m/s.
+    states : int
+        How many random states to take.
+
+    """
+    rng = np.random.default_rng(0)
+    q, u, udot = rng.uniform(-2.0, 2.0, (3, states, model.n))
+    sample = Recording(np.arange(float(states)), q, u, udot, np.zeros((states, model.n)))
+    X = full_regressor(rows(without_losses(model), sample), np.asarray(speeds, dtype=float))
+    X = X.reshape(-1, X.shape[2])
+    # Pivots prefer columns late in the tree; scaling them keeps small axes from looking absent.
+    _, R, order = scientific('scipy.linalg').qr(X, mode='economic', pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    rank = int(np.sum(diagonal > RANK * diagonal[0]))
+    ties = np.linalg.solve(R[:rank, :rank], R[:rank, rank:])
+    B = np.zeros((rank, X.shape[1]))
+    B[np.arange(rank), order[:rank]] = 1.0
+    B[:, order[rank:]] = np.where(np.abs(ties) > 1e-8, ties, 0.0)
+    kept = np.argsort(order[:rank])
+    names = unknown_names(model)
+    return BaseParameters(tuple(_combination(B[k], int(order[k]), names) for k in kept),
+                          order[:rank][kept], B[kept])
+
+
+def _combination(row: Array, own: int, names: Sequence[str]) -> str:
+    """Return a combination in words, its own unknown first."""
+    parts = [names[own]]
+    for k in np.flatnonzero(row).tolist():
+        if k != own:
+            factor = '' if abs(abs(row[k]) - 1.0) < 1e-6 else f'{abs(row[k]):.4g} '
+            parts.append(f'{"-" if row[k] < 0.0 else "+"} {factor}{names[k]}')
+    return ' '.join(parts)
+
+
+def fit_base(data: RegressionRows, model: Model, speeds: Array, *, weighted: bool = True) -> BaseFit:
+    """
+    Return base parameters by least squares.
+
+    Parameters
+    ----------
+    data : RegressionRows
+        Regressor and torques.
+    model : Model
+        Whose structure counts, not its masses.
+    speeds : (n,) array
+        At which each joint's Coulomb friction sets in, rad/s or m/s.
+    weighted : bool
+        Whether each joint counts by the variance of its residual, found in a few rounds;
+        otherwise all alike.
+
+    Raises
+    ------
+    InputError
+        The motion does not excite all base parameters; names one that it leaves out.
+
+    """
+    base = base_parameters(model, speeds)
+    equations, floor, counts = compressed(data, speeds)
+    equations = [(R[:, base.columns], z) for R, z in equations]
+    sigma = np.ones(len(equations))
+    for _ in range(ROUNDS if weighted else 1):
+        A, b = stacked(equations, sigma)
+        scale = np.linalg.norm(A, axis=0)
+        if not scale.all():
+            raise InputError(f"the motion does not excite '{base.names[int(np.argmin(scale))]}'")
+        _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
+        if singular[-1] < 1e-12 * singular[0]:
+            worst = int(np.argmax(np.abs(Vt[-1])))
+            raise InputError(f"the motion does not excite '{base.names[worst]}'")
+        values = np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
+        residual = weights(equations, floor, counts, values)
+        sigma = residual if weighted else sigma
+    freedom = counts.sum() / (counts.sum() - len(values))
+    noise = 1.0 if weighted else float(residual @ residual) / len(residual)
+    return BaseFit(base, values, base_deviations(A) * np.sqrt(noise * freedom),
+                   float(singular[0] / singular[-1]), residual)
+
+
+def base_speeds(data: RegressionRows, model: Model) -> Array:
+    """
+    Return the speeds at which friction sets in that fit best beside free base parameters, (n,).
+
+    Parameters
+    ----------
+    data : RegressionRows
+        Regressor and torques.
+    model : Model
+        Whose structure counts, not its masses.
+
+    Raises
+    ------
+    InputError
+        The motion does not excite all base parameters; names one that it leaves out.
+
+    """
+    bodies = 10 * len(model.bodies)
+
+    def rigid(speeds: Array) -> Array:
+        """Return the torque of the bodies, fitted at given speeds."""
+        fit = fit_base(data, model, speeds)
+        inertial = fit.base.columns < bodies
+        return np.asarray(data.Y[:, :, fit.base.columns[inertial]] @ fit.values[inertial])
+    return settled_speeds(data, np.full(model.n, USUAL), rigid, UNBOUNDED)
+
+
+def base_error(fit: BaseFit, data: RegressionRows, speeds: Array) -> Array:
+    """Return measured torque less that of estimated base parameters, (N, n), N m or N."""
+    X = full_regressor(data, speeds)[:, :, fit.base.columns]
+    return np.asarray(data.recording.tau - data.rest - X @ fit.values)
+
+
+def base_deviations(A: Array) -> Array:
+    """Return standard deviations by equations of unit variance, (b,); infinite if singular."""
+    scale = np.linalg.norm(A, axis=0)
+    if not scale.all():
+        return np.full(len(scale), np.inf)
+    _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    with np.errstate(divide='ignore'):
+        return np.asarray(np.sqrt(np.sum((Vt.T / singular)**2, axis=1)) / scale)

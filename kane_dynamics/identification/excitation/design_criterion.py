@@ -1,0 +1,193 @@
+"""
+What a rest-to-rest motion is worth for identification, and by how much it passes limits.
+
+With W the weighted equations of the base parameters, S = W^T W, and Z the same of W's columns
+scaled to unit length, b of them, the worth of a motion is judged by
+
+    - 1/(2 b) log det S + 1/2 log(b trace Z^-1).
+
+The first term is the mean logarithm of the parameters' standard deviations, the second the
+logarithm of the condition number of the scaled equations in the Frobenius norm, which is smooth
+and not below the usual one. (Swevers et al., IEEE T-RA 13 (1997), for the determinant; Gautier &
+Khalil, IJRR 11 (1992), for the condition number.) Its slope by the entries of W is known in closed
+form, W's by the states of a sample comes from differences of the compiled regressor, and the
+states are linear in the coefficients.
+"""
+
+from collections.abc import Sequence
+import math
+
+from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.base_regressor import base_parameters
+from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
+from kane_dynamics.identification.regression import FRICTION, without_losses
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+SAMPLES = 16  # of a period, times its harmonics, while searching
+DENSE = 200  # likewise, when limits are checked
+# Between samples a sum of sines rises above the largest by no more (Ehlich & Zeller, Math. Z. 86
+# (1964)).
+BETWEEN = 1.0 / math.cos(math.pi / DENSE)
+STEP = 1e-6  # of the differences
+GUARD = 0.98  # of the share of limits that the search aims at
+
+
+class DesignCriterion:
+    """
+    The cost of a motion and its use of limits, by its coefficients (size, n).
+
+    Parameters
+    ----------
+    model, share, velocity, acceleration, floor, floor_frames
+        As in `excite`.
+    basis : FourierBasis
+        Of the motion.
+
+    """
+
+    def __init__(self, model: Model, basis: FourierBasis, share: float, velocity: ArrayLike,
+                 acceleration: ArrayLike, floor: float | None,
+                 floor_frames: Sequence[str] | None) -> None:
+        """Gather the limits and sample the basis."""
+        if floor is not None and not math.isfinite(floor):
+            raise InputError(f'floor is {floor}; expected a finite height, m')
+        self.model, self.basis, self.share, names = model, basis, share, model.joint_names
+        self.robot, self.rigid = Robot(model), Robot(without_losses(model))
+        limits = self.robot.limits
+        self.velocity = np.minimum(limits.velocity, per_joint(velocity, 'velocity', names,
+                                                              finite=False))
+        self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
+        for name, speed, most in zip(names, self.velocity, self.acceleration, strict=True):
+            if not 0.0 < speed < math.inf or most == 0.0:
+                raise InputError(f"joint '{name}' has the limits {speed} of speed and {most} of "
+                                 'acceleration; an exciting motion needs positive ones, and that '
+                                 'of speed finite: give it as velocity')
+        self.effort = limits.effort
+        # A joint that is bounded on one side gets a turn from there.
+        lower = np.where(np.isfinite(limits.lower), limits.lower, limits.upper - 2.0 * math.pi)
+        upper = np.where(np.isfinite(limits.upper), limits.upper, limits.lower + 2.0 * math.pi)
+        free = ~np.isfinite(lower)
+        self.middle = np.where(free, 0.0, 0.5 * (lower + upper))
+        self.reach = np.where(free, math.inf, 0.5 * (upper - lower))
+        self.speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
+        self.columns = base_parameters(model, self.speeds).columns
+        self.sigma = np.where(np.isfinite(self.effort), self.effort, 1.0)
+        self.floor = -math.inf if floor is None else floor
+        known = {frame.name for frame in model.frames}
+        self.frames = () if floor is None else tuple(
+            floor_frames or (body.name for body in model.bodies if body.name in known))
+        self.grid = self._matrices(SAMPLES)
+        self.dense = self._matrices(DENSE)
+
+    def _matrices(self, density: int) -> tuple[Array, Array, Array]:
+        count = density * self.basis.harmonics
+        return self.basis.at(np.arange(float(count)) * (self.basis.period / count))
+
+    def regressor(self, q: Array, u: Array, udot: Array) -> Array:
+        """Return W of states (N, n): the weighted equations of the base parameters, (N, n, b)."""
+        n, inertial = self.model.n, 10 * len(self.model.bodies)
+        whole = self.columns[self.columns < inertial]
+        W = np.zeros((len(q), n, len(self.columns)))
+        W[:, :, :len(whole)] = self.rigid.regressor(q, u, udot)[:, :, whole]
+        losses = np.stack([u, np.tanh(u / self.speeds), udot, np.ones_like(u)], axis=2)
+        for column in range(len(whole), len(self.columns)):
+            j, kind = divmod(int(self.columns[column]) - inertial, len(FRICTION))
+            W[:, j, column] = losses[:, j, kind]
+        return W / self.sigma[:, None]
+
+    def condition(self, p: Array) -> float:
+        """Return the condition number, columns scaled to unit length."""
+        W = self.regressor(*(matrix @ p for matrix in self.grid))
+        W = W.reshape(-1, W.shape[2])
+        return float(np.linalg.cond(W / np.linalg.norm(W, axis=0)))
+
+    def cost(self, p: Array, weight: float) -> tuple[float, Array]:
+        """Return `worth` plus weighted squared excesses, and its slope by the coefficients."""
+        q, u, udot = states = [matrix @ p for matrix in self.grid]
+        W = self.regressor(q, u, udot)
+        value, G = worth(W)
+        slopes = [np.zeros_like(q) for _ in states]
+        if math.isinf(value):
+            return value, np.zeros_like(p)
+        n = self.model.n
+        moved = [[x + STEP * np.eye(n)[i] if part == k else x for k, x in enumerate(states)]
+                 for part in range(3) for i in range(n)]
+        ahead = self.regressor(*(np.concatenate(column) for column in zip(*moved, strict=True)))
+        change = np.einsum('msjc,sjc->ms', ahead.reshape(3 * n, *W.shape) - W, G) / STEP
+        for part in range(3):
+            slopes[part] += change[part * n:(part + 1) * n].T
+        penalty, by_state = self._penalty(q, u, udot)
+        gradient = np.sum([matrix.T @ (slope + weight * extra) for matrix, slope, extra in zip(
+            self.grid, slopes, by_state, strict=True)], axis=0)
+        return value + weight * penalty, gradient
+
+    def _penalty(self, q: Array, u: Array, udot: Array) -> tuple[float, list[Array]]:
+        """Return the mean squared excess beyond the share of limits, and its slopes by states."""
+        total, slopes = 0.0, [np.zeros_like(q) for _ in range(3)]
+
+        def excess(use: Array) -> Array:
+            nonlocal total
+            beyond = np.maximum(np.abs(use) - GUARD * self.share, 0.0)
+            total += float(np.sum(beyond**2)) / len(q)
+            return np.asarray(2.0 * np.sign(use) * beyond / len(q))
+        slopes[0] += excess((q - self.middle) / self.reach) / self.reach
+        slopes[1] += excess(u / self.velocity) / self.velocity
+        slopes[2] += excess(udot / self.acceleration) / self.acceleration
+        by_torque = excess(self.robot.inverse_dynamics(q, u, udot) / self.effort) / self.effort
+        if by_torque.any():
+            for slope, matrix in zip(slopes, self.robot.inverse_dynamics_derivatives(q, u, udot),
+                                     strict=True):
+                slope += np.einsum('sj,sji->si', by_torque, matrix)
+        for frame in self.frames:
+            low = np.maximum(self.floor - self._height(frame, q), 0.0)
+            total += float(np.sum(low**2)) / len(q)
+            up = self.robot.partial_velocities(frame, q)[:, 2]
+            slopes[0] -= 2.0 / len(q) * low[:, None] * up
+        return total, slopes
+
+    def broken(self, p: Array) -> str | None:
+        """Return the limit that a motion breaks, in words; None if it keeps all."""
+        for name, use in self.uses(p).items():
+            j = int(use.argmax())
+            if use[j] > self.share:
+                return f"the {name} limit of joint '{self.model.joint_names[j]}'"
+        q = self.dense[0] @ p
+        low = [name for name in self.frames if self._height(name, q).min() < self.floor]
+        return f"frame '{low[0]}' above {self.floor:g} m" if low else None
+
+    def _height(self, frame: str, q: Array) -> Array:
+        return np.asarray(self.robot.frame_pose(frame, q)[:, 2, 3])
+
+    def uses(self, p: Array) -> dict[str, Array]:
+        """Return the largest share of each limit that a motion uses at any time, (n,) arrays."""
+        q, u, udot = (matrix @ p for matrix in self.dense)
+        values = {'position': (q - self.middle) / self.reach, 'velocity': u / self.velocity,
+                  'acceleration': udot / self.acceleration,
+                  'effort': self.robot.inverse_dynamics(q, u, udot) / self.effort}
+        return {name: BETWEEN * np.abs(value).max(axis=0) for name, value in values.items()}
+
+
+def worth(W: Array) -> tuple[float, Array]:
+    """Return the cost of equations (N, n, b), infinite if they are singular, and its slope."""
+    norms = np.linalg.norm(W, axis=(0, 1))
+    if not norms.all():
+        return math.inf, np.zeros_like(W)
+    # Products sample by sample: a BLAS would share large ones among threads that wait longer for
+    # each other on a busy machine than they work.
+    scaled, size = W / norms, len(norms)
+    try:
+        L = np.linalg.cholesky(np.matmul(scaled.transpose(0, 2, 1), scaled).sum(axis=0))
+    except np.linalg.LinAlgError:
+        return math.inf, np.zeros_like(W)
+    inverse = np.linalg.inv(L)
+    inverse = inverse.T @ inverse
+    trace = float(np.trace(inverse))
+    by_scaled = scaled @ (inverse @ inverse / -trace)
+    by_scaled -= scaled * np.sum(scaled * by_scaled, axis=(0, 1))  # lengths do not count here
+    slope = (by_scaled - scaled @ (inverse / size)) / norms
+    value = 0.5 * math.log(trace * size) - float(np.log(np.diag(L) * norms).sum()) / size
+    return value, slope

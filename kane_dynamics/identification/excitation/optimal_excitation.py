@@ -1,0 +1,183 @@
+"""Motions that tell most about an arm's parameters, within its limits."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
+from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.motion.motion import Motion
+import numpy as np
+from numpy.typing import ArrayLike
+
+PENALTIES = (1e1, 1e2, 1e3, 1e4)  # of squared excesses, one after the other
+ITERATIONS = 60  # with each of them
+SHRINK = 0.98
+SMALLEST = 0.05  # amplitude, relative, that is still worth a recording
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """
+    A motion to record an arm with.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+    basis : FourierBasis
+    coefficients : (size, n) array
+        As the basis takes them.
+    periods : int
+        How often the series runs through.
+    condition : float
+        Condition number of the weighted equations of the base parameters, columns scaled to unit
+        length.
+    uses : dict of str to (n,) array
+        Largest share of each limit: 'position', 'velocity', 'acceleration', 'effort'.
+
+    """
+
+    joint_names: tuple[str, ...]
+    basis: FourierBasis
+    coefficients: Array
+    periods: int
+    condition: float
+    uses: dict[str, Array]
+
+    def sample(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return q, u and udot at times, (N, n) each; rad or m, s."""
+        Q, U, A = (matrix @ self.coefficients for matrix in self.basis.at(t))
+        return Q, U, A
+
+    def motion(self, rate: float = 100.0) -> Motion:
+        """
+        Return the motion as quintics through samples, which start and end at rest.
+
+        Parameters
+        ----------
+        rate : float
+            Samples a second, at least.
+
+        """
+        duration = self.periods * self.basis.period
+        t = np.linspace(0.0, duration, math.ceil(duration * rate - 1e-9) + 1)
+        return Motion.from_points(t, *self.sample(t), joint_names=self.joint_names)
+
+
+def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods: int = 1,
+           seed: int = 0, starts: int = 2, share: float = 0.9, velocity: ArrayLike = math.inf,
+           acceleration: ArrayLike = math.inf, floor: float | None = None,
+           floor_frames: Sequence[str] | None = None,
+           progress: Callable[[float], object] = lambda done: None) -> Excitation:
+    """
+    Return a rest-to-rest motion that excites the base parameters of a model well.
+
+    The same arguments give the same motion. Each joint's equations count by its effort limit, as
+    if noise were in proportion to the size of the motor; alike if there are none.
+
+    Parameters
+    ----------
+    model : Model
+        The arm, with limits of position, speed and effort; its masses count for torque limits.
+    duration : float
+        s; of all periods together.
+    harmonics : int
+        Sines and cosines of each joint, 2 or more; the fastest has harmonics * periods / duration
+        Hz.
+    periods : int
+        How often the same motion repeats, which averages noise.
+    seed : int
+        Of the motions that the search starts from.
+    starts : int
+        How many of them; the best end counts.
+    share : float
+        Of every limit that the motion may use, up to 1.
+    velocity, acceleration : float or (n,) array_like
+        Further limits, rad/s or m/s, rad/s^2 or m/s^2.
+    floor : float, optional
+        Height in the world above which frames stay, m.
+    floor_frames : sequence of str, optional
+        These frames; by default that of every moving body.
+    progress : callable
+        Called with the share of the work that is done.
+
+    Raises
+    ------
+    InputError
+        An argument is out of range, a joint has no limit of speed, a frame is not known, or no
+        motion within the limits was found: names it.
+
+    """
+    _check(duration, harmonics, periods, seed, starts, share)
+    design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share, velocity,
+                    acceleration, floor, floor_frames)
+    rng = np.random.default_rng(seed)
+    found = []
+    for k in range(starts):
+        kept, broken = within(design, improved(design, random_motion(design, rng)))
+        if kept is not None:
+            found.append(kept)
+        progress((k + 1) / starts)
+    if not found:
+        raise InputError(f'no motion keeps {broken}; more starts, a lower share, or other limits '
+                         'may help')
+    best = min(found, key=lambda p: design.cost(p, 0.0)[0])
+    return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
+                      design.uses(best))
+
+
+def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int, share: float
+           ) -> None:
+    """Raise InputError if an argument is out of range."""
+    count, seconds = 'one or more', 'a positive, finite number of seconds'
+    for name, value, valid, expected in (
+            ('duration', duration, 0.0 < duration < math.inf, seconds),
+            ('harmonics', harmonics, harmonics >= 2, 'two or more'),
+            ('periods', periods, periods >= 1, count),
+            ('seed', seed, seed >= 0, 'a number not below 0'),
+            ('starts', starts, starts >= 1, count),
+            ('share', share, 0.0 < share <= 1.0, 'a number above 0, up to 1')):
+        if not valid:
+            raise InputError(f'{name} is {value}; expected {expected}')
+
+
+def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
+    """Return coefficients that reach a limit of speed or acceleration, or half the positions."""
+    p = rng.normal(size=(design.basis.size, design.model.n))
+    p[0] = 0.0
+    Q, U, A = (np.abs(matrix @ p).max(axis=0) for matrix in design.grid)
+    reach = np.minimum(design.reach, math.pi)
+    p *= design.share * np.minimum.reduce([0.5 * reach / Q, design.velocity / U,
+                                           design.acceleration / A])
+    p[0] = design.middle + rng.uniform(-0.3, 0.3, design.model.n) * reach
+    return p
+
+
+def improved(design: DesignCriterion, p: Array) -> Array:
+    """Return coefficients of a better motion near the limits, a little beyond perhaps."""
+    minimize = scientific('scipy.optimize').minimize
+    # Of each coefficient a size by which it counts: a reach, or a speed.
+    size = np.vstack([np.minimum(design.reach, math.pi),
+                      np.tile(design.velocity, (design.basis.size - 1, 1))])
+    for weight in PENALTIES:
+        def cost(x: Array, weight: float = weight) -> tuple[float, Array]:
+            value, slope = design.cost(x.reshape(size.shape) * size, weight)
+            return value, (slope * size).ravel()
+        p = minimize(cost, (p / size).ravel(), jac=True, method='L-BFGS-B',
+                     options={'maxiter': ITERATIONS}).x.reshape(size.shape) * size
+    return p
+
+
+def within(design: DesignCriterion, p: Array) -> tuple[Array | None, str | None]:
+    """Return the motion of largest amplitude that keeps all limits, or None and what it breaks."""
+    p, room = p.copy(), 0.9 * design.share * np.minimum(design.reach, math.pi)
+    p[0] = np.clip(p[0], design.middle - room, design.middle + room)
+    for _ in range(math.ceil(math.log(SMALLEST) / math.log(SHRINK))):
+        broken = design.broken(p)
+        if broken is None:
+            return p, None
+        p[1:] *= SHRINK
+    return None, broken

@@ -1,0 +1,1 @@
+"""The payload from a recording, and online."""

@@ -1,0 +1,180 @@
+"""What an arm carries, from a recording."""
+
+from dataclasses import dataclass
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
+                                                               prior_metric, pseudo_inertia_of)
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.mechanics.recursive.regressor import ENTRIES
+from kane_dynamics.model.model import Array, Frame, Inertial, Model, WORLD
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+# A ball of 1 kg around the frame: where the search starts, and what is hardly believed.
+START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
+BELIEF = 1e-3
+TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief
+ROWS = 20  # each half has as many as there are parameters, or more
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """
+    An estimated payload.
+
+    Attributes
+    ----------
+    inertial : Inertial
+        In the axes of the payload's frame; physical.
+    mass_deviation : float
+        Standard deviation of the mass, kg, if the rows' residuals are independent.
+    com_deviation : (3,) array
+        Of the mass centre, m.
+    inertia_deviation : (3, 3) array
+        Of the inertia about it, kg m^2.
+    residual : (n,) array
+        RMS of the torque that it leaves unexplained, N m or N.
+    held_out : (n,) array
+        RMS of what a payload fitted to the first half of the rows leaves of the second half.
+    condition : float
+        Condition number of the weighted equations, columns scaled to unit length; infinite if the
+        motion does not tell all ten parameters.
+
+    """
+
+    inertial: Inertial
+    mass_deviation: float
+    com_deviation: Array
+    inertia_deviation: Array
+    residual: Array
+    held_out: Array
+    condition: float
+
+
+class PayloadRegressor:
+    """
+    The torque of a payload as a linear function of its ten parameters.
+
+    Parameters
+    ----------
+    model : Model
+        Without the payload; its friction counts as known.
+    frame : str
+        In whose axes the payload is described, about whose origin.
+
+    Raises
+    ------
+    InputError
+        There is no such frame, or no joint moves it.
+
+    """
+
+    def __init__(self, model: Model, frame: str) -> None:
+        """Find the body that carries the frame."""
+        where: Frame = model.frame(frame)
+        if where.body == WORLD:
+            raise InputError(f"frame '{frame}' is fixed in the world; a payload needs one that "
+                             'joints move')
+        self.robot = Robot(model)
+        self._columns = slice(10 * where.body, 10 * where.body + 10)
+        T = np.block([[where.rotation, where.translation[:, None]], [np.zeros(3), np.ones(1)]])
+        self._to_body = np.column_stack([
+            parameters_of(T @ pseudo_inertia_of(unit) @ T.T) for unit in np.eye(10)])
+
+    def __call__(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike) -> Array:
+        """Return Y, (n, 10) or (N, n, 10): the payload's torque is Y times its parameters."""
+        Y = self.robot.regressor(q, u, udot)
+        return np.asarray(Y[..., self._columns] @ self._to_body)
+
+
+def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
+    """
+    Return the payload that explains what the model leaves of measured torques.
+
+    Parameters
+    ----------
+    model : Model
+        Of the arm alone, friction included.
+    recording : Recording
+        Of the arm with the payload.
+    frame : str
+        In whose axes the payload is described.
+
+    Raises
+    ------
+    InputError
+        No such frame, the recording is not of the model's joints, it has too few rows, or its
+        motion does not tell the mass.
+
+    """
+    if recording.tau.shape[1] != model.n:
+        raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
+                         f'{model.n}: {", ".join(model.joint_names)}')
+    if len(recording) < ROWS:
+        raise InputError(f'the recording has {len(recording)} rows; a payload needs {ROWS}: in '
+                         'each half as many as it has parameters')
+    regressor = PayloadRegressor(model, frame)
+    state = recording.q, recording.u, recording.udot
+    Y = regressor(*state)
+    left = recording.tau - regressor.robot.inverse_dynamics(*state)
+    x, sigma = _fitted(Y, left)
+    middle = len(left) // 2
+    early, _ = _fitted(Y[:middle], left[:middle])
+    A = (Y / sigma[:, None]).reshape(-1, 10)
+    # The belief keeps what the motion does not tell from looking certain.
+    belief = BELIEF * prior_metric(START)
+    covariance = covariance_of(A.T @ A + belief)
+    mass, com = load_deviations(x, covariance)
+    if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
+        raise InputError(f"the recording does not tell the mass at '{frame}': its standard "
+                         f'deviation is {mass:.3g} kg; expected poses or motions in which the '
+                         'mass there asks torque of the joints')
+    lengths = np.linalg.norm(A, axis=0)
+    condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
+    return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
+                   _inertia_deviation(x, covariance), sigma,
+                   _rms(left[middle:] - Y[middle:] @ early), condition)
+
+
+def _fitted(Y: Array, left: Array) -> tuple[Array, Array]:
+    """Return the physical parameters that fit torques, (10,), and the RMS of what they leave."""
+    sigma = np.ones(left.shape[1])
+    for _ in range(4):
+        A = (Y / sigma[:, None]).reshape(-1, 10)
+        x = physical(A, (left / sigma).reshape(-1), [START], 0, BELIEF)
+        sigma = np.maximum(_rms(left - Y @ x), 1e-9)
+    return x, sigma
+
+
+def _rms(error: Array) -> Array:
+    """Return the root of the mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
+
+
+def covariance_of(information: Array) -> Array:
+    """Return the inverse of an information matrix, scaled for accuracy."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale))
+                      / np.outer(scale, scale))
+
+
+def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
+    """Return standard deviations of mass and mass centre, by the latter's linearization."""
+    slope = np.column_stack([-x[1:4] / x[0]**2, np.eye(3) / x[0]])
+    return (float(np.sqrt(covariance[0, 0])),
+            np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T)))
+
+
+def _inertia_deviation(x: Array, covariance: Array) -> Array:
+    """Return standard deviations of the inertia about the mass centre, (3, 3), likewise."""
+    mass, h, one = x[0], x[1:4], np.eye(3)
+    slopes = [(h @ h * one - np.outer(h, h)) / mass**2]
+    slopes += [(np.outer(e, h) + np.outer(h, e) - 2.0 * (e @ h) * one) / mass for e in one]
+    for r, s in ENTRIES:
+        unit = np.zeros((3, 3))
+        unit[r, s] = unit[s, r] = 1.0
+        slopes.append(unit)
+    J = np.array(slopes)
+    return np.asarray(np.sqrt(np.einsum('irs,ij,jrs->rs', J, covariance, J)))

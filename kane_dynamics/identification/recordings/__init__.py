@@ -1,0 +1,1 @@
+"""Recordings of a moving arm: read from tables and bags."""

@@ -1,0 +1,202 @@
+"""Recordings from files: CSV, npz, and the bags of ROS 2."""
+
+from collections.abc import Mapping, Sequence
+import os
+from pathlib import Path
+import re
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.bag import is_bag, read_bag
+from kane_dynamics.identification.recordings.recording import NAMES, real, Recording
+from kane_dynamics.model.model import Array
+from kane_dynamics.simulation.trajectory import increasing, npz_arrays
+import numpy as np
+
+# What a column may be called: `<word>.<joint>`, or `<word><number>` counted from the base.
+WORDS = {'q': ('q',), 'u': ('u', 'v'), 'udot': ('udot', 'a'), 'tau': ('tau',)}
+TIMES = ('t', 'time')
+OURS = re.compile(rf'({"|".join(word for words in WORDS.values() for word in words)})'
+                  r'([1-9]\d*|\..*)?|' + '|'.join(TIMES))
+LABELS = ('joint_names', 'speed_names')
+
+
+def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
+                   topic: str | None = None, *, numbered: Sequence[str] | None = None
+                   ) -> Recording:
+    """
+    Return the recording in a CSV file with a header, in an npz file, or in a ROS 2 bag.
+
+    Columns (in npz: arrays) are `t` or `time`, and for each joint `q`, `u` or `v`, `udot` or `a`,
+    and `tau`, either as `q.<joint>` or numbered from the base as `q1`. An npz may also hold (N, n)
+    arrays `q` and so on, with an array `joint_names` or in the order of numbers; it may be one of
+    `Trajectory.save_npz`. Speeds and accelerations that are missing are central differences. Of a
+    bag (MCAP or SQLite) the joint states are read, on `topic` if it has them on several.
+
+    Parameters
+    ----------
+    path : path
+        Of the file, or of a bag's folder.
+    joint_names : sequence of str
+        The joints that are wanted, in their order.
+    topic : str, optional
+        Of a bag.
+    numbered : sequence of str, optional
+        The robot's joints from the base, if those that are wanted are some of them, or in another
+        order. There must be as many numbers as joints of the robot, or as joints wanted; the
+        latter then are numbered among themselves.
+
+    Raises
+    ------
+    InputError
+        Names the file and the column that is missing, not numeric, there twice, or numbered so
+        that it may be of several joints.
+
+    """
+    file = Path(path)
+    if is_bag(file):
+        columns: dict[str, Any] = {**read_bag(file, joint_names, topic),
+                                   'joint_names': list(joint_names)}
+    else:
+        columns = _read(file)
+    t = _time(columns, path)
+    order = list(joint_names if numbered is None else numbered)
+    found: dict[str, Any] = {name: _quantity(columns, name, joint_names, order, path)
+                             for name in NAMES}
+    for name in ('q', 'tau'):
+        if found[name] is None:
+            raise InputError(f"{path}: has no '{name}' of the joints; expected "
+                             f"'{name}.{joint_names[0]}' or '{name}1', and so on")
+    for name, value in found.items():
+        if value is not None and len(value) != len(t):
+            raise InputError(f"{path}: '{name}' has {len(value)} rows, the time has {len(t)}")
+    for name, source in (('u', 'q'), ('udot', 'u')):
+        if found[name] is None:
+            found[name] = np.gradient(found[source], t, axis=0)
+    try:
+        return Recording(t, **found)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from None
+
+
+def no_header(path: Any, names: Sequence[str], example: str) -> None:
+    """Raise InputError if what should be the names of columns are numbers."""
+    try:
+        [float(name) for name in names]
+    except ValueError:
+        return
+    raise InputError(f'{path}: no header line (the first line is numbers); expected {example}')
+
+
+def distinct(path: Any, names: Sequence[str]) -> None:
+    """Raise InputError if a name stands above two columns."""
+    twice = sorted({name for name in names if name and names.count(name) > 1})
+    if twice:
+        raise InputError(f'{path}: several columns are called {twice}; expected each name once')
+    if all(name in names for name in TIMES):
+        raise InputError(f"{path}: has columns 't' and 'time'; expected one of them")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return the columns or arrays of a file that may be part of a recording, by name."""
+    try:
+        if path.suffix != '.npz':
+            return _csv(path)
+        arrays = npz_arrays(path, lambda name: name in LABELS or bool(OURS.fullmatch(name)))
+    except FileNotFoundError:
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz file, or a '
+                         'ROS 2 bag') from None
+    except OSError as error:
+        raise InputError(f'{path}: {error.strerror or error}') from None
+    distinct(path, list(arrays))
+    return {name: array.astype(str).ravel().tolist() if name in LABELS
+            else real(array, f"{path}: '{name}'") for name, array in arrays.items()}
+
+
+def _csv(path: Path) -> dict[str, Any]:
+    """Return the columns of a CSV file by name."""
+    try:
+        with path.open(encoding='utf-8-sig') as stream:
+            header = [name.strip() for name in stream.readline().split(',')]
+            no_header(path, header, 't,q.<joint>,...,tau.<joint>,...')
+            lines = [line for line in stream if line.partition('#')[0].strip()]
+            rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.zeros(
+                (0, len(header)))
+    except ValueError as error:
+        raise InputError(f'{path}: {error}; expected named columns of numbers') from None
+    if rows.shape[1] != len(header):
+        raise InputError(f'{path}: {len(header)} names stand above {rows.shape[1]} columns')
+    distinct(path, header)
+    return dict(zip(header, rows.T, strict=True))
+
+
+def _time(columns: Mapping[str, Any], path: Any) -> Array:
+    """Return the times, (N,)."""
+    name = next((name for name in TIMES if name in columns), None)
+    if name is None:
+        raise InputError(f"{path}: has no column 't'; it has {sorted(columns)[:20]}")
+    t: Array = columns[name]
+    if t.ndim != 1:
+        raise InputError(f"{path}: '{name}' has shape {t.shape}; expected (N,)")
+    if len(t) < 3:
+        raise InputError(f'{path}: has {len(t)} rows; expected 3 or more')
+    increasing(t, len(t), f'{path}: t')
+    return t
+
+
+def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
+              numbered: list[str], path: Any) -> Any:
+    """Return a quantity of all joints, (N, n); None if no column is of it."""
+    for word in WORDS[name]:
+        if word in columns and columns[word].ndim > 1:
+            return _of_array(columns, word, joint_names, numbered, path)
+        count = sum(re.fullmatch(rf'{word}[1-9]\d*', column) is not None for column in columns)
+        named = [f'{word}.{joint}' for joint in joint_names]
+        if any(column in columns for column in named):
+            wanted = named
+        elif count:
+            wanted = [f'{word}{k + 1}' for k in _places(count, word, joint_names, numbered, path)]
+        else:
+            continue
+        lacking = [column for column in wanted if column not in columns]
+        if lacking:
+            raise InputError(f'{path}: has no columns {lacking}')
+        if any(columns[column].ndim != 1 for column in wanted):
+            raise InputError(f"{path}: '{wanted[0]}' and so on are no columns; expected shapes "
+                             '(N,)')
+        return np.column_stack([columns[column] for column in wanted])
+    return None
+
+
+def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
+              numbered: list[str], path: Any) -> Array:
+    """Return the joints' columns of an (N, n) array, by the file's own names if it has any."""
+    values: Array = columns[word]
+    if values.ndim != 2:
+        raise InputError(f"{path}: '{word}' has shape {values.shape}; expected (N, n): one motion")
+    labels = columns.get('joint_names')
+    if labels is None:
+        return values[:, _places(values.shape[1], word, joint_names, numbered, path)]
+    if columns.get('speed_names', labels) != labels:
+        raise InputError(f"{path}: its speeds {columns['speed_names']} are not those of the "
+                         'joints; a recording needs these')
+    distinct(path, labels)
+    lacking = [joint for joint in joint_names if joint not in labels]
+    if lacking:
+        raise InputError(f'{path}: is of the joints {labels}; lacks {lacking}')
+    if len(labels) != values.shape[1]:
+        raise InputError(f"{path}: '{word}' has {values.shape[1]} columns for the joints {labels}")
+    return values[:, [labels.index(joint) for joint in joint_names]]
+
+
+def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[str], path: Any
+            ) -> list[int]:
+    """Return which of so many numbers each joint has."""
+    among = [joint for joint in numbered if joint in joint_names]
+    for order in (numbered, among):
+        if len(order) == count:
+            return [order.index(joint) for joint in joint_names]
+    robot = f', or of all {len(numbered)} of the robot' if len(numbered) > len(among) else ''
+    raise InputError(f"{path}: '{word}' is numbered to {count}; expected numbers of the "
+                     f'{len(among)} joints {among}{robot}; or name the columns '
+                     f"'{word}.{joint_names[0]}' and so on")

@@ -1,0 +1,195 @@
+"""
+Hyper-dual numbers: exact first derivatives, and exact mixed second ones.
+
+A number a + g.e + b d + h.e d with e_i e_j = 0 and d d = 0 carries, besides its value, its
+derivatives g by k variables, its derivative b along one direction (time, say), and the
+derivatives h of b by the k variables. Arithmetic is exact to rounding: no step size anywhere.
+Source: Fike & Alonso, AIAA 2011-886; here one of the two infinitesimals is a vector.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from kane_dynamics.model.model import Array
+import numpy as np
+
+
+class HyperDual:
+    """
+    A scalar with its derivatives.
+
+    Parameters
+    ----------
+    value : float
+    gradient : (k,) array
+        By the k variables.
+    rate : float
+        Along the direction.
+    gradient_rate : (k,) array
+        Of the rate by the k variables.
+
+    """
+
+    __slots__ = ('value', 'gradient', 'rate', 'gradient_rate')
+
+    def __init__(self, value: float, gradient: Array, rate: float,
+                 gradient_rate: Array) -> None:
+        """Keep the four parts."""
+        self.value = value
+        self.gradient = gradient
+        self.rate = rate
+        self.gradient_rate = gradient_rate
+
+    def __repr__(self) -> str:
+        """Show the four parts."""
+        return (f'HyperDual({self.value}, {self.gradient.tolist()}, {self.rate}, '
+                f'{self.gradient_rate.tolist()})')
+
+    def __add__(self, other: Any) -> Any:
+        """Return the sum."""
+        if isinstance(other, HyperDual):
+            return HyperDual(self.value + other.value, self.gradient + other.gradient,
+                             self.rate + other.rate, self.gradient_rate + other.gradient_rate)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return HyperDual(self.value + other, self.gradient, self.rate, self.gradient_rate)
+
+    def __mul__(self, other: Any) -> Any:
+        """Return the product, by the product rule."""
+        if isinstance(other, HyperDual):
+            a, b = self, other
+            return HyperDual(
+                a.value * b.value, a.value * b.gradient + b.value * a.gradient,
+                a.value * b.rate + b.value * a.rate,
+                a.value * b.gradient_rate + b.value * a.gradient_rate
+                + b.rate * a.gradient + a.rate * b.gradient)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return HyperDual(self.value * other, self.gradient * other, self.rate * other,
+                         self.gradient_rate * other)
+
+    def __truediv__(self, other: Any) -> Any:
+        """Return the quotient."""
+        if isinstance(other, HyperDual):
+            return self * other._reciprocal()
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return self * (1.0 / other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        """Return the quotient of a number by this."""
+        return other * self._reciprocal()
+
+    def __pow__(self, exponent: Any) -> Any:
+        """Return a whole power from 0 on."""
+        if not isinstance(exponent, int) or exponent < 0:
+            return NotImplemented
+        result: Any = 1.0
+        for _ in range(exponent):
+            result = result * self
+        return result
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def __pos__(self) -> 'HyperDual':
+        """Return this."""
+        return self
+
+    def __neg__(self) -> 'HyperDual':
+        """Return the negative."""
+        return HyperDual(-self.value, -self.gradient, -self.rate, -self.gradient_rate)
+
+    def __sub__(self, other: Any) -> Any:
+        """Return the difference."""
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Any:
+        """Return the difference from a number."""
+        return -self + other
+
+    def sin(self) -> 'HyperDual':
+        """Return the sine: numpy's sin calls this."""
+        s, c = math.sin(self.value), math.cos(self.value)
+        return self._mapped(s, c, -s)
+
+    def cos(self) -> 'HyperDual':
+        """Return the cosine: numpy's cos calls this."""
+        s, c = math.sin(self.value), math.cos(self.value)
+        return self._mapped(c, -s, -c)
+
+    def tanh(self) -> 'HyperDual':
+        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        y = math.tanh(self.value)
+        return self._mapped(y, 1.0 - y * y, -2.0 * y * (1.0 - y * y))
+
+    def sqrt(self) -> 'HyperDual':
+        """Return the square root: numpy's sqrt calls this."""
+        y = math.sqrt(self.value)
+        return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
+
+    def _reciprocal(self) -> 'HyperDual':
+        y = 1.0 / self.value
+        return self._mapped(y, -y * y, 2.0 * y * y * y)
+
+    def _mapped(self, value: float, first: float, second: float) -> 'HyperDual':
+        """Apply a function whose value and two derivatives are given: the chain rule."""
+        return HyperDual(value, first * self.gradient, first * self.rate,
+                         first * self.gradient_rate + (second * self.rate) * self.gradient)
+
+
+def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
+    """
+    Return independent variables as an array of HyperDual.
+
+    Parameters
+    ----------
+    values, rates : (m,) arrays of float
+        The variables and their derivatives along the direction.
+    first : int
+        Number of the first of them among the `count` variables that are differentiated by.
+    count : int
+        How many.
+
+    """
+    unit = np.eye(count)
+    result = np.empty(len(values), dtype=object)
+    result[:] = [HyperDual(float(x), unit[first + i], float(r), np.zeros(count))
+                 for i, (x, r) in enumerate(zip(values, rates))]
+    return result
+
+
+def lifted(value: Any, count: int) -> HyperDual:
+    """Return a scalar that may be constant as a HyperDual of `count` variables."""
+    if isinstance(value, HyperDual):
+        return value
+    return HyperDual(float(value), np.zeros(count), 0.0, np.zeros(count))
+
+
+class Parts(NamedTuple):
+    """Arrays of the four parts, the variables along the last axis of the gradients."""
+
+    value: Array
+    gradient: Array
+    rate: Array
+    gradient_rate: Array
+
+
+def parts(array: Any, count: int) -> Parts:
+    """Return the parts of an array of scalars of any shape; numbers are constant."""
+    source = np.asarray(array, dtype=object)
+    scalars = [lifted(x, count) for x in source.ravel()]
+    of_scalar, of_gradient = source.shape, (*source.shape, count)
+    return Parts(np.array([x.value for x in scalars], dtype=float).reshape(of_scalar),
+                 np.array([x.gradient for x in scalars], dtype=float).reshape(of_gradient),
+                 np.array([x.rate for x in scalars], dtype=float).reshape(of_scalar),
+                 np.array([x.gradient_rate for x in scalars], dtype=float).reshape(of_gradient))
+
+
+def joined(given: Parts) -> Any:
+    """Return the array of HyperDual that has these parts."""
+    result = np.empty(given.value.shape, dtype=object)
+    for k in np.ndindex(result.shape):
+        result[k] = HyperDual(float(given.value[k]), given.gradient[k], float(given.rate[k]),
+                              given.gradient_rate[k])
+    return result

@@ -1,0 +1,86 @@
+"""
+Symmetric positive definite systems, without pivots: M = L^T D L from the leaves to the root.
+
+Eliminating a tree's leaves first creates no fill: what is zero in the mass matrix because two
+joints are on different branches stays zero (Featherstone, Rigid Body Dynamics Algorithms, 6.5).
+Entries that are zero by structure cost nothing.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.vector import is_zero
+import numpy as np
+
+
+def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]:
+    """
+    Factorise M = L^T D L.
+
+    Parameters
+    ----------
+    M : (n, n) array
+        The matrix.
+    order : sequence of int
+        The rows, root to leaves: parents before children.
+
+    Returns
+    -------
+    L : list of rows
+        Unit lower triangular in `order`: L[i][j] for j before i.
+    reciprocal : list
+        1 / D.
+
+    Raises
+    ------
+    ZeroDivisionError
+        A pivot is zero by structure; its argument is the row.
+
+    """
+    A = [[M[r, s] for s in order] for r in order]
+    n = len(order)
+    reciprocal: list[Any] = [None] * n
+    for k in reversed(range(n)):
+        if is_zero(A[k][k]):
+            raise ZeroDivisionError(order[k])
+        reciprocal[k] = 1.0 / A[k][k]
+        for i in reversed(range(k)):
+            if is_zero(A[k][i]):
+                continue
+            factor = A[k][i] * reciprocal[k]
+            for j in range(i + 1):
+                if not is_zero(A[k][j]):
+                    A[i][j] = A[i][j] - factor * A[k][j]
+            A[k][i] = factor
+    return A, reciprocal
+
+
+def solve(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int], b: Any) -> Any:
+    """Return M^-1 b from `factorize`'s result."""
+    L, reciprocal = factors
+    n = len(order)
+    x: list[Any] = [b[r] for r in order]
+    for k in reversed(range(n)):
+        for i in range(k):
+            if not (is_zero(L[k][i]) or is_zero(x[k])):
+                x[i] = x[i] - L[k][i] * x[k]
+    for k in range(n):
+        if not is_zero(x[k]):
+            x[k] = x[k] * reciprocal[k]
+        for i in range(k):
+            if not (is_zero(L[k][i]) or is_zero(x[i])):
+                x[k] = x[k] - L[k][i] * x[i]
+    result: list[Any] = [0.0] * n
+    for k, r in enumerate(order):
+        result[r] = x[k]
+    return np.array(result)
+
+
+def inverse(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int]) -> Any:
+    """Return M^-1, (n, n), symmetric to the last bit, from `factorize`'s result."""
+    n = len(order)
+    columns = [solve(factors, order, [1.0 if r == k else 0.0 for r in range(n)])
+               for k in range(n)]
+    rank = {r: k for k, r in enumerate(order)}
+    return np.array([[columns[r][s] if rank[r] >= rank[s] else columns[s][r]
+                      for s in range(n)] for r in range(n)])

@@ -1,0 +1,282 @@
+"""
+The equations of motion in chosen speeds and under constraints, over any scalar.
+
+`TreeEquations` gives the joint forces f(q, q', q'') that a tree's motion takes. With the joints'
+motion from `mechanism`, q' = T u + ..., Kane's method needs nothing else:
+
+    tau = T^T f,    M = T^T M_q T,    constraint forces = N^T (f - joint torques)
+
+T^T f is F~_r + F~_r* with the sign changed: what does no work in an admissible motion drops out.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism, Released
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import Frame
+import numpy as np
+
+
+class ConstrainedEquations:
+    """
+    The equations of motion of a mechanism.
+
+    Parameters
+    ----------
+    tree : TreeEquations
+        Of the same model, in joint rates and without constraints.
+    mechanism : Mechanism
+    actuated : sequence of str, optional
+        Names of the joints that have actuators, which share a load with the least sum of
+        squares. By default what acts is the force dual to each independent speed, nothing else.
+
+    Raises
+    ------
+    ConstraintError
+        No such joint, or fewer actuators than independent speeds.
+
+    Notes
+    -----
+    Methods are those of `TreeEquations` with q (n_q,) and the independent speeds u (n,), and take the
+    time t, s, besides.
+
+    """
+
+    def __init__(self, tree: TreeEquations, mechanism: Mechanism,
+                 actuated: Sequence[str] | None = None) -> None:
+        """Keep the parts."""
+        self.tree, self.mechanism = tree, mechanism
+        self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n
+        self.speed_names = mechanism.speed_names
+        self.wrench_frames, self.payload_frame = tree.wrench_frames, tree.payload_frame
+        self.timed = mechanism.key is None
+        self._actuated = None if actuated is None else self._places(actuated)
+
+    def _places(self, joints: Sequence[str]) -> list[int]:
+        names = self.model.coordinate_names
+        for joint in joints:
+            if joint not in names:
+                raise ConstraintError(f"actuated: no joint '{joint}'; valid: {', '.join(names)}")
+        places = sorted({names.index(joint) for joint in joints})
+        if len(places) < self.n:
+            raise ConstraintError(f'actuated names {len(places)} joints; {self.n} independent '
+                                  f'speeds ({", ".join(self.speed_names)}) need as many')
+        return places
+
+    @property
+    def unsupported(self) -> tuple[str, ...]:
+        """Return the names of the methods that do not know what a beam's modes do."""
+        return self.tree.unsupported
+
+    def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> JointMotion:
+        """Return the joints' motion."""
+        return self.mechanism.joint_motion(q, u, udot, t, self.tree.geometry)
+
+    def at_rest(self, q: Any, t: Any) -> JointMotion:
+        """Return the joints' motion at u = udot = 0, for what depends on T and N alone."""
+        return self.joint_motion(q, self.zeros, self.zeros, t)
+
+    def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
+                         t: Any = 0.0) -> Any:
+        """Return tau = M udot + bias - external, (n,), dual to u."""
+        motion = self.joint_motion(q, u, udot, t)
+        return motion.T.T @ self._joint_forces(q, motion, wrench, parameters)
+
+    def _joint_forces(self, q: Any, motion: JointMotion, wrench: Any, parameters: Any) -> Any:
+        """Return what the joints of the tree must exert for a motion, (n_q,)."""
+        return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+
+    def bias_force(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return what tau must hold at udot = 0, external wrenches apart, (n,)."""
+        return self.inverse_dynamics(q, u, self.zeros, None, parameters, t)
+
+    def gravity_force(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the tau that holds gravity alone, (n,)."""
+        return self.at_rest(q, t).T.T @ self.tree.gravity_force(q, parameters)
+
+    def external_force(self, q: Any, wrench: Any, t: Any = 0.0) -> Any:
+        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
+        return self.at_rest(q, t).T.T @ self.tree.external_force(q, wrench)
+
+    def mass_matrix(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return M = T^T M_q T, (n, n)."""
+        return congruent(self.tree.mass_matrix(q, parameters), self.at_rest(q, t).T)
+
+    def inverse_mass_matrix(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return M^-1, (n, n)."""
+        order = list(range(self.n))
+        return inverse(factorize(self.mass_matrix(q, parameters, t), order), order)
+
+    def state_rates(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+                    t: Any = 0.0) -> Any:
+        """Return q' then udot, (n_q + n,): the system that is integrated."""
+        if self.n == self.n_q:
+            return np.concatenate(self._free(q, u, tau, wrench, parameters, t))
+        motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
+        return np.concatenate([motion.qdot, udot])
+
+    def closer(self, q: Any, t: Any = 0.0) -> Any:
+        """
+        Return q one Newton step closer to where the conditions on positions are met, (n_q,).
+
+        It goes along the constraints' own directions N: the independent speeds do not notice.
+        """
+        gap = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry)).gap
+        missed = [0.0 if gap[k] is None else gap[k] for k in self.mechanism.kept]
+        return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
+
+    def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+                 t: Any) -> tuple[JointMotion, Any, Any]:
+        """Return the motion at udot = 0, the joint forces of the true one, and udot."""
+        motion = self.joint_motion(q, u, self.zeros, t)
+        held = self._joint_forces(q, motion, wrench, parameters)
+        M_q = self.tree.mass_matrix(q, parameters)
+        order = list(range(self.n))
+        udot = solve(factorize(congruent(M_q, motion.T), order), order,
+                     tau - motion.T.T @ held)
+        return motion, held + M_q @ (motion.T @ udot), udot
+
+    def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+                         t: Any = 0.0) -> Any:
+        """Return udot = M^-1 (tau + external - bias), (n,)."""
+        if self.n == self.n_q:
+            return self._free(q, u, tau, wrench, parameters, t)[1]
+        return self._forward(q, u, tau, wrench, parameters, t)[2]
+
+    def _free(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+              t: Any) -> tuple[Any, Any]:
+        """Return q' and udot without constraints: the tree's own forward dynamics, re-spoken."""
+        Y, negative_Z = self.mechanism.system(self.mechanism.posture(q, t, self.tree.geometry))
+        if self.mechanism.speeds.definite:
+            order = self.tree.order
+            qdot = solve(factorize(Y, order), order, u + negative_Z)
+        else:
+            qdot = self.mechanism.solved(Y, u + negative_Z)
+        qddot = self.tree.forward_dynamics(q, qdot, Y.T @ tau, wrench, parameters)
+        Y_moving, negative_Z_moving = self.mechanism.system(self.mechanism.posture(
+            moving(q, qdot), moving(t, 1.0), self.tree.geometry))
+        return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
+
+    def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
+        """Return the joint torques, (n_q,), that are tau to the independent speeds."""
+        if self._actuated is None:  # Y_I T = 1 and Y_I N = 0: it is tau, and strains nothing
+            here = self.mechanism.posture(q, t, self.tree.geometry)
+            return here.speed_rows(self.speed_names)[0].T @ tau
+        T = self.at_rest(q, t).T[self._actuated]
+        order = list(range(self.n))
+        share = solve(factorize(congruent(np.eye(len(T)), T), order), order, tau)
+        torques = np.zeros(self.n_q).astype(object)
+        torques[self._actuated] = T @ share
+        return torques
+
+    def joint_rates(self, q: Any, u: Any, t: Any = 0.0) -> Any:
+        """Return q', (n_q,)."""
+        return self.joint_motion(q, u, self.zeros, t).qdot
+
+    def constraint_forces(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+                          t: Any = 0.0) -> Any:
+        """Return the force of every constraint row, (m,); zero of a row that others imply."""
+        motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
+        kept = motion.N.T @ (force - self.joint_torques(q, tau, t))
+        result = np.zeros(len(self.mechanism.labels)).astype(object)
+        result[self.mechanism.kept] = kept
+        return result
+
+    def constraint_gap(self, q: Any, t: Any = 0.0) -> Any:
+        """Return what each row's condition on positions is missed by, (m,); 0 without one."""
+        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
+        return np.array([0.0 if gap is None else gap for gap in rows.gap], dtype=object)
+
+    def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
+                       t: Any = 0.0) -> Any:
+        """Return that of body number `body` alone, (6,)."""
+        return self.joint_reactions(q, u, udot, wrench, parameters, t)[body]
+
+    def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
+                        t: Any = 0.0) -> Any:
+        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
+        motion = self.joint_motion(q, u, udot, t)
+        force = self._joint_forces(q, motion, wrench, parameters)
+        applied = self.joint_torques(q, motion.T.T @ force, t)
+        held = motion.N.T @ (force - applied)
+        here = self.mechanism.posture(q, t, self.tree.geometry)
+        of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
+        result = []
+        for body, (origin, whole) in enumerate(zip(self.tree.joint_origins(q), of_tree)):
+            rows = self.mechanism.rows(Released(here, body, origin))
+            result.append(whole - rows.J[self.mechanism.kept].T @ held)
+        return np.array(result)
+
+    def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
+        motion = self.joint_motion(q, u, self.zeros, t)
+        carried, coriolis, *others = self.tree.torque_terms(q, motion.qdot, motion.qddot,
+                                                            parameters)
+        inertia = congruent(self.tree.mass_matrix(q, parameters), motion.T) @ udot
+        return np.stack([inertia, *(motion.T.T @ x for x in (carried + coriolis, *others))])
+
+    def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return (n_bodies, n): what each body, with what it carries, asks of every speed."""
+        motion = self.joint_motion(q, u, udot, t)
+        return self.tree.body_torques(q, motion.qdot, motion.qddot, parameters) @ motion.T
+
+    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
+        motion = self.joint_motion(q, u, udot, t)
+        return motion.T.T @ self.tree.regressor(q, motion.qdot, motion.qddot, parameters)
+
+    def kinetic_energy(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the kinetic energy, J."""
+        return self.tree.kinetic_energy(q, self.joint_rates(q, u, t), parameters)
+
+    def potential_energy(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the potential energy of gravity and springs, J."""
+        return self.tree.potential_energy(q, parameters)
+
+    def center_of_mass(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m."""
+        return self.tree.center_of_mass(q, parameters)
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the velocity of the center of mass per unit of each independent speed, (3, n)."""
+        return self.tree.center_of_mass_jacobian(q, parameters) @ self.at_rest(q, t).T
+
+    def frame_pose(self, frame: Frame, q: Any, t: Any = 0.0) -> Any:
+        """Return the homogeneous transformation frame to world, (4, 4)."""
+        return self.tree.frame_pose(frame, q)
+
+    def frame_velocity(self, frame: Frame, q: Any, u: Any, t: Any = 0.0) -> Any:
+        """Return linear then angular velocity, (6,)."""
+        return self.tree.frame_velocity(frame, q, self.joint_rates(q, u, t))
+
+    def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
+        """Return linear then angular acceleration, (6,)."""
+        motion = self.joint_motion(q, u, udot, t)
+        return self.tree.frame_acceleration(frame, q, motion.qdot, motion.qddot)
+
+    def partial_velocities(self, frame: Frame, q: Any, t: Any = 0.0) -> Any:
+        """Return those of the independent speeds, nonholonomic where constraints are, (6, n)."""
+        return self.tree.partial_velocities(frame, q) @ self.at_rest(q, t).T
+
+    def partial_velocity_rates(self, frame: Frame, q: Any, u: Any, t: Any = 0.0) -> Any:
+        """Return the time derivative of the partial velocities along the motion, (6, n)."""
+        motion = self.joint_motion(q, u, self.zeros, t)
+        return (self.tree.partial_velocity_rates(frame, q, motion.qdot) @ motion.T
+                + self.tree.partial_velocities(frame, q) @ motion.T_rate)
+
+    @property
+    def zeros(self) -> Any:
+        """Return n zeros that cost a traced program nothing."""
+        return np.zeros(self.n).astype(object)
+
+
+def congruent(M: Any, T: Any) -> Any:
+    """Return T^T M T for a symmetric M, its lower triangle the upper one's expressions."""
+    half = M @ T
+    n = T.shape[1]
+    upper = {(r, s): T[:, r] @ half[:, s] for r in range(n) for s in range(r, n)}
+    return np.array([[upper[min(r, s), max(r, s)] for s in range(n)] for r in range(n)])

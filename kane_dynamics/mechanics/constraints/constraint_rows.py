@@ -1,0 +1,84 @@
+"""What a constraint is made of, and what it asks of the mechanism."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from kane_dynamics.errors import ConstraintError, ModelError
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.model.model import Array, constant
+import numpy as np
+
+
+class Geometry(Protocol):
+    """What a constraint asks of a mechanism at one posture and time."""
+
+    q: Any
+    t: Any
+
+    def pose(self, frame: str) -> tuple[Any, Any]:
+        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
+
+    def partial_velocities(self, frame: str) -> Any:
+        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return a coordinate's row, (n_q,), and its value; `asking` is the constraint's name."""
+
+    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
+
+    def other_speeds(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of all speeds but these."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintRows:
+    """
+    A constraint at one posture and time.
+
+    Attributes
+    ----------
+    J : (m, n_q) array
+        J q' = b.
+    b : (m,) array
+    gap : tuple of m
+        What each row's condition on positions is missed by, m or rad; None for a row that has
+        no such condition (nonholonomic).
+
+    """
+
+    J: Any
+    b: Any
+    gap: tuple[Any, ...]
+
+
+def unit(value: Any, what: str) -> Array:
+    """Return a direction normalised; ConstraintError for anything but three numbers, not all 0."""
+    try:
+        vector = constant(value, (3,), what)
+    except ModelError as error:
+        raise ConstraintError(str(error)) from None
+    length = float(np.sqrt(vector @ vector))
+    if length < 1e-12:
+        raise ConstraintError(f'{what} is {vector.tolist()}; a direction must not be zero')
+    return constant(vector / length, (3,), what)
+
+
+def across(direction: Array) -> tuple[Array, Array]:
+    """Return two unit vectors that make a right-handed triad with a direction, it being third."""
+    start = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = start - (start @ direction) * direction
+    first = first / np.sqrt(first @ first)
+    return first, np.cross(direction, first)
+
+
+def relative_partials(here: Geometry, frame: str, seen_from: str | None) -> Any:
+    """Return a frame's partial velocities as seen from another frame, (6, n_q), world axes."""
+    J = here.partial_velocities(frame)
+    if seen_from is None:
+        return J
+    K = here.partial_velocities(seen_from)
+    r = here.pose(frame)[1] - here.pose(seen_from)[1]
+    carried = np.array([cross(column, r) for column in K[3:].T]).T
+    return np.concatenate([J[:3] - K[:3] - carried, J[3:] - K[3:]])

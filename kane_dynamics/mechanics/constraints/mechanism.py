@@ -1,0 +1,269 @@
+"""
+A model with its generalized speeds and constraints: the motions that it admits.
+
+The independent speeds u_I and the constraints are one linear system for the joint rates,
+
+    [ Y_I ]        [ u_I - Z_I ]
+    [  J  ] q'  =  [     b     ],      S q' = s,
+
+and its rate gives q''. The inverse S^-1 = [ T  N ] holds the whole of Kane's method: T are the
+partial joint rates of the independent speeds (the nonholonomic ones where constraints are), so a
+generalized force is T^T times the joint forces; N are those of the auxiliary speeds J q' - b,
+which vanish in every motion: N^T times the joint forces are the constraint forces, brought into
+evidence (Kane & Levinson, section 4.9).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra import linear_solve
+from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows
+from kane_dynamics.mechanics.constraints.speeds import chosen, Speeds
+from kane_dynamics.mechanics.definition import kinematics
+from kane_dynamics.mechanics.recursive import frame_kinematics
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.model.model import Model, WORLD
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """
+    The joints' motion that goes with independent speeds.
+
+    Attributes
+    ----------
+    qdot, qddot : (n_q,) arrays
+        Rates and accelerations of the joints; rad or m, and s.
+    T : (n_q, n) array
+        Joint rates per unit of each independent speed.
+    N : (n_q, m) array
+        Joint rates per unit of each constraint's auxiliary speed.
+    T_rate : (n_q, n) array
+        Time derivative of T along the motion.
+
+    """
+
+    qdot: Any
+    qddot: Any
+    T: Any
+    N: Any
+    T_rate: Any
+
+
+class MechanismState:
+    """A mechanism at one posture and time: what constraints ask (`constraints.Geometry`)."""
+
+    def __init__(self, model: Model, speeds: Speeds, q: Any, t: Any,
+                 links: Sequence[Link] | None = None) -> None:
+        """Use the textbook's kinematics, or those of the links that are compiled."""
+        self.model, self.q, self.t = model, q, t
+        self.width = model.n  # of rows
+        self._speeds = speeds
+        self._links = links
+
+    def pose(self, frame: str) -> tuple[Any, Any]:
+        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
+        at = self.model.frame(frame)
+        if self._links is None:
+            return kinematics.frame_pose(self.model, at, self.q)
+        T = frame_kinematics.frame_pose(self._links, at, self.q)
+        return T[:3, :3], T[:3, 3]
+
+    def partial_velocities(self, frame: str) -> Any:
+        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
+        at = self.model.frame(frame)
+        if self._links is None:
+            return kinematics.frame_partial_velocities(self.model, at, self.q)
+        return frame_kinematics.partial_velocities(self._links, at, self.q)
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
+        names = self.model.coordinate_names
+        if name not in names:
+            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; valid: "
+                                  f'{", ".join(names)}')
+        k = names.index(name)
+        return np.eye(self.model.n)[k], self.q[k]
+
+    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
+        Y, Z = self._speeds.of(self.q, self.t)
+        places = speed_places(self._speeds, names)
+        return Y[places], Z[places]
+
+    def other_speeds(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of all speeds but these."""
+        return tuple(name for name in self._speeds.names if name not in names)
+
+
+class Mechanism:
+    """
+    A model, its speeds, its constraints.
+
+    Parameters
+    ----------
+    model : Model
+    speeds : None, Speeds or callable
+        See `speeds.chosen`; joint rates by default.
+    constraints : sequence of constraints
+    free, kept : sequences of int
+        Numbers of the independent speeds, and of the rows that are independent of each other;
+        `structure.structured` finds them.
+
+    """
+
+    def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
+                 free: Sequence[int] | None = None, kept: Sequence[int] | None = None) -> None:
+        """Keep the parts; without `free` and `kept` every speed and every row counts."""
+        self.model = model
+        self.speeds = chosen(model, speeds)
+        self.constraints = tuple(constraints)
+        self.labels = tuple(label for c in self.constraints for label in c.labels)
+        self.free = list(range(model.n)) if free is None else list(free)
+        self.kept = list(range(len(self.labels))) if kept is None else list(kept)
+        names = [c.name for c in self.constraints]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ConstraintError(f'constraints must have different names; given twice: {twice}')
+
+    @property
+    def n(self) -> int:
+        """Return the number of independent speeds."""
+        return len(self.free)
+
+    @property
+    def key(self) -> str | None:
+        """
+        Tell this mechanism from every other of its model; None if functions of a user are in it.
+
+        Those alone may depend on time.
+        """
+        parts = [repr(self.free), repr(self.kept), self.speeds.key or None,
+                 *(_described(constraint) for constraint in self.constraints)]
+        return None if None in parts else '\n'.join(part for part in parts if part)
+
+    @property
+    def speed_names(self) -> tuple[str, ...]:
+        """Return the names of the independent speeds, in order."""
+        return tuple(self.speeds.names[r] for r in self.free)
+
+    def posture(self, q: Any, t: Any = 0.0, links: Sequence[Link] | None = None) -> MechanismState:
+        """Return the mechanism at q, (n_q,), and t, over any scalar."""
+        return MechanismState(self.model, self.speeds, q, t, links)
+
+    def rows(self, here: MechanismState) -> ConstraintRows:
+        """Return the rows of all constraints, in the order of `labels`."""
+        parts = [constraint.rows(here) for constraint in self.constraints]
+        return ConstraintRows(np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)]),
+                    np.concatenate([np.zeros(0), *(part.b for part in parts)]),
+                    tuple(gap for part in parts for gap in part.gap))
+
+    def system(self, here: MechanismState) -> tuple[Any, Any]:
+        """Return S, (n_q, n_q), and s at u_I = 0, (n_q,)."""
+        Y, Z = here.speed_rows(self.speed_names)
+        rows = self.rows(here)
+        return (np.concatenate([Y, rows.J[self.kept]]),
+                np.concatenate([-Z, rows.b[self.kept]]))
+
+    def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0,
+                     links: Sequence[Link] | None = None) -> JointMotion:
+        """
+        Return the joints' motion.
+
+        Parameters
+        ----------
+        q : (n_q,) array of scalars
+            Coordinates, rad or m.
+        u, udot : (n,) arrays of scalars
+            Independent speeds and their rates.
+        t : scalar
+            Time, s.
+        links : sequence of Link, optional
+            Use their kinematics, the ones that are compiled.
+
+        Raises
+        ------
+        ConstraintError
+            S is singular in every posture.
+
+        """
+        S, s = self.system(self.posture(q, t, links))
+        inverse = self.solved(S, np.eye(len(S)))
+        none = np.zeros(len(self.kept)).astype(object)
+        qdot = inverse @ (np.concatenate([u, none]) + s)
+        S_moving, s_moving = self.system(
+            self.posture(moving(q, qdot), moving(t, 1.0), links))
+        S_rate = rates(S_moving)
+        qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
+        T = inverse[:, :self.n]
+        return JointMotion(qdot, qddot, T, inverse[:, self.n:], -(inverse @ (S_rate @ T)))
+
+    def solved(self, S: Any, right: Any) -> Any:
+        """Return S^-1 times a vector or a matrix; ConstraintError where S is never regular."""
+        try:
+            return linear_solve.solution(S, right.reshape(len(S), -1)).reshape(right.shape)
+        except ZeroDivisionError as error:
+            row = error.args[0]
+            names = (*self.speed_names, *(self.labels[k] for k in self.kept))
+            raise ConstraintError(f"speeds and constraints do not determine the motion: '"
+                                  f"{names[row]}' depends on the others in every posture"
+                                  ) from None
+
+
+class Released(MechanismState):
+    """
+    A mechanism whose one joint is set free, as constraints see it: columns of its freedoms alone.
+
+    They are the six auxiliary speeds of what the joint carries, along and about the world's axes
+    at the joint's origin.
+    """
+
+    def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
+        """Free the joint of body number `body`, whose origin is (3,), m."""
+        super().__init__(here.model, here._speeds, here.q, here.t, here._links)
+        self._body, self._origin = body, origin
+        self.width = 6
+
+    def partial_velocities(self, frame: str) -> Any:
+        """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
+        at = self.model.frame(frame)
+        if at.body == WORLD or self._body not in self.model.path(at.body):
+            return np.zeros((6, 6)).astype(object)
+        r = self.pose(frame)[1] - self._origin
+        unit = np.eye(3).astype(object)
+        turned = np.array([cross(axis, r) for axis in unit]).T
+        return np.concatenate([np.concatenate([unit, turned], axis=1),
+                               np.concatenate([0.0 * unit, unit], axis=1)])
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return no change, and the value."""
+        return np.zeros(6), super().coordinate(name, asking)[1]
+
+    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return no change: speeds are of the joints that the mechanism has."""
+        return np.zeros((len(names), 6)), np.zeros(len(names))
+
+
+def _described(constraint: Constraint) -> str | None:
+    """Return a constraint's numbers exactly; None if a function is among them."""
+    words = [type(constraint).__name__]
+    for field in fields(constraint):
+        value = getattr(constraint, field.name)
+        if callable(value):
+            return None
+        words.append(repr(value.tolist() if isinstance(value, np.ndarray) else
+                          sorted(value.items()) if isinstance(value, Mapping) else value))
+    return ' '.join(words)
+
+
+def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
+    """Return the numbers of speeds; ConstraintError lists the valid names."""
+    for name in names:
+        if name not in speeds.names:
+            raise ConstraintError(f"no speed '{name}'; valid: {', '.join(speeds.names)}")
+    return [speeds.names.index(name) for name in names]

@@ -1,0 +1,173 @@
+"""
+Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, section 2.12).
+
+A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default; the
+choices here shorten the equations of common mechanisms, and a user's own function is as good.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.definition import kinematics
+from kane_dynamics.mechanics.recursive import composite_inertia
+from kane_dynamics.mechanics.recursive.link_frames import denavit_hartenberg, linkage, regrouped
+from kane_dynamics.model.model import Model
+import numpy as np
+
+Function = Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Speeds:
+    """
+    A choice of generalized speeds.
+
+    Parameters
+    ----------
+    Y : callable
+        ``Y(q, t)`` returns (n, n): the speeds' coefficients of the joint rates.
+    Z : callable, optional
+        ``Z(q, t)`` returns (n,): what the speeds are when all joints rest.
+    names : sequence of str
+        Of the speeds; u1, u2 ... by default.
+    key : str
+        Tells this choice from every other with the same model, so that compiled code can be
+        kept; empty for functions whose content is unknown.
+    definite : bool
+        Whether Y is symmetric and positive definite everywhere, which saves arithmetic.
+
+    """
+
+    Y: Function
+    Z: Function | None = None
+    names: Sequence[str] = ()
+    key: str = ''
+    definite: bool = False
+
+    def of(self, q: Any, t: Any) -> tuple[Any, Any]:
+        """
+        Return Y, (n, n), and Z, (n,), at q, t.
+
+        Raises
+        ------
+        ConstraintError
+            A function returns another shape; names it, what it gave and what is expected.
+
+        """
+        n = len(q)
+        Y = np.asarray(self.Y(q, t))
+        Z = np.zeros(n) if self.Z is None else np.asarray(self.Z(q, t))
+        for name, value, shape in (('Y', Y, (n, n)), ('Z', Z, (n,))):
+            if value.shape != shape:
+                raise ConstraintError(f'{name}(q, t) returns shape {value.shape}; expected '
+                                      f'{shape}, one row for each speed')
+        return Y, Z
+
+
+def joint_rates(model: Model) -> Speeds:
+    """Return u = q', the default."""
+    unit = np.eye(model.n)
+    return Speeds(lambda q, t: unit, None, model.coordinate_names, 'joint_rates')
+
+
+def absolute_rates(model: Model) -> Speeds:
+    """
+    Return each body's angular velocity along its own joint axis; sliding joints keep their rate.
+
+    For a planar chain these are the rates of absolute angles, in which the equations of motion
+    couple bodies through angle differences only.
+    """
+    carriers = {joint.name: k for k, joint in enumerate(b.joint for b in model.bodies)}
+
+    def Y(q: Any, t: Any) -> Any:
+        bodies = kinematics.configurations(model, q)
+        rows = []
+        for r, joint in enumerate(model.coordinate_joints):
+            here = bodies[carriers[joint.name]]
+            rows.append(here.partial_angular_velocity @ here.axis if joint.kind == 'revolute'
+                        else np.eye(model.n)[r])
+        return np.array(rows)
+    return Speeds(Y, None, tuple(f'{name}/absolute' for name in model.coordinate_names),
+                  'absolute_rates')
+
+
+def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
+    """
+    Return the choice that takes omega . b1, b2, b3, in a body's own axes, for its three angles.
+
+    Parameters
+    ----------
+    frame : str
+        On a body that three revolute joints turn freely, such as a floating base; its axes are
+        b1, b2, b3. All other speeds are joint rates.
+
+    Returns
+    -------
+    callable
+        Makes the `Speeds` of a model; ConstraintError where other than three joints turn the
+        body.
+
+    """
+    def of(model: Model) -> Speeds:
+        at = model.frame(frame)
+        turning = sorted({model.bodies[k].joint.coordinate for k in model.path(at.body)
+                          if model.bodies[k].joint.kind == 'revolute'})
+        if len(turning) != 3:
+            names = ', '.join(model.coordinate_names[r] for r in turning) or 'none'
+            raise ConstraintError(f"frame '{frame}' is turned by {len(turning)} joints ({names}); "
+                                  'its angular velocity can stand for exactly three')
+
+        def Y(q: Any, t: Any) -> Any:
+            R, _ = kinematics.frame_pose(model, at, q)
+            omega = R.T @ kinematics.frame_partial_velocities(model, at, q)[3:]
+            rows = list(np.eye(model.n).astype(object))
+            for r, row in zip(turning, omega):
+                rows[r] = row
+            return np.array(rows)
+        speed_names = list(model.coordinate_names)
+        for r, part in zip(turning, ('x', 'y', 'z')):
+            speed_names[r] = f'{frame}/omega_{part}'
+        return Speeds(Y, None, tuple(speed_names), f'body_angular_velocity({frame!r})')
+    return of
+
+
+def momenta(model: Model) -> Speeds:
+    """Return u = M(q) q', the momenta conjugate to the coordinates, N m s or N s."""
+    links = regrouped(denavit_hartenberg(linkage(model)))
+    rotors = np.zeros(model.n)
+    for body in model.bodies:
+        rotors[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.armature
+    return Speeds(lambda q, t: composite_inertia.mass_matrix(links, q) + np.diag(rotors), None,
+                  tuple(f'{name}/momentum' for name in model.coordinate_names), 'momenta',
+                  definite=True)
+
+
+def chosen(model: Model, choice: Any) -> Speeds:
+    """
+    Return the speeds that `Robot(speeds=...)` asks for.
+
+    Parameters
+    ----------
+    model : Model
+        The mechanism.
+    choice : None, Speeds, or callable
+        A callable takes the model and returns `Speeds`.
+
+    Raises
+    ------
+    InputError
+        It is none of these, or the names do not match the model's number of coordinates.
+
+    """
+    speeds = joint_rates(model) if choice is None else choice
+    if callable(speeds):
+        speeds = speeds(model)
+    if not isinstance(speeds, Speeds):
+        raise InputError(f'speeds is a {type(choice).__name__}; expected Speeds, or a function '
+                         'that takes the model and returns them')
+    names = tuple(speeds.names) or tuple(f'u{r + 1}' for r in range(model.n))
+    if len(names) != model.n or len(set(names)) != len(names):
+        raise InputError(f'speeds have the names {list(names)}; expected {model.n} different ones')
+    return replace(speeds, names=names)

@@ -1,0 +1,169 @@
+"""Constraints on velocities: points, rolling, and speeds that depend on others."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.constraints.constraint_rows import (across, ConstraintRows, Geometry,
+                                                                 relative_partials, unit)
+from kane_dynamics.model.model import constant, freeze
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class PointVelocity:
+    """
+    A velocity component of a point of the mechanism vanishes or is given.
+
+    Parameters
+    ----------
+    frame : str
+        The point is its origin.
+    direction : (3,) array
+        Along which the component is taken; normalised.
+    axes : str, optional
+        Frame in whose axes the direction stands still (a knife edge: the frame itself); world
+        by default.
+    relative_to : str, optional
+        Frame as seen from which the point moves; world by default.
+    value : float or callable
+        The component, m/s; a callable takes t.
+    angular : bool
+        Constrain the angular velocity instead, rad/s.
+    name : str
+
+    """
+
+    frame: str
+    direction: Any
+    axes: str | None = None
+    relative_to: str | None = None
+    value: float | Callable[[Any], Any] = 0.0
+    angular: bool = False
+    name: str = ''
+
+    def __post_init__(self) -> None:
+        """Normalise the direction."""
+        kind = 'angular velocity' if self.angular else 'velocity'
+        freeze(self, 'name', self.name or f'{kind} of {self.frame}')
+        freeze(self, 'direction', unit(self.direction, f"constraint '{self.name}': direction"))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Return the name of the row."""
+        return (self.name,)
+
+    def rows(self, here: Geometry) -> ConstraintRows:
+        """Return the row: the component of the partial velocities."""
+        d = self.direction if self.axes is None else here.pose(self.axes)[0] @ self.direction
+        J = relative_partials(here, self.frame, self.relative_to)
+        b = self.value(here.t) if callable(self.value) else self.value
+        return ConstraintRows(np.array([d @ (J[3:] if self.angular else J[:3])]), np.array([b]), (None,))
+
+
+def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
+    """Return the constraint that a frame's origin does not move along a direction of its own."""
+    return PointVelocity(frame, direction, axes=frame, name=name or f'knife edge {frame}')
+
+
+@dataclass(frozen=True, eq=False)
+class Rolling:
+    """
+    A wheel (a thin disc) or a ball rolls on a plane without slipping.
+
+    Parameters
+    ----------
+    frame : str
+        Its origin is the centre.
+    radius : float
+        m, positive.
+    axis : (3,) array, optional
+        The wheel's axle in the frame's axes; a ball without.
+    normal : (3,) array
+        Of the plane, world axes.
+    height : float
+        Distance of the plane from the world's origin along the normal, m.
+    name : str
+
+    """
+
+    frame: str
+    radius: float
+    axis: Any = None
+    normal: Any = (0.0, 0.0, 1.0)
+    height: float = 0.0
+    name: str = ''
+
+    def __post_init__(self) -> None:
+        """Check and normalise."""
+        freeze(self, 'name', self.name or f'rolling of {self.frame}')
+        what = f"constraint '{self.name}'"
+        freeze(self, 'radius', float(constant(self.radius, (), f'{what}: radius')))
+        if self.radius <= 0.0:
+            raise ConstraintError(f'{what}: radius is {self.radius}; it must be positive')
+        freeze(self, 'normal', unit(self.normal, f'{what}: normal'))
+        if self.axis is not None:
+            freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Return the names of the rows: two tangents of the plane, and its normal."""
+        return tuple(f'{self.name}/{part}' for part in ('tangent_1', 'tangent_2', 'normal'))
+
+    def rows(self, here: Geometry) -> ConstraintRows:
+        """Return the rows: the point that touches the plane has no velocity."""
+        R, centre = here.pose(self.frame)
+        r = -self.radius * self.normal
+        if self.axis is not None:  # down the wheel's own plane
+            axle = R @ self.axis
+            up = self.normal - (self.normal @ axle) * axle
+            r = up * (-self.radius / np.sqrt(up @ up))
+        J = here.partial_velocities(self.frame)
+        v = J[:3] + np.array([cross(column, r) for column in J[3:].T]).T
+        directions = (*across(self.normal), self.normal)
+        gap = self.normal @ (centre + r) - self.height
+        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3), (None, None, gap))
+
+
+@dataclass(frozen=True, eq=False)
+class DependentSpeeds:
+    """
+    The general form: u_D = A(q, t) u_I + B(q, t).
+
+    Parameters
+    ----------
+    dependent : sequence of str
+        Names of the speeds u_D; u_I are all others, in the order of the speeds.
+    A : callable
+        ``A(q, t)`` returns (m, n - m).
+    B : callable, optional
+        ``B(q, t)`` returns (m,); zero by default.
+    name : str
+
+    """
+
+    dependent: Sequence[str]
+    A: Callable[[Any, Any], Any]
+    B: Callable[[Any, Any], Any] | None = None
+    name: str = 'dependent speeds'
+    labels: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Name the rows."""
+        freeze(self, 'dependent', tuple(self.dependent))
+        freeze(self, 'labels', tuple(f'{self.name}/{speed}' for speed in self.dependent))
+
+    def rows(self, here: Geometry) -> ConstraintRows:
+        """Return Y_D - A Y_I and B - Z_D + A Z_I; ConstraintError where a shape is wrong."""
+        Y_D, Z_D = here.speed_rows(self.dependent)
+        Y_I, Z_I = here.speed_rows(here.other_speeds(self.dependent))
+        m = len(self.dependent)
+        A = np.asarray(self.A(here.q, here.t))
+        B = np.zeros(m) if self.B is None else np.asarray(self.B(here.q, here.t))
+        for name, value, shape in (('A', A, (m, len(Y_I))), ('B', B, (m,))):
+            if value.shape != shape:
+                raise ConstraintError(f"constraint '{self.name}': {name}(q, t) returns shape "
+                                      f'{value.shape}; expected {shape}')
+        return ConstraintRows(Y_D - A @ Y_I, B - Z_D + A @ Z_I, (None,) * m)

@@ -1,0 +1,1 @@
+"""Kane's equations as the textbook defines them: the readable reference."""

@@ -1,0 +1,157 @@
+"""
+The energy road's motions: those that speeds and constraints admit, from finite kinematics.
+
+A row that has a condition on positions, gap(q, t) = 0, is that condition differentiated,
+
+    (dgap/dq) q' = -dgap/dt,
+
+whatever the constraint itself says of velocities; the rest are components of velocities. Rates of
+W, X, A and B are not written down anywhere: all numbers carry their time derivative.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.hyperdual import joined, lifted, parts, Parts
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.energy_form.finite_kinematics import FiniteMechanismState
+from kane_dynamics.model.model import Array
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Admissible:
+    """
+    A motion that speeds and constraints admit, at one time.
+
+    Attributes
+    ----------
+    q, qdot, qddot : (n_q,) arrays
+        Coordinates, their rates and accelerations; rad or m, and s.
+    W, X : (n_q, n_q), (n_q,) arrays
+        q' = W u + X.
+    A, B : (m, n), (m,) arrays
+        u_D = A u_I + B.
+    variations : (n_q, n) array
+        W_sr + sum_k W_sk A_kr: how q_s varies with each independent speed's virtual motion.
+    J, b : (m, n_q), (m,) arrays
+        The independent constraint rows, J q' = b.
+    posture : FiniteMechanismState
+        The geometry, moving along qdot.
+
+    """
+
+    q: Array
+    qdot: Array
+    qddot: Array
+    W: Array
+    X: Array
+    A: Array
+    B: Array
+    variations: Array
+    J: Array
+    b: Array
+    posture: FiniteMechanismState
+
+    def accelerated(self, udot: Array) -> 'Admissible':
+        """Return the motion that differs by accelerations udot, (n,), of the speeds alone."""
+        return replace(self, qddot=self.qddot + self.variations @ udot)
+
+
+def admissible(mechanism: Mechanism, q: Array, u: Array, udot: Array,
+               t: float = 0.0) -> Admissible:
+    """
+    Return the motion that goes with independent speeds.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Model, speeds and constraints; which speeds are independent, and which rows.
+    q : (n_q,) array
+        Coordinates, rad or m.
+    u, udot : (n,) arrays
+        Independent speeds and their rates.
+    t : float
+        s.
+
+    Raises
+    ------
+    ConstraintError
+        Speeds or constraints are singular at q; names them.
+
+    """
+    rest = FiniteMechanismState(mechanism, q, np.zeros(mechanism.model.n), t)
+    qdot = _motion(mechanism, rest, u, udot).qdot  # velocities do not ask where the motion goes
+    return _motion(mechanism, FiniteMechanismState(mechanism, q, qdot, t), u, udot)
+
+
+def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array, udot: Array) -> Admissible:
+    """Return the motion; q'' is right where the posture moves along q'."""
+    n = mechanism.model.n
+    free = mechanism.free
+    dependent = [r for r in range(n) if r not in free]
+    names = mechanism.speeds.names
+    Y, Z = (_in_time(here, given) for given in mechanism.speeds.of(here.q, here.t))
+    J, b = _rows(mechanism, here)
+    W = _solved(Y, np.eye(n), f'speeds {", ".join(names)} are', here)
+    X = -(W @ Z)
+    C = J @ W
+    known = np.concatenate([-C[:, free], (b - J @ X)[:, None]], axis=1)
+    rows = ', '.join(mechanism.labels[k] for k in mechanism.kept)
+    AB = _solved(C[:, dependent], known, f'constraints {rows} on the speeds '
+                 f'{", ".join(names[r] for r in dependent)} are', here)
+    A, B = AB[:, :-1], AB[:, -1]
+    variations = W[:, free] + W[:, dependent] @ A
+    qdot = variations @ _timed(u, udot) + W[:, dependent] @ B + X
+    rates = parts(qdot, 0)
+    numbers = {'W': W, 'X': X, 'A': A, 'B': B, 'variations': variations, 'J': J, 'b': b}
+    return Admissible(q=parts(here.q, here.count).value, qdot=rates.value, qddot=rates.rate,
+                      posture=here,
+                      **{name: parts(x, 0).value for name, x in numbers.items()})
+
+
+def _rows(mechanism: Mechanism, here: FiniteMechanismState) -> tuple[Any, Any]:
+    """Return J, (m, n_q), and b, (m,), of the rows that are independent, moving in time."""
+    n = mechanism.model.n
+    declared = mechanism.rows(here)
+    J: list[Any] = []
+    b: list[Any] = []
+    for k in mechanism.kept:
+        if declared.gap[k] is None:
+            J.append(_in_time(here, declared.J[k]))
+            b.append(_in_time(here, declared.b[k])[()])
+        else:
+            gap = lifted(declared.gap[k], here.count)
+            J.append(_timed(gap.gradient[:n], gap.gradient_rate[:n]))
+            b.append(_timed(-gap.gradient[n], -gap.gradient_rate[n])[()])
+    return np.array(J, dtype=object).reshape(len(J), n), np.array(b, dtype=object)
+
+
+def _in_time(here: FiniteMechanismState, array: Any) -> Any:
+    """Return an array that carries its time derivative and no other."""
+    given = parts(array, here.count)
+    return _timed(given.value, given.rate)
+
+
+def _timed(values: Any, rates: Any) -> Any:
+    """Return numbers with their time derivatives."""
+    value, rate = np.asarray(values, dtype=float), np.asarray(rates, dtype=float)
+    none = np.zeros((*value.shape, 0))
+    return joined(Parts(value, none, rate, none))
+
+
+def _solved(A: Any, b: Any, what: str, here: FiniteMechanismState) -> Any:
+    """
+    Return A^-1 b, which moves as A and b do.
+
+    With the inverse of A's numbers alone the residual is a pure rate, and rates of rates are not
+    carried: one step of refinement leaves nothing.
+    """
+    try:
+        inverse = np.linalg.inv(parts(A, 0).value)
+    except np.linalg.LinAlgError:
+        q = parts(here.q, here.count).value
+        raise ConstraintError(f'{what} singular at q = {q.tolist()}') from None
+    first = inverse @ b
+    return first + inverse @ (b - A @ first)

@@ -1,0 +1,1 @@
+"""Recursive O(n) algorithms (RNEA, CRBA and their kin): what is compiled."""

@@ -1,0 +1,233 @@
+"""
+Derivatives of inverse dynamics by coordinates and speeds, exactly and without differencing.
+
+Turn (or slide) joint j a little: all that it carries is moved by a rigid field. In axes that go
+along, a point P of it changes its acceleration by
+
+    da + chi x r + 2 delta x v_P
+
+with r and v_P taken from the joint's origin, wherever on the moving links P may be. For a joint
+whose axis is s, with the origin's acceleration a and U = [alpha]x + [omega]x [omega]x,
+
+    by q:  delta = omega x s,  chi = U s,          da = a x s   (revolute);  0, 0, U s  (prismatic)
+    by u:  delta = s,          chi = 2 omega x s,  da = 0       (revolute);  0, 0, 2 omega x s
+
+So a joint i on the way asks for tau_i's share f . da + n . chi + e . delta: three vectors of what
+the joint carries, taken from i to the root once for all j below it; and what joint i moves pulls
+at the joints below it by one force and moment each, by q and by u.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.vector import cross, symmetric
+from kane_dynamics.mechanics.recursive.inverse_dynamics import (inertia_wrench, JointStep,
+                                                                link_motion, LinkMotion, Z)
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.subroutines import directly, Share
+from kane_dynamics.model.model import WORLD
+import numpy as np
+
+NONE = np.array([0.0, 0.0, 0.0])
+Matrix = list[list[Any]]
+
+
+@dataclass
+class Carried:
+    """
+    What a joint carries, about its link's origin and in link axes; velocities from there.
+
+    Attributes
+    ----------
+    mass, h, S : scalar, (3,), (3, 3)
+        Moments of mass: int dm, int r dm, int r r^T dm.
+    p, L, S_rate : (3,), (3,), (3, 3)
+        Momentum, angular momentum, and the rate of S: int v dm, int r x v dm,
+        int v r^T + r v^T dm.
+    force, moment : (3,), (3,)
+        Its inertia force and moment, negated, gravity's taken off.
+
+    """
+
+    mass: Any
+    h: Any
+    S: Any
+    p: Any
+    L: Any
+    S_rate: Any
+    force: Any
+    moment: Any
+
+
+class Index:
+    """
+    A link, the way to it, its motion, and its origin's velocity from its parent's origin.
+
+    `rows` and `columns` take what a joint further out passes on down by one link. They use
+    nothing that varies but `state`, (15,), so that many joints may share one subroutine.
+    """
+
+    def __init__(self, link: Link, step: JointStep, motion: LinkMotion, velocity: Any) -> None:
+        """Keep the parts."""
+        self.link, self.step, self.motion, self.velocity = link, step, motion, velocity
+        omega, _, a, U = motion
+        self.state = np.array([step.s, step.c, *step.offset, *velocity, omega[0], omega[1],
+                               *U[:, 2], a[0], a[1]])
+
+    def rows(self, carried: Any, state: Any) -> Any:
+        """
+        Return (12,): shares of dtau/dq, dtau/du and M at this joint, then `carried` one link down.
+
+        `carried`, (9,), are the vectors f, n and e of the module's text in this link's axes.
+        """
+        step, velocity, x, y, U_z, a = self._read(state)
+        f, n, e = carried[:3], carried[3:6], carried[6:]
+        if self.link.kind == 'revolute':
+            entries = (n @ U_z + (f[0] * a[1] - f[1] * a[0]) + (e[0] * y - e[1] * x),
+                       n[0] * (y + y) - n[1] * (x + x) + e[2], n[2])
+        else:
+            entries = (f @ U_z, f[0] * (y + y) - f[1] * (x + x), f[2])
+        f, n, e = (step.inward(v) for v in (f, n, e))
+        n = n + cross(step.offset, f)
+        e = e + 2.0 * cross(velocity, f)
+        return np.array([*entries, *f, *n, *e])
+
+    def columns(self, pulls: Any, state: Any) -> Any:
+        """Return two forces and moments about this link's origin, (12,), about the parent's."""
+        step = self._read(state)[0]
+        result: list[Any] = []
+        for force, moment in ((pulls[:3], pulls[3:6]), (pulls[6:9], pulls[9:])):
+            force, moment = step.inward(force), step.inward(moment)
+            result += [*force, *(moment + cross(step.offset, force))]
+        return np.array(result)
+
+    def _read(self, state: Any) -> tuple[JointStep, Any, Any, Any, Any, Any]:
+        s, c, offset, velocity, (x, y) = state[0], state[1], state[2:5], state[5:8], state[8:10]
+        return self.step.at(s, c, offset), velocity, x, y, state[10:13], state[13:]
+
+
+def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+                                 share: Share = directly) -> Any:
+    """
+    Return dtau/dq, dtau/du and M of the links alone, (3, n, n).
+
+    Parameters
+    ----------
+    links : sequence of Link
+        Parents before children.
+    q, u, udot : (n,) arrays of scalars
+        Coordinates, speeds and their rates; rad or m, s.
+    gravity : (3,) array of scalars
+        m/s^2, world axes.
+    share : callable
+        Computes the parts that many joints have in common; see `sharing`.
+
+    """
+    n = len(q)
+    motion: list[LinkMotion] = []
+    places, carried = [], []
+    for link in links:
+        step = JointStep(link, q)
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
+        velocity = NONE
+        if link.parent != WORLD:
+            velocity = cross(motion[link.parent][0], step.offset)
+            if link.kind == 'prismatic':
+                velocity = velocity + (link.multiplier * u[link.coordinate]) * step.axis
+        places.append(Index(link, step, motion[-1], velocity))
+        carried.append(_alone(link, motion[-1]))
+    by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
+    for i in reversed(range(len(links))):
+        _add_row(places, carried[i], i, (by_q, by_u, M), share)
+        _add_column(places, carried[i], i, (by_q, by_u), share)
+        if links[i].parent != WORLD:
+            _hand_down(places[i], carried[i], carried[links[i].parent])
+    return np.array([by_q, by_u, M])
+
+
+def _alone(link: Link, motion: LinkMotion) -> Carried:
+    """Return what a link is by itself."""
+    omega, S, h = motion[0], link.second_moment, link.first_moment
+    v_r = np.stack([cross(omega, column) for column in S.T], axis=1)  # int v r^T dm
+    spin = S[0, 0] + S[1, 1] + S[2, 2]
+    return Carried(link.mass, h, S, cross(omega, h), spin * omega - S @ omega, v_r + v_r.T,
+                   *inertia_wrench(link, motion))
+
+
+def _add_row(places: Sequence[Index], body: Carried, i: int,
+             results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
+    """Add how the torque of link i's joint depends on itself and on every joint below."""
+    h, S, K, L = body.h, body.S, body.S_rate, body.L
+    own = places[i].link
+    if own.kind == 'revolute':
+        passed = np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
+                           L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
+    else:
+        passed = np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
+                           2.0 * body.p[1], -2.0 * body.p[0], 0.0])
+    j, row, M = i, own.coordinate, results[2]
+    while j != WORLD:
+        link = places[j].link
+        answer = share(f'row_{j}', places[j].rows, passed, places[j].state)
+        entries, passed = answer[:3], answer[3:]
+        column, factor = link.coordinate, own.multiplier * link.multiplier
+        for matrix, entry in zip(results, entries):
+            matrix[row][column] = matrix[row][column] + factor * entry
+        if j != i:
+            M[column][row] = M[column][row] + factor * entries[2]
+        j = link.parent
+
+
+def _add_column(places: Sequence[Index], body: Carried, i: int,
+                results: tuple[Matrix, Matrix], share: Share) -> None:
+    """Add how the torques of the joints below link i depend on its coordinate and its speed."""
+    link, (omega, _, a, U) = places[i].link, places[i].motion
+    across = np.array([omega[1], -omega[0], 0.0])  # omega x s
+    turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
+    if link.kind == 'revolute':
+        force, moment = _pull(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
+        N = body.moment
+        pulls = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
+                                *_pull(body, Z, across + across, NONE)])
+    else:
+        force, moment = _pull(body, NONE, NONE, U[:, 2])
+        pulls = np.concatenate([force, moment + turned,
+                                *_pull(body, NONE, NONE, across + across)])
+    j = i
+    while places[j].link.parent != WORLD:
+        pulls = share(f'column_{j}', places[j].columns, pulls, places[j].state)
+        j = places[j].link.parent
+        below = places[j].link
+        row, column = below.coordinate, link.coordinate
+        along = 5 if below.kind == 'revolute' else 2  # the place of the z component in a pull
+        for matrix, entry in zip(results, (pulls[along], pulls[along + 6])):
+            matrix[row][column] = (matrix[row][column]
+                                   + link.multiplier * below.multiplier * entry)
+
+
+def _pull(body: Carried, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:
+    """Return force and moment about the origin that a change da + chi x r + 2 delta x v takes."""
+    S, K = body.S, body.S_rate
+    force = body.mass * da + cross(chi, body.h) + cross(delta + delta, body.p)
+    spin, growth = S[0, 0] + S[1, 1] + S[2, 2], K[0, 0] + K[1, 1] + K[2, 2]
+    moment = (cross(body.h, da) + spin * chi - S @ chi
+              + growth * delta - K @ delta - cross(body.L, delta))
+    return force, moment
+
+
+def _hand_down(place: Index, body: Carried, parent: Carried) -> None:
+    """Add what a link carries to what its parent carries."""
+    step, mass, r, w = place.step, body.mass, place.step.offset, place.velocity
+    h, p, force = step.inward(body.h), step.inward(body.p), step.inward(body.force)
+    h_all, p_all = h + mass * r, p + mass * w
+    grown = np.outer(h, w) + np.outer(p_all, r)
+    parent.mass = parent.mass + mass
+    parent.h, parent.p = parent.h + h_all, parent.p + p_all
+    parent.S = parent.S + symmetric(step.inward_tensor(body.S) + np.outer(r, h)
+                                    + np.outer(h_all, r))
+    parent.S_rate = parent.S_rate + symmetric(step.inward_tensor(body.S_rate)
+                                              + (grown + grown.T))
+    parent.L = parent.L + (step.inward(body.L) + cross(r, p_all) + cross(h, w))
+    parent.force = parent.force + force
+    parent.moment = parent.moment + (step.inward(body.moment) + cross(r, force))

@@ -1,0 +1,141 @@
+"""Poses, velocities and partial velocities of frames, in world axes, over any scalar."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.link_frames import Z
+from kane_dynamics.model.model import Frame, WORLD
+import numpy as np
+
+
+def link_poses(links: Sequence[Link], q: Any) -> list[tuple[Any, Any]]:
+    """Return every link's axes (3, 3, columns) and origin (3,) in the world, m."""
+    result: list[tuple[Any, Any]] = []
+    for link in links:
+        step = JointStep(link, q)
+        R, p = (np.eye(3), np.zeros(3)) if link.parent == WORLD else result[link.parent]
+        ahead = R @ step.rotation
+        x, y, z = ahead.T
+        turned = np.stack([step.c * x + step.s * y, step.c * y - step.s * x, z], axis=1)
+        result.append((turned, R @ step.offset + p))
+    return result
+
+
+def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
+    """Return a frame's constant axes and origin in its link's axes (the world's if fixed)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = frame.rotation, frame.translation
+    if frame.body != WORLD:
+        T = links[frame.body].body @ T
+    return T[:3, :3], T[:3, 3]
+
+
+def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+    """Return the (4, 4) pose of a frame in the world."""
+    R, p = frame_in_link(links, frame)
+    if frame.body != WORLD:
+        R_wl, p_wl = link_poses(links, q)[frame.body]
+        R, p = R_wl @ R, R_wl @ p + p_wl
+    return np.concatenate([np.concatenate([R, p[:, None]], axis=1),
+                           np.array([[0.0, 0.0, 0.0, 1.0]])])
+
+
+def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+    """
+    Return the (6, n) partial velocities of a frame: linear at its origin, then angular.
+
+    The column of u_r is s_r x (p - p_r), s_r for a revolute joint on the way to the frame and
+    s_r, 0 for a prismatic one, s_r being the joint's axis; joints elsewhere give zero.
+    """
+    columns: list[Any] = [np.zeros(6)] * len(q)
+    poses = link_poses(links, q)
+    _, p_f = frame_in_link(links, frame)
+    k = frame.body
+    if k != WORLD:
+        p_f = poses[k][0] @ p_f + poses[k][1]
+    while k != WORLD:
+        link, (R, p) = links[k], poses[k]
+        s = R @ Z
+        if link.kind == 'revolute':
+            column = np.concatenate([cross(s, p_f - p), s])
+        else:
+            column = np.concatenate([s, np.zeros(3)])
+        for r, weight in link.partials(q):
+            columns[r] = columns[r] + weight * column
+        k = link.parent
+    return np.stack(columns, axis=1)
+
+
+def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) -> Any:
+    """
+    Return the time derivative of `partial_velocities`, (6, n), along q' = u.
+
+    With omega and v those of the joint's own link and origin, an axis turns by s' = omega x s, and
+    the column s x r of a revolute joint by s' x r + s x r'.
+    """
+    columns: list[Any] = [np.zeros(6)] * len(q)
+    if frame.body == WORLD:
+        return np.stack(columns, axis=1)
+    poses = link_poses(links, q)
+    motion = _motions(links, poses, q, u, np.zeros(len(q)).astype(object))
+    r_f = poses[frame.body][0] @ frame_in_link(links, frame)[1]
+    p_f = poses[frame.body][1] + r_f
+    v_f = motion[frame.body][2] + cross(motion[frame.body][0], r_f)
+    k = frame.body
+    while k != WORLD:
+        link, (R, p), (omega, _, v, _) = links[k], poses[k], motion[k]
+        s = R @ Z
+        turning = cross(omega, s)
+        if link.kind == 'revolute':
+            column = np.concatenate([cross(turning, p_f - p) + cross(s, v_f - v), turning])
+        else:
+            column = np.concatenate([turning, np.zeros(3)])
+        for r, weight in link.partials(q):
+            columns[r] = columns[r] + weight * column
+        for r, rate in link.partial_rates(u):
+            along = ([*cross(s, p_f - p), *s] if link.kind == 'revolute' else [*s, *np.zeros(3)])
+            columns[r] = columns[r] + rate * np.array(along)
+        k = link.parent
+    return np.stack(columns, axis=1)
+
+
+def frame_motion(links: Sequence[Link], frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+    """
+    Return (2, 6): velocity and classical acceleration of a frame, linear then angular.
+
+    World axes, at the frame's origin; gravity is not in it.
+    """
+    if frame.body == WORLD:
+        return np.zeros((2, 6))
+    poses = link_poses(links, q)
+    omega, alpha, v, a = _motions(links, poses, q, u, udot)[frame.body]
+    v, a = _carried(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
+    return np.stack([np.concatenate([v, omega]), np.concatenate([a, alpha])])
+
+
+def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], q: Any, u: Any,
+             udot: Any) -> list[tuple[Any, Any, Any, Any]]:
+    """Return omega, alpha, v and a of every link's origin, world axes, gravity not in it."""
+    motion: list[tuple[Any, Any, Any, Any]] = []
+    zero = np.zeros(3)
+    for link, (R, p) in zip(links, poses):
+        omega, alpha, v, a, origin = zero, zero, zero, zero, zero
+        if link.parent != WORLD:
+            omega, alpha, v, a = motion[link.parent]
+            origin = poses[link.parent][1]
+        v, a = _carried(omega, alpha, v, a, p - origin)
+        rate, acceleration = link.rate(q, u) * (R @ Z), link.growth(q, u, udot) * (R @ Z)
+        if link.kind == 'revolute':
+            motion.append((omega + rate, alpha + acceleration + cross(omega, rate), v, a))
+        else:
+            motion.append((omega, alpha, v + rate, a + acceleration + 2.0 * cross(omega, rate)))
+    return motion
+
+
+def _carried(omega: Any, alpha: Any, v: Any, a: Any, r: Any) -> tuple[Any, Any]:
+    """Return velocity and acceleration of the point of a body at r from its origin."""
+    across = cross(omega, r)
+    return v + across, a + cross(alpha, r) + cross(omega, across)

@@ -1,0 +1,95 @@
+"""
+What joints transmit, and what each body asks of every joint.
+
+The reaction at a joint is the force and moment that its parent exerts on the child: all that the
+links beyond it take, less what the environment pushes with. These are the equations of auxiliary
+speeds (Kane & Levinson, section 4.9): give the joint six fictitious speeds along and about the
+world's axes, and the partial velocities of all links beyond it are those of one rigid body.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.recursive.flexible_modes import bent
+from kane_dynamics.mechanics.recursive.frame_kinematics import frame_in_link, link_poses
+from kane_dynamics.mechanics.recursive.inverse_dynamics import (JointStep, link_forces,
+                                                                link_motion, LinkMotion)
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.model.model import Frame, WORLD
+import numpy as np
+
+
+def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+                    pushes: Sequence[tuple[Frame, Any]]) -> list[Any]:
+    """
+    Return (6,) a joint: force, then moment about its origin, from parent on child, world axes.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        Whose origins are those of the model's joints (`linkage.linkage`), with full inertials.
+    q, u, udot : (n,) arrays of scalars
+        Coordinates, speeds and their rates; rad or m, s.
+    gravity : (3,) array of scalars
+        m/s^2, world axes.
+    pushes : sequence of (Frame, (6,) array)
+        The environment's wrenches, force then moment at the frame's origin, world axes.
+
+    """
+    links = bent(links, q)
+    steps = [JointStep(link, q) for link in links]
+    wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
+    for k in reversed(range(len(links))):
+        if links[k].parent != WORLD:
+            wrenches[links[k].parent] = _handed_down(steps[k], wrenches[k],
+                                                     wrenches[links[k].parent])
+    poses = link_poses(links, q)
+    reactions = [np.concatenate([R @ force, R @ moment])
+                 for (R, _), (force, moment) in zip(poses, wrenches)]
+    for frame, wrench in pushes:
+        k = frame.body
+        if k != WORLD:
+            R, p = poses[k]
+            at = p + R @ frame_in_link(links, frame)[1]
+        while k != WORLD:  # every joint on the way to the world carries less by what is pushed
+            moment = wrench[3:] + cross(at - poses[k][1], wrench[:3])
+            reactions[k] = reactions[k] - np.concatenate([wrench[:3], moment])
+            k = links[k].parent
+    return reactions
+
+
+def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
+    """Return (n_bodies, n): the joint torques that each body's inertia and weight ask for."""
+    steps = [JointStep(link, q) for link in links]
+    wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
+    result: list[list[Any]] = [[0.0] * len(q) for _ in links]
+    for k, (force, moment) in enumerate(wrenches):
+        j = k
+        while True:
+            link = links[j]
+            along = moment[2] if link.kind == 'revolute' else force[2]
+            result[k][link.coordinate] = (result[k][link.coordinate]
+                                          + link.multiplier * along)
+            if link.parent == WORLD:
+                break
+            force, moment = steps[j].inward(force), steps[j].inward(moment)
+            moment = moment + cross(steps[j].offset, force)
+            j = link.parent
+    return np.array(result).reshape(len(links), len(q))
+
+
+def _inertia_wrenches(links: Sequence[Link], steps: Sequence[JointStep], q: Any, u: Any, udot: Any,
+                      gravity: Any) -> list[tuple[Any, Any]]:
+    """Return what every link alone takes, force and moment about its origin, link axes."""
+    motion: list[LinkMotion] = []
+    for link, step in zip(links, steps):
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
+    return [link_forces(link, m, q, u, udot)[:2] for link, m in zip(links, motion)]
+
+
+def _handed_down(step: JointStep, wrench: tuple[Any, Any],
+                 above: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Return the parent's wrench with a link's added."""
+    force, moment = step.inward(wrench[0]), step.inward(wrench[1])
+    return above[0] + force, above[1] + (moment + cross(step.offset, force))

@@ -1,0 +1,107 @@
+"""
+Inverse dynamics as a linear function of the bodies' inertial parameters.
+
+Ten numbers a body, about its own origin and in its own axes, in the order that Pinocchio uses:
+
+    m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz
+
+c being the mass centre and I the inertia about the body's origin. With a the acceleration of the
+origin less gravity and U = [alpha]x + [omega]x [omega]x, a body's inertia force m a + U (m c) and
+moment (m c) x a + I alpha + omega x I omega are linear in them; the partial velocities of the
+body's origin make generalized forces of both.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.recursive.inverse_dynamics import (JointStep, link_motion, LinkMotion,
+                                                                REST, Z)
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.subroutines import directly, Share
+from kane_dynamics.model.model import Array, Model, WORLD
+import numpy as np
+
+PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Iyy', 'Ixz', 'Iyz', 'Izz')
+# Rows and columns of the six independent entries of a symmetric tensor, in that order.
+ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+def inertial_parameters(model: Model) -> Array:
+    """Return all bodies' parameters, (10 n_bodies,), in the order of `PARAMETERS`; kg, m."""
+    result = []
+    for body in model.bodies:
+        P = body.inertial.pseudo_inertia
+        about_origin = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
+        result.append([P[3, 3], *P[:3, 3], *(about_origin[r, s] for r, s in ENTRIES)])
+    return np.array(result).reshape(-1)
+
+
+def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+              share: Share = directly) -> Any:
+    """
+    Return Y, (n, 10 n_bodies): the links' inverse dynamics are Y times the parameters.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        Whose origins are those of the model's bodies (`linkage.linkage`).
+    q, u, udot : (n,) arrays of scalars
+        Coordinates, speeds and their rates; rad or m, s.
+    gravity : (3,) array of scalars
+        m/s^2, world axes.
+    share : callable
+        Computes the parts that many joints have in common; see `sharing`.
+
+    """
+    n = len(q)
+    motion: list[LinkMotion] = []
+    partials: list[dict[int, Any]] = []  # of each joint that moves a link: s and v, (6,)
+    Y: list[list[Any]] = [[0.0] * (10 * len(links)) for _ in range(n)]
+    for k, link in enumerate(links):
+        step = JointStep(link, q)
+        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
+        omega, alpha, a, U = motion[k]
+        state = np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
+        own = np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])
+        columns = {k: np.concatenate([own, _on_joint(link, own, state)])}
+        if link.parent != WORLD:
+            def below(passed: Any, state: Any, link: Link = link, step: JointStep = step) -> Any:
+                here = step.at(state[0], state[1], state[2:5])
+                s, v = passed[:3], passed[3:]
+                moved = np.concatenate([here.outward(s),
+                                        here.outward(v + cross(s, here.offset))])
+                return np.concatenate([moved, _on_joint(link, moved, state)])
+            columns |= {j: share(f'body_{k}', below, passed, state)
+                        for j, passed in partials[link.parent].items()}
+        partials.append({j: column[:6] for j, column in columns.items()})
+        for j, column in columns.items():
+            row, factor = links[j].coordinate, links[j].multiplier
+            for c, x in enumerate(column[6:]):
+                Y[row][10 * k + c] = Y[row][10 * k + c] + factor * x
+    return np.array(Y)
+
+
+def _on_joint(link: Link, partial: Any, state: Any) -> Any:
+    """
+    Return what unit parameters of a link's body ask of a joint, (10,).
+
+    Parameters
+    ----------
+    link : Link
+        The link.
+    partial : (6,) array of scalars
+        The joint's partial velocities at the link: angular s, linear v of its origin.
+    state : array of scalars
+        Of the link, as `regressor` lays it out.
+
+    """
+    C = link.body[:3, :3].T  # link axes to body axes
+    s, v, omega, alpha, a = (C @ x for x in (partial[:3], partial[3:], state[5:8], state[8:11],
+                                             state[11:14]))
+    U = C @ state[14:].reshape(3, 3) @ C.T
+    first = U.T @ v + cross(a, s)  # v . U h + s . (h x a)
+    b = cross(s, omega)  # s . (omega x I omega) = (s x omega) . I omega
+    second = np.outer(s, alpha) + np.outer(b, omega)
+    inertia = [second[r, r] if r == c else second[r, c] + second[c, r] for r, c in ENTRIES]
+    return np.array([v @ a, *first, *inertia])

@@ -1,0 +1,325 @@
+"""
+The equations of motion of one robot, M udot + bias = tau + external, over any scalar.
+
+`TreeEquations` joins a Model's geometry (as links), its active forces and what may change while it
+runs: gravity, a payload, external wrenches. Its methods are pure; compilation traces them and
+tests run them on numbers.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
+                                               inverse_dynamics, joint_reactions, regressor)
+from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.recursive.link import homogeneous, Link
+from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
+                                                           regrouped)
+from kane_dynamics.mechanics.recursive.subroutines import directly, Share
+from kane_dynamics.model.beam import Beam
+from kane_dynamics.model.model import Frame, Joint, Model, WORLD
+import numpy as np
+
+RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
+              'regressor', 'body_torques')
+TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
+
+
+class TreeEquations:
+    """
+    The equations of motion of a model.
+
+    Parameters
+    ----------
+    model : Model
+    wrench_frames : sequence of str
+        Frames on which the environment may push.
+    payload_frame : str, optional
+        Frame in which a payload's inertial parameters are given.
+    friction : bool
+        Whether damping and Coulomb friction are part of the equations.
+    frame_reduction : bool
+        Use Denavit-Hartenberg-like link frames; without, only joint axes are aligned.
+
+    """
+
+    def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
+                 payload_frame: str | None = None, friction: bool = True,
+                 frame_reduction: bool = True) -> None:
+        """Prepare the links; raises InputError for an unknown frame."""
+        self.model = model
+        self.n = self.n_q = model.n
+        self.speed_names = model.coordinate_names
+        self.friction = friction
+        self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
+        self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
+        links = self._raw_links = linkage(model)
+        self._links = denavit_hartenberg(links) if frame_reduction else links
+        self.order = list(dict.fromkeys(k for link in links for k in (
+            *([] if link.deflection else [link.coordinate]),
+            *(link.beam.coordinates if link.beam else []))))
+        self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
+
+    timed = False  # no method depends on time
+
+    @property
+    def geometry(self) -> tuple[Link, ...]:
+        """Return the links for kinematics: inertials without a payload."""
+        return self._links
+
+    def links(self, parameters: Any) -> tuple[Link, ...]:
+        """Return the links with their full inertials, the payload's included."""
+        return self._loaded(self._links, parameters)
+
+    def _loaded(self, links: tuple[Link, ...], parameters: Any) -> tuple[Link, ...]:
+        """Return links with the payload added."""
+        frame = self.payload_frame
+        if frame is None or frame.body == WORLD:
+            return links
+        m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters[3:13]
+        P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz], [hx, hy, hz, m]])
+        return carrying(links, frame.body,
+                        homogeneous(frame.rotation, frame.translation), P)
+
+    def base_links(self, parameters: Any) -> tuple[Link, ...]:
+        """Return the links with base inertial parameters only: enough for joint forces."""
+        return regrouped(self.links(parameters))
+
+    def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return tau = M udot + bias - external, (n,)."""
+        return self.rigid_dynamics(q, u, udot, wrench, parameters) + self.friction_force(u)
+
+    def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return inverse dynamics without friction, (n,)."""
+        rigid = inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, u, udot,
+                                           parameters[:3])
+        return (rigid + self.armature(udot) + self.spring_force(q)
+                - self.external_force(q, wrench))
+
+    def bias_force(self, q: Any, u: Any, parameters: Any) -> Any:
+        """Return what torque must hold at udot = 0, external wrenches apart, (n,)."""
+        return self.inverse_dynamics(q, u, self.zeros, None, parameters)
+
+    def gravity_force(self, q: Any, parameters: Any) -> Any:
+        """Return the torque that holds gravity alone, (n,)."""
+        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros, self.zeros,
+                                          parameters[:3])
+
+    def mass_matrix(self, q: Any, parameters: Any) -> Any:
+        """Return M with armature, (n, n)."""
+        M = composite_inertia.mass_matrix(self.base_links(parameters), q)
+        return M + np.diag(self.armature(np.ones(self.n)))
+
+    def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
+        """Return M^-1, (n, n)."""
+        return inverse(self.factors(q, parameters), self.order)
+
+    def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
+        """Return udot = M^-1 (tau + external - bias), (n,)."""
+        held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
+        return solve(self.factors(q, parameters), self.order, tau - held)
+
+    def factors(self, q: Any, parameters: Any) -> Any:
+        """Factorise M; ModelError where it is singular in every posture."""
+        try:
+            return factorize(self.mass_matrix(q, parameters), self.order)
+        except ZeroDivisionError as error:
+            name = self.model.coordinate_names[error.args[0]]
+            raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass, so no "
+                             'torque determines its acceleration; give its body an inertia or '
+                             'the joint an armature') from None
+
+    def coriolis_matrix(self, q: Any, u: Any, parameters: Any,
+                        share: Share = directly) -> Any:
+        """Return C, (n, n), of Christoffel symbols: C u is half of what C u's slope by u gives."""
+        none = np.zeros(3).astype(object)
+        return 0.5 * inverse_dynamics_derivatives(self.base_links(parameters), q, u, self.zeros,
+                                                  none, share)[1]
+
+    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any,
+                                     share: Share = directly) -> Any:
+        """Return dtau/dq, dtau/du and M = dtau/dudot, (3, n, n), without external wrenches."""
+        rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
+                                             parameters[:3], share)
+        ones = np.ones(self.n)
+        return rigid + np.stack([np.diag(x) for x in (
+            self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
+            self._friction_slope(u), self.armature(ones))])
+
+    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
+        """Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (3, n, n), no external wrenches."""
+        udot = self.forward_dynamics(q, u, tau, None, parameters)
+        by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
+        W = self.inverse_mass_matrix(q, parameters)
+        return np.stack([-(W @ by_q), -(W @ by_u), W])
+
+    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any,
+                  share: Share = directly) -> Any:
+        """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
+        return regressor.regressor(self._raw_links, q, u, udot, parameters[:3], share)
+
+    def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return (n_bodies, n): what each body, with what it carries, asks of every joint."""
+        return joint_reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
+
+    def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
+        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
+        found = joint_reactions.joint_reactions(self._loaded(self._raw_links, parameters), q, u, udot,
+                                          parameters[:3], pushes)
+        return np.array(found).reshape(len(found), 6)
+
+    def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
+                       parameters: Any) -> Any:
+        """Return that of body number `body` alone, (6,)."""
+        return self.joint_reactions(q, u, udot, wrench, parameters)[body]
+
+    def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
+        links, none = self.base_links(parameters), np.zeros(3).astype(object)
+        rest = self.zeros
+        return np.stack([
+            inverse_dynamics.inverse_dynamics(links, q, rest, udot, none) + self.armature(udot),
+            inverse_dynamics.inverse_dynamics(links, q, u, rest, none),
+            self.gravity_force(q, parameters), self.friction_force(u), self.spring_force(q)])
+
+    def kinetic_energy(self, q: Any, u: Any, parameters: Any) -> Any:
+        """Return the kinetic energy, armature's share 1/2 I rate^2 included, J."""
+        return (inverse_dynamics.kinetic_energy(self.links(parameters), q, u)
+                + 0.5 * (u @ self.armature(u)))
+
+    def potential_energy(self, q: Any, parameters: Any) -> Any:
+        """Return the potential energy of gravity and springs, J."""
+        springs: Any = 0.0
+        for joint in self._joints():
+            stretch = _position(joint, q) - joint.rest
+            springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
+        for body in self.model.bodies:
+            if body.beam is not None:
+                eta = q[list(body.beam.coordinates)]
+                springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
+        return inverse_dynamics.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+
+    def center_of_mass(self, q: Any, parameters: Any) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m, world axes."""
+        mass, moment = inverse_dynamics.first_moment(self.links(parameters), q)
+        return moment * (1.0 / self._weighing(mass))
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any) -> Any:
+        """
+        Return the velocity of the center of mass per unit of each speed, (3, n).
+
+        Gravity -e_k asks for the generalized force m (row k), whatever the links are.
+        """
+        links, rest = self.base_links(parameters), self.zeros
+        mass, _ = inverse_dynamics.first_moment(self.links(parameters), np.zeros(self.n))
+        rows = [inverse_dynamics.inverse_dynamics(links, q, rest, rest, -unit) for unit in np.eye(3)]
+        return np.stack(rows) * (1.0 / self._weighing(mass))
+
+    def _weighing(self, mass: Any) -> Any:
+        """Return a mass that is not zero by structure, or raise ModelError."""
+        if is_zero(mass):
+            raise ModelError(f"'{self.model.name}': the moving bodies have no mass; expected some "
+                             'mass, for a center of mass')
+        return mass
+
+    def frame_pose(self, frame: Frame, q: Any) -> Any:
+        """Return the homogeneous transformation frame to world, (4, 4)."""
+        return frame_kinematics.frame_pose(self._links, frame, q)
+
+    def frame_velocity(self, frame: Frame, q: Any, u: Any) -> Any:
+        """Return linear then angular velocity, (6,)."""
+        return frame_kinematics.frame_motion(self._links, frame, q, u, self.zeros)[0]
+
+    def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+        """Return linear then angular acceleration, (6,)."""
+        return frame_kinematics.frame_motion(self._links, frame, q, u, udot)[1]
+
+    def partial_velocities(self, frame: Frame, q: Any) -> Any:
+        """Return linear then angular velocity per unit of each speed, (6, n)."""
+        return frame_kinematics.partial_velocities(self._links, frame, q)
+
+    def partial_velocity_rates(self, frame: Frame, q: Any, u: Any) -> Any:
+        """Return the time derivative of the partial velocities along the motion, (6, n)."""
+        return frame_kinematics.partial_velocity_rates(self._links, frame, q, u)
+
+    def joint_origins(self, q: Any) -> list[Any]:
+        """Return where each body has its joint, (3,), m, world axes."""
+        return [origin for _, origin in frame_kinematics.link_poses(self._raw_links, q)]
+
+    def armature(self, x: Any) -> Any:
+        """Return the rotor inertias' diagonal times x, (n,)."""
+        return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
+
+    def friction_force(self, u: Any) -> Any:
+        """Return d u + mu tanh(u / u_s) + offset of every joint, (n,): what torque overcomes."""
+        if not self.friction:
+            return self.zeros
+
+        def force(joint: Joint) -> Any:
+            rate = joint.multiplier * u[joint.coordinate]
+            total = joint.damping * rate
+            if joint.friction:
+                total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
+            return joint.multiplier * (total + joint.friction_offset)
+        return self._of_beams(self._by_coordinate(force),
+                              lambda beam: beam.damping @ u[list(beam.coordinates)])
+
+    def _friction_slope(self, u: Any) -> Any:
+        """Return d friction_force / du, (n,)."""
+        if not self.friction:
+            return self.zeros
+
+        def slope(joint: Joint) -> Any:
+            total: Any = joint.damping
+            if joint.friction:
+                rate = joint.multiplier * u[joint.coordinate]
+                y = np.tanh(rate * (1.0 / joint.friction_speed))
+                total = total + (joint.friction / joint.friction_speed) * (1.0 - y * y)
+            return joint.multiplier**2 * total
+        return self._by_coordinate(slope)
+
+    def spring_force(self, q: Any) -> Any:
+        """Return k (position - rest) of joints, K eta of beams, (n,): what torque holds."""
+        springs = self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
+                                      * (_position(j, q) - j.rest))
+        return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
+
+    def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
+        """Return a force, (n,), with that of every beam on its modes added."""
+        result = list(total)
+        for body in self.model.bodies:
+            if body.beam is not None:
+                for k, value in zip(body.beam.coordinates, force(body.beam)):
+                    result[k] = result[k] + value
+        return np.array(result)
+
+    def external_force(self, q: Any, wrench: Any) -> Any:
+        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
+        total = self.zeros
+        if wrench is not None:
+            for frame, pushed in zip(self.wrench_frames, wrench):
+                total = total + frame_kinematics.partial_velocities(self._links, frame, q).T @ pushed
+        return total
+
+    @property
+    def zeros(self) -> Any:
+        """Return n zeros that cost a traced program nothing."""
+        return np.zeros(self.n).astype(object)
+
+    def _joints(self) -> list[Joint]:
+        return [body.joint for body in self.model.bodies]
+
+    def _by_coordinate(self, force: Callable[[Joint], Any]) -> Any:
+        """Sum a force of every joint on its coordinate, (n,)."""
+        total = [0.0] * self.n
+        for joint in self._joints():
+            total[joint.coordinate] = total[joint.coordinate] + force(joint)
+        return np.array(total)
+
+
+def _position(joint: Joint, q: Any) -> Any:
+    return joint.multiplier * q[joint.coordinate] + joint.offset

@@ -1,0 +1,1 @@
+"""Models of mechanisms: bodies, joints, inertial properties, flexible links, and their builder."""

@@ -1,0 +1,64 @@
+"""What `ModelBuilder` is given, checked and converted."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.mechanics.algebra.vector import axis_rotation
+from kane_dynamics.model.model import Array, constant, Inertial
+from kane_dynamics.urdf.tree import snapped
+import numpy as np
+from numpy.typing import ArrayLike
+
+PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
+              'stiffness', 'rest')
+
+
+def further(bent: Any, joints: int) -> Any:
+    """Return a beam or a deflection whose coordinates stand so many places further on."""
+    return bent and replace(bent, coordinates=tuple(joints + k for k in bent.coordinates))
+
+
+def checked_turns(turns: str, count: int, what: str) -> str:
+    """Return the first `count` letters of x, y, z, each other than the one before."""
+    turns = turns[:count] if count == 2 else turns
+    if (len(turns) != count or not set(turns) <= set('xyz')
+            or any(a == b for a, b in pairwise(turns))):
+        raise ModelError(f"{what}: turns is '{turns}'; expected a letter of x, y, z for each "
+                         'turn, other than the one before')
+    return turns
+
+
+def check_properties(joint: str, properties: dict[str, Any]) -> None:
+    """Raise ModelError for a property that joints do not have."""
+    unknown = sorted(set(properties) - set(PROPERTIES))
+    if unknown:
+        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; valid: "
+                         f'{", ".join(PROPERTIES)}')
+
+
+def check_moments(on: str, matter: Inertial) -> None:
+    """Raise ModelError for moments of inertia that no matter has."""
+    low, middle, high = np.linalg.eigvalsh(matter.inertia).tolist()
+    noise = 1e-9 * max(abs(low), abs(high))
+    if low < -noise or high > low + middle + noise:
+        raise ModelError(f"'{on}': principal moments of inertia are {low:g}, {middle:g}, "
+                         f'{high:g} kg m^2; none may be negative, nor larger than the sum of '
+                         'the others')
+
+
+def direction(axis: ArrayLike, what: str) -> Array:
+    """Return an axis; ModelError for the zero vector."""
+    vector = constant(axis, (3,), f'{what}: axis')
+    if not vector.any():
+        raise ModelError(f'{what}: axis is {vector.tolist()}; an axis must not be zero')
+    return vector
+
+
+def pose(at: ArrayLike, rpy: ArrayLike, what: str) -> tuple[Array, Array]:
+    """Return the rotation and translation of a place given as URDF gives it."""
+    R: Array = np.eye(3)
+    for axis, angle in zip(np.eye(3), constant(rpy, (3,), f'{what}: rpy')):
+        R = axis_rotation(axis, np.sin(angle), np.cos(angle)) @ R
+    return snapped(R), constant(at, (3,), f'{what}: at')

@@ -1,0 +1,260 @@
+"""`FlexibleLink`: a beam in the making, and its integrals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, Literal
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.inertial import Array, constant, Inertial
+from kane_dynamics.model.mode_shapes import Bending, gauss, Shapes, Torsion
+import numpy as np
+
+Kind = Literal['revolute', 'prismatic']
+DEPENDENT = 1e-10  # relative size of a singular value at which shapes count as one
+ROUNDING = 1e-12  # entries this small beside their array's largest are zero
+
+
+@dataclass(frozen=True, eq=False)
+class FlexibleLink:
+    """
+    A beam in the making: its section, its modes, what they are in the two planes of bending.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    density : float
+        Mass per length, kg/m.
+    stiffness : float or pair of float
+        EI for bending along `up`, and along e x up, N m^2; one serves both.
+    modes : int or pair of int
+        How many modes, in these two directions.
+    direction, up : (3,) arrays
+        Along the beam and the first direction of bending, in the body's axes.
+    bending : Bending or pair of Bending
+        The assumed shapes: `clamped_free` and so on, one for both directions or one each.
+    torsion : Torsion, optional
+        GJ and modes of twist; without it sections do not turn about the beam.
+    damping : float
+        Material damping (Kelvin-Voigt): stress per strain rate over stress per strain, s.
+    foreshortening : bool
+        Leave it out only to see what happens.
+
+    Raises
+    ------
+    ModelError
+        A value is not possible; names it.
+
+    """
+
+    length: float
+    density: float
+    stiffness: float | Sequence[float]
+    modes: int | Sequence[int] = 3
+    direction: Array | Sequence[float] = (1.0, 0.0, 0.0)
+    up: Array | Sequence[float] = (0.0, 1.0, 0.0)
+    bending: Bending | Sequence[Bending] | None = None
+    torsion: Torsion | None = None
+    damping: float = 0.0
+    foreshortening: bool = True
+
+    @classmethod
+    def tube(cls, length: float, radius: float, bore: float, young: float, shear: float,
+             matter: float, modes: int | Sequence[int] = 3, twists: int = 0,
+             **options: Any) -> 'FlexibleLink':
+        """
+        Return a beam of round section, bored or not.
+
+        Parameters
+        ----------
+        length, radius, bore : float
+            m; `bore` is the inner radius, 0 for a rod.
+        young, shear : float
+            E and G of the material, Pa.
+        matter : float
+            Mass per volume, kg/m^3.
+        modes, twists : int
+            How many modes of bending in each direction, and of torsion.
+        **options
+            Further fields of the link.
+
+        Raises
+        ------
+        ModelError
+            The bore is not smaller than the radius.
+
+        """
+        if not 0.0 <= bore < radius:
+            raise ModelError(f'a tube of radius {radius} m has a bore of {bore} m; it must not be '
+                             'negative, and less than the radius')
+        polar = 0.5 * math.pi * (radius**4 - bore**4)
+        torsion = Torsion(shear * polar, matter * polar, twists)
+        return cls(length, matter * math.pi * (radius**2 - bore**2), 0.5 * young * polar, modes,
+                   torsion=torsion, **options)
+
+    def checked(self, name: str) -> 'AssumedModes':
+        """Return the beam's numbers, with the name of its link in every message."""
+        what = f"beam '{name}'"
+        numbers = {key: float(constant(getattr(self, key), (), f'{what}: {key}'))
+                   for key in ('length', 'density', 'damping')}
+        for key, value in numbers.items():
+            if not value > 0.0 and not (key == 'damping' and value == 0.0):
+                raise ModelError(f'{what}: {key} is {value:g}; it must '
+                                 f'{"not be negative" if key == "damping" else "be positive"}')
+        stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (2,))
+        modes = np.broadcast_to(np.asarray(self.modes), (2,))
+        if modes.dtype.kind not in 'iu' or modes.min() < 0:
+            raise ModelError(f'{what}: modes is {self.modes!r}; expected numbers of modes, 0 or '
+                             'more, in one or two directions')
+        if not (np.isfinite(stiffness).all() and stiffness[modes > 0].min(initial=1.0) > 0.0):
+            raise ModelError(f'{what}: stiffness is {self.stiffness!r}; EI must be positive')
+        e, up = (constant(getattr(self, key), (3,), f'{what}: {key}')
+                 for key in ('direction', 'up'))
+        side = np.cross(e, up)
+        if not np.linalg.norm(side) > 1e-9 * float(np.linalg.norm(e)):
+            raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()} must be two '
+                             'directions')
+        e = e / np.linalg.norm(e)
+        side = side / np.linalg.norm(side)
+        bending = self.bending if isinstance(self.bending, Sequence) else [self.bending] * 2
+        shapes = [shape or Bending.clamped_free() for shape in bending]
+        return AssumedModes(name, numbers['length'], numbers['density'], numbers['damping'],
+                            stiffness, modes, np.array([e, np.cross(side, e), side]), shapes,
+                            (self.torsion or Torsion(1.0, 0.0, 0)).checked(what),
+                            self.foreshortening)
+
+
+class AssumedModes:
+    """A checked beam: its modes as functions of the place, orthonormal in mass."""
+
+    def __init__(self, name: str, length: float, density: float, damping: float,
+                 stiffness: Array, modes: Array, axes: Array, bending: Sequence[Bending],
+                 torsion: Torsion, foreshortening: bool) -> None:
+        """Evaluate the shapes at the quadrature points."""
+        self.name, self.length, self.density, self.axes = name, length, density, axes
+        self._damping, self._stiffness = damping, stiffness
+        self._modes, self._bending, self._torsion = modes, bending, torsion
+        self._foreshortening = foreshortening
+        self._bends = int(modes.sum())
+        self.count = self._bends + torsion.modes
+        self.x, self._weights = gauss(length, self.count)
+        self._mixing = [self._orthonormal(plane) for plane in range(2)]
+
+    @property
+    def names(self) -> list[str]:
+        """Return what the modal coordinates are called, after the beam: mode_1, twist_1, ..."""
+        return [f'{self.name}/{kind}_{k + 1}' for kind, count in (
+            ('mode', self._bends), ('twist', self._torsion.modes)) for k in range(count)]
+
+    @property
+    def inertial(self) -> Inertial:
+        """Return that of the straight beam: a rod, thin if its sections have no inertia."""
+        mass, e = self.density * self.length, self.axes[0]
+        end, polar = self.length * e, self._torsion.inertia * self.length
+        return Inertial(mass, 0.5 * end, mass / 12.0 * (
+            end @ end * np.eye(3) - np.outer(end, end)) + 0.5 * polar * (
+            np.eye(3) + np.outer(e, e)))
+
+    def _orthonormal(self, plane: int) -> Array:
+        """Return the weights, (k, k), that make the assumed shapes orthonormal in mass."""
+        count = int(self._modes[plane])
+        if not count:
+            return np.zeros((0, 0))
+        phi = self._assumed(plane, self.x)[0]
+        gram = (phi * (self._weights * self.density)) @ phi.T
+        tip = self._assumed(plane, np.array([self.length]))[0][:, 0]
+        gram = gram + self._bending[plane].tip_mass * np.outer(tip, tip)
+        size = np.linalg.eigvalsh(gram)
+        if not size[0] > DEPENDENT * size[-1]:
+            raise ModelError(f"beam '{self.name}': the {count} shapes of bending depend on each "
+                             f'other (singular values {size[0]:.3g} to {size[-1]:.3g})')
+        return np.linalg.inv(np.linalg.cholesky(gram))
+
+    def _assumed(self, plane: int, x: Array) -> Shapes:
+        return self._bending[plane].at(x, self.length, self.density * self.length,
+                                       int(self._modes[plane]))
+
+    def at(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return phi, phi' and phi'', (len(x), m, 3) each, at places along the beam."""
+        result = np.zeros((3, len(x), self.count, 3))
+        first = 0
+        for plane, mixing in enumerate(self._mixing):
+            last = first + len(mixing)
+            if len(mixing):
+                for k, values in enumerate(self._assumed(plane, x)):
+                    result[k, :, first:last] = np.multiply.outer((mixing @ values).T,
+                                                                 self.axes[1 + plane])
+            first = last
+        return result[0], result[1], result[2]
+
+    def twists(self, x: Array) -> tuple[Array, Array]:
+        """Return psi and psi', (len(x), m) each, at places along the beam."""
+        result = np.zeros((2, len(x), self.count))
+        result[:, :, self._bends:] = np.transpose(self._torsion.at(x, self.length), (0, 2, 1))
+        return result[0], result[1]
+
+    def shortening(self, x: Array) -> Array:
+        """Return H, (len(x), m, m)."""
+        H = np.zeros((len(x), self.count, self.count))
+        if self._foreshortening:
+            for k, end in enumerate(x):
+                places, weights = gauss(float(end), self.count)
+                slope = self.at(places)[1]
+                H[k] = np.einsum('g,gik,gjk->ij', weights, slope, slope)
+        return H
+
+    def beam(self, coordinates: tuple[int, ...]) -> Beam:
+        """Return the integrals that the equations of motion hold."""
+        phi, _, curvature = self.at(self.x)
+        dm, e = self._weights * self.density, self.axes[0]
+        H, points = self.shortening(self.x), np.multiply.outer(self.x, e)
+        m = self.count
+        slope, bend = np.zeros((m, 4, 4)), np.zeros((m, m, 4, 4))
+        slope[:, :3, 3] = slope[:, 3, :3] = np.einsum('g,gmk->mk', dm, phi)
+        outer = np.einsum('g,gk,gml->mkl', dm, points, phi)
+        slope[:, :3, :3] = outer + outer.transpose(0, 2, 1)
+        shorter = -np.einsum('g,gij->ij', dm, H)  # second derivatives of c's moment
+        bend[:, :, :3, 3] = bend[:, :, 3, :3] = np.multiply.outer(shorter, e)
+        square = np.einsum('g,gik,gjl->ijkl', dm, phi, phi)
+        along = -2.0 * np.einsum('g,g,gij->ij', dm, self.x, H)
+        bend[:, :, :3, :3] = (square + square.transpose(1, 0, 2, 3)
+                              + np.multiply.outer(along, np.outer(e, e)))
+        EI = np.repeat([*self._stiffness, 0.0], [*self._modes, self._torsion.modes])
+        K = np.einsum('g,gik,gjk->ij', self._weights, curvature, curvature) * EI[:, None]
+        (psi, twist), polar = self.twists(self.x), self._weights * self._torsion.inertia
+        K = K + np.einsum('g,gi,gj->ij', self._weights * self._torsion.stiffness, twist, twist)
+        momentum = (np.einsum('g,gmk->mk', dm, np.cross(points[:, None], phi))
+                    + np.multiply.outer(polar @ psi, e))
+        mass = (np.einsum('g,gik,gjk->ij', dm, phi, phi)
+                + np.einsum('g,gi,gj->ij', polar, psi, psi))
+        return Beam(coordinates, _clean(slope), _clean(bend), _clean(momentum),
+                    _clean(np.einsum('g,gjik->jik', dm, np.cross(phi[:, :, None], phi[:, None]))),
+                    _clean(mass), _clean(K), _clean(self._damping * K), points, dm, phi, H, psi,
+                    polar, e)
+
+    def deflections(self, x: float, coordinates: tuple[int, ...]
+                    ) -> list[tuple[str, Kind, Array, Deflection]]:
+        """Return a section's joints, one after another: name, kind, axis, deflection."""
+        place = np.array([x])
+        phi, slope, _ = (values[0] for values in self.at(place))
+        none = np.zeros((self.count, self.count))
+        e, up, side = self.axes
+        parts: list[tuple[str, Kind, Array, Array, Array]] = [
+            ('along', 'prismatic', e, np.zeros(self.count), -self.shortening(place)[0]),
+            ('up', 'prismatic', up, phi @ up, none),
+            ('side', 'prismatic', side, phi @ side, none),
+            ('turn_side', 'revolute', side, slope @ up, none),
+            ('turn_up', 'revolute', up, -(slope @ side), none),
+            ('twist', 'revolute', e, self.twists(place)[0][0], none)]
+        return [(name, kind, axis, Deflection(coordinates, _clean(a), _clean(B)))
+                for name, kind, axis, a, B in parts if a.any() or B.any()]
+
+
+def _clean(array: Array) -> Array:
+    """Return an array with what quadrature left where zeros belong cleared, and frozen."""
+    largest = float(np.abs(array).max(initial=0.0))
+    result = np.where(np.abs(array) < ROUNDING * largest, 0.0, array)
+    result.flags.writeable = False
+    return result

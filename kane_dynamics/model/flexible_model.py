@@ -1,0 +1,154 @@
+"""Links of a loaded model made beams, and beams made rigid."""
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
+from kane_dynamics.model.model import Array, Body, Frame, Inertial, Joint, Model, WORLD
+import numpy as np
+
+ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it
+
+
+def with_beam(model: Model, link: str, beam: FlexibleLink,
+              riders: Collection[tuple[str, Inertial]] = ()) -> Model:
+    """
+    Return the model with one of its links bending.
+
+    The beam begins at the link's joint. Its matter takes the place of all that the body has, but
+    for `riders`. Joints and frames on the link move and turn with the beam's section beside which
+    they are; what is behind the joint stays with the root.
+
+    Parameters
+    ----------
+    model : Model
+        A chain or tree, rigid or with other beams.
+    link : str
+        The name of a moving body; its axes are those of the beam's `direction` and `up`.
+    beam : FlexibleLink
+        What it becomes.
+    riders : collection of (str, Inertial)
+        What is welded to the link and stays: a frame on the link, and matter in its axes. It
+        rides with that frame; what is given in the link's own, with the section beside its mass
+        centre.
+
+    Raises
+    ------
+    ModelError
+        No such body, or it is a beam already; or a value of the beam is not possible.
+
+    """
+    names = [body.name for body in model.bodies]
+    if link not in names:
+        raise ModelError(f"no moving link '{link}' to bend; valid: {', '.join(names)}")
+    k = names.index(link)
+    if model.bodies[k].beam is not None:
+        raise ModelError(f"link '{link}' is a beam already")
+    shape = beam.checked(link)
+    coordinates = tuple(range(model.n, model.n + shape.count))
+    own = replace(model.bodies[k], inertial=shape.inertial,
+                  beam=shape.beam(coordinates) if shape.count else None)
+    sections = _Sections(shape, k, coordinates)
+    children = {i: sections.place(body.joint.translation, body.joint.rotation)
+                for i, body in enumerate(model.bodies) if body.parent == k}
+    frames = {frame.name: sections.place(frame.translation, frame.rotation)
+              for frame in model.frames if frame.body == k}
+    tip = sections.place(shape.length * shape.axes[0], np.eye(3))
+    for name, matter in riders:
+        own = sections.carrying(model.frame(name), matter, own)
+    more = len(sections.bodies)
+
+    def number(i: int) -> int:
+        return i if i <= k else i + more
+    rest = []
+    for i, body in enumerate(model.bodies[k + 1:], k + 1):
+        parent, joint = number(body.parent), body.joint
+        if i in children:
+            parent, p, R = children[i]
+            joint = replace(joint, translation=p, rotation=R)
+        rest.append(replace(body, parent=parent, joint=joint))
+    moved = [Frame(frame.name, *_turned(frames[frame.name])) if frame.name in frames else
+             replace(frame, body=number(frame.body)) for frame in model.frames]
+    moved.append(Frame(f'{link}/tip', *_turned(tip)))
+    return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
+                   frames=tuple(moved), coordinate_names=(
+                       *model.coordinate_names, *shape.names))
+
+
+def stiffened(model: Model) -> Model:
+    """Return the model with its beams straight and rigid: without modal coordinates."""
+    if not model.flexible:
+        return model
+    modal = model.modal_coordinates
+    numbers = {k: number for number, k in enumerate(
+        k for k in range(model.n) if k not in modal)}
+    bodies: list[Body] = []
+    places: list[tuple[int, Array, Array]] = []  # where each body of the model is, on which
+
+    def placed(on: int, R: Array, p: Array) -> tuple[int, Array, Array]:
+        if on == WORLD:
+            return on, R, p
+        body, R_on, p_on = places[on]
+        return body, R_on @ R, p_on + R_on @ p
+    for body in model.bodies:
+        on, R, p = placed(body.parent, body.joint.rotation, body.joint.translation)
+        if body.joint.deflection is None:
+            bodies.append(replace(body, parent=on, beam=None, joint=replace(
+                body.joint, rotation=R, translation=p,
+                coordinate=numbers[body.joint.coordinate])))
+            places.append((len(bodies) - 1, np.eye(3), np.zeros(3)))
+        else:  # a section
+            bodies[on] = replace(bodies[on],
+                                 inertial=bodies[on].inertial + body.inertial.moved(R, p))
+            places.append((on, R, p))
+    frames = []
+    for frame in model.frames:
+        on, R, p = placed(frame.body, frame.rotation, frame.translation)
+        frames.append(Frame(frame.name, on, R, p))
+    return replace(model, bodies=tuple(bodies), frames=tuple(frames), coordinate_names=tuple(
+        model.coordinate_names[k] for k in numbers))
+
+
+class _Sections:
+    """Sections of a beam as they are asked for: massless bodies behind one another."""
+
+    def __init__(self, modes: AssumedModes, body: int, coordinates: tuple[int, ...]) -> None:
+        self.bodies: list[Body] = []
+        self._shape, self._body, self._coordinates = modes, body, coordinates
+        self._ends: dict[float, int] = {}
+
+    def carrying(self, frame: Frame, matter: Inertial, own: Body) -> Body:
+        """Load matter, given in a frame's axes, on its section; return the beam's own body."""
+        at = frame.translation if frame.name != self._shape.name else matter.com
+        body, p, R = self.place(at, frame.rotation)
+        moved = matter.moved(R, p + frame.translation - at)
+        if body == self._body:
+            return replace(own, inertial=own.inertial + moved)
+        section = self.bodies[body - self._body - 1]
+        self.bodies[body - self._body - 1] = replace(section, inertial=section.inertial + moved)
+        return own
+
+    def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
+        """Return the body that a place of the straight beam rides on, and where it is on it."""
+        e, length = self._shape.axes[0], self._shape.length
+        x = min(float(p @ e), length)
+        if x <= ON_AXIS * length or not self._coordinates:
+            return self._body, p, R
+        x = next((at for at in self._ends if abs(at - x) < ON_AXIS * length), x)
+        if x not in self._ends:
+            parent, start = self._body, x * e
+            for name, kind, axis, deflection in self._shape.deflections(x, self._coordinates):
+                label = f'{self._shape.name}/at_{x:.6g}/{name}'
+                self.bodies.append(Body(label, parent, Joint(
+                    label, kind, axis, np.eye(3), start, self._coordinates[0],
+                    deflection=deflection)))
+                parent, start = self._body + len(self.bodies), np.zeros(3)
+            self._ends[x] = parent
+        return self._ends[x], p - x * e, R
+
+
+def _turned(place: tuple[int, Any, Any]) -> tuple[int, Any, Any]:
+    body, p, R = place
+    return body, R, p

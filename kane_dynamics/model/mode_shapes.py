@@ -1,0 +1,182 @@
+"""Assumed shapes of beams that bend or twist: in closed form, or a user's own."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import Literal
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model.inertial import Array, constant
+import numpy as np
+
+Shapes = tuple[Array, Array, Array]  # phi, phi' and phi'', (k, len(x)) each
+Function = Callable[[Array], Shapes]
+
+
+@dataclass(frozen=True, eq=False)
+class Bending:
+    """
+    A family of assumed shapes; `clamped_free`, `pinned_free` and `shapes` make one.
+
+    Parameters
+    ----------
+    kind : 'clamped_free', 'pinned_free' or 'own'
+    tip_mass : float
+        What the shapes assume at the tip, kg; the beam does not carry it for that.
+    function : callable, optional
+        Of kind 'own': returns phi, phi' and phi'' at places x.
+
+    """
+
+    kind: Literal['clamped_free', 'pinned_free', 'own'] = 'clamped_free'
+    tip_mass: float = 0.0
+    function: Function | None = None
+
+    @classmethod
+    def clamped_free(cls, tip_mass: float = 0.0) -> 'Bending':
+        """Return the modes of a beam clamped at its root, with a mass at its tip, kg."""
+        if not (math.isfinite(tip_mass) and tip_mass >= 0.0):
+            raise ModelError(f'tip_mass is {tip_mass}; it must not be negative')
+        return cls('clamped_free', float(tip_mass))
+
+    @classmethod
+    def pinned_free(cls) -> 'Bending':
+        """Return the modes of a beam pinned at its root, its turn as a whole left out."""
+        return cls('pinned_free')
+
+    @classmethod
+    def shapes(cls, function: Function) -> 'Bending':
+        """
+        Return a user's own shapes.
+
+        Parameters
+        ----------
+        function : callable
+            ``function(x)`` returns phi, phi' and phi'' at places x, (k, len(x)) arrays of k
+            shapes. They are made orthonormal; phi and phi' at 0 are 0 for a clamped root.
+
+        """
+        return cls('own', 0.0, function)
+
+    def at(self, x: Array, length: float, mass: float, count: int) -> Shapes:
+        """Return phi, phi' and phi'' of the first `count` shapes at places x, (count, len(x))."""
+        if self.function is not None:
+            values = [np.asarray(part, dtype=np.float64) for part in self.function(x)]
+            if any(part.shape != (count, len(x)) or not np.isfinite(part).all()
+                   for part in values):
+                raise ModelError('shapes of bending must be three finite arrays of shape '
+                                 f'({count}, {len(x)}); given '
+                                 f'{[part.shape for part in values]}')
+            return values[0], values[1], values[2]
+        wave = np.array([self.wave_number(k, mass) for k in range(count)])
+        of = _clamped if self.kind == 'clamped_free' else _pinned
+        rows = [of(beta, x / length) for beta in wave]
+        return (np.array([row[0] for row in rows]).reshape(count, len(x)),
+                np.array([row[1] for row in rows]).reshape(count, len(x)) / length,
+                np.array([row[2] for row in rows]).reshape(count, len(x)) / length**2)
+
+    def wave_number(self, k: int, mass: float) -> float:
+        """Return beta L of mode k (from 0): the root of the beam's frequency equation."""
+        ratio = self.tip_mass / mass
+
+        def clamped(b: float) -> float:
+            return (math.cos(b) + 1.0 / math.cosh(b)
+                    + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
+
+        def pinned(b: float) -> float:
+            return math.sin(b) - math.cos(b) * math.tanh(b)
+        if self.kind == 'clamped_free':
+            return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
+        return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+
+
+@dataclass(frozen=True)
+class Torsion:
+    """
+    A beam's twist: its stiffness, and its modes, those of a uniform clamped-free shaft.
+
+    Parameters
+    ----------
+    stiffness : float
+        GJ, N m^2.
+    inertia : float
+        rho I_p: moment of inertia about the beam per length, kg m.
+    modes : int
+        How many.
+    tip_inertia : float
+        What the shapes assume at the tip, kg m^2; the beam does not carry it for that.
+
+    """
+
+    stiffness: float
+    inertia: float
+    modes: int = 1
+    tip_inertia: float = 0.0
+
+    def checked(self, what: str) -> 'Torsion':
+        """Return it with numbers that are possible; ModelError says what of `what` is not."""
+        numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: {key}'))
+                   for key in ('stiffness', 'inertia', 'tip_inertia')}
+        count = self.modes
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+            raise ModelError(f'{what}: torsion: modes is {count!r}; expected how many, 0 or more')
+        for key, value in numbers.items():
+            if value < 0.0 or (value == 0.0 and count and key != 'tip_inertia'):
+                raise ModelError(f'{what}: torsion: {key} is {value:g}; it must '
+                                 f'{"not be negative" if key == "tip_inertia" else "be positive"}')
+        return Torsion(**numbers, modes=int(count))
+
+    def at(self, x: Array, length: float) -> Array:
+        """
+        Return psi and psi', (2, modes, len(x)), at places x of a beam of some length.
+
+        psi = sin(b x / L) where cot b = b J / (rho I_p L), J the inertia at the tip: these are
+        orthogonal with respect to the inertia of shaft and tip, and scaled to be orthonormal.
+        """
+        def free(b: float) -> float:
+            return math.cos(b) - self.tip_inertia / (self.inertia * length) * b * math.sin(b)
+        rows = []
+        for k in range(self.modes):
+            b = _root(free, k * math.pi, (k + 0.5) * math.pi)
+            mass = (0.5 * self.inertia * length * (1.0 - math.sin(2.0 * b) / (2.0 * b))
+                    + self.tip_inertia * math.sin(b) ** 2)
+            rows.append([np.sin(b * x / length) / math.sqrt(mass),
+                         b / length * np.cos(b * x / length) / math.sqrt(mass)])
+        return np.array(rows).reshape(self.modes, 2, len(x)).swapaxes(0, 1)
+
+
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Return the root between two signs, to rounding."""
+    sign = math.copysign(1.0, f(low))
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        if f(middle) * sign > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _clamped(b: float, x: Array) -> Shapes:
+    """Return cosh bx - cos bx - s (sinh bx - sin bx) and its derivatives by x."""
+    total = math.sinh(b) + math.sin(b)
+    s = (math.cosh(b) + math.cos(b)) / total
+    less = (math.sin(b) - math.cos(b) - math.exp(-b)) / total  # 1 - s, without cancellation
+    grown, faded = 0.5 * less * np.exp(b * x), 0.5 * (1.0 + s) * np.exp(-b * x)
+    sine, cosine = np.sin(b * x), np.cos(b * x)
+    return (grown + faded - cosine + s * sine, b * (grown - faded + sine + s * cosine),
+            b * b * (grown + faded + cosine - s * sine))
+
+
+def _pinned(b: float, x: Array) -> Shapes:
+    """Return sin bx + (sin b / sinh b) sinh bx and its derivatives by x."""
+    sine, cosine = np.sin(b * x), np.cos(b * x)
+    part = math.sin(b) / math.sinh(b)
+    grown, faded = part * np.sinh(b * x), part * np.cosh(b * x)
+    return sine + grown, b * (cosine + faded), b * b * (grown - sine)
+
+
+def gauss(length: float, modes: int) -> tuple[Array, Array]:
+    """Return places and weights of Gauss's quadrature on (0, length), enough for so many modes."""
+    x, weights = np.polynomial.legendre.leggauss(16 + 8 * modes)
+    return 0.5 * length * (x + 1.0), 0.5 * length * weights

@@ -1,0 +1,298 @@
+"""
+The mechanism as data: inertials, joints, bodies, frames, and the tree that they form.
+
+A `Model` is immutable. Every joint in it has one degree of freedom; what a URDF says with more
+(floating, planar) or with none (fixed, locked) has been expanded or merged before. Bodies stand
+in topological order, parents first, so that a single pass over them is an outward recursion.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+import hashlib
+import math
+from typing import Any, Literal
+
+from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.inertial import Array, constant, freeze, Inertial
+import numpy as np
+
+__all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
+           'constant', 'freeze', 'short']
+
+GRAVITY = (0.0, 0.0, -9.81)
+WORLD = -1  # the parent index of a body, or the body of a frame, that is fixed in the world
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of a joint: position (rad or m), speed (rad/s or m/s), effort (N m or N)."""
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    effort: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """
+    A joint of one degree of freedom between a body and its parent.
+
+    The joint's position is ``multiplier * q[coordinate] + offset``; a joint that is the only one
+    on its coordinate has 1 and 0, a mimic joint shares the coordinate of its master.
+
+    Parameters
+    ----------
+    name : str
+    kind : 'revolute' or 'prismatic'
+    axis : (3,) array
+        Direction in the joint frame (equal to the body's frame); normalised here.
+    rotation, translation : (3, 3), (3,) arrays
+        Pose of the joint frame in the parent body's frame at position 0 (columns are the joint
+        frame's axes), m.
+    coordinate : int
+        Index into q, u and tau.
+    multiplier, offset : float
+    limits : Limits
+    damping : float
+        Viscous friction, N m s/rad or N s/m.
+    friction : float
+        Coulomb friction, N m or N, smoothed as ``friction * tanh(rate / friction_speed)``.
+    friction_speed : float
+        rad/s or m/s, positive.
+    friction_offset : float
+        What friction asks for at rest, N m or N: Coulomb friction that differs by direction, or
+        the zero of a torque sensor.
+    armature : float
+        Rotor inertia seen through the gear, kg m^2 or kg.
+    stiffness, rest : float
+        Spring that pulls the joint's position to `rest`, N m/rad or N/m; rad or m.
+    deflection : Deflection, optional
+        A place on a beam that bends: the joint's position is `offset` plus this function of
+        modal coordinates, instead of what its coordinate gives.
+
+    Raises
+    ------
+    ModelError
+        Names the joint, the value, and what is valid.
+
+    """
+
+    name: str
+    kind: Literal['revolute', 'prismatic']
+    axis: Array
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+    coordinate: int = 0
+    multiplier: float = 1.0
+    offset: float = 0.0
+    limits: Limits = Limits()
+    damping: float = 0.0
+    friction: float = 0.0
+    friction_speed: float = 0.05
+    friction_offset: float = 0.0
+    armature: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    deflection: Deflection | None = None
+
+    def __post_init__(self) -> None:
+        """Check and freeze the numbers."""
+        what = f"joint '{self.name}'"
+        if self.kind not in ('revolute', 'prismatic'):
+            raise ModelError(f"{what}: kind is '{self.kind}'; valid: revolute, prismatic")
+        axis = constant(self.axis, (3,), f'{what}: axis')
+        length = math.sqrt(axis @ axis)
+        if length < 1e-12:
+            raise ModelError(f'{what}: axis is {axis.tolist()}; an axis must not be zero')
+        freeze(self, 'axis', constant(axis / length if abs(length - 1.0) > 1e-15 else axis, (3,),
+                                      f'{what}: axis'))
+        R = constant(self.rotation, (3, 3), f'{what}: rotation')
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
+            raise ModelError(f'{what}: rotation is {R.tolist()}; expected a rotation matrix')
+        freeze(self, 'rotation', R)
+        freeze(self, 'translation', constant(self.translation, (3,), f'{what}: translation'))
+        for name in ('multiplier', 'offset', 'rest', 'friction_offset'):
+            freeze(self, name, float(constant(getattr(self, name), (), f'{what}: {name}')))
+        for name in ('damping', 'friction', 'friction_speed', 'armature', 'stiffness'):
+            value = float(constant(getattr(self, name), (), f'{what}: {name}'))
+            if value < 0.0:
+                raise ModelError(f'{what}: {name} is {value}; it must not be negative')
+            if name == 'friction_speed' and value == 0.0:
+                raise ModelError(f'{what}: {name} is 0; it must be positive')
+            freeze(self, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body: its name, the index of its parent (WORLD: -1), its joint, its inertial, its beam."""
+
+    name: str
+    parent: int
+    joint: Joint
+    inertial: Inertial = field(default_factory=Inertial)
+    beam: Beam | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A named frame at (rotation, translation) in the axes of body number `body` (or WORLD)."""
+
+    name: str
+    body: int
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """
+    A tree of bodies on a fixed base, rigid but for those that are beams.
+
+    Parameters
+    ----------
+    name : str
+    bodies : tuple of Body
+        The moving bodies, parents before children.
+    coordinate_names : tuple of str
+        Names of the entries of q, in order: the joints that move freely, and beams' modes.
+    frames : tuple of Frame
+        Every frame that may be asked for by name; each link of a URDF is one.
+    gravity : (3,) array
+        m/s^2, world axes.
+    base_name : str
+    base_inertial : Inertial
+        The fixed root link: it weighs on no joint, but it is part of the robot.
+
+    Raises
+    ------
+    ModelError
+        The bodies do not form a tree in topological order, or names clash.
+
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    coordinate_names: tuple[str, ...]
+    frames: tuple[Frame, ...] = ()
+    gravity: Array = field(default_factory=lambda: np.array(GRAVITY))
+    base_name: str = 'world'
+    base_inertial: Inertial = field(default_factory=Inertial)
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together."""
+        for name in ('bodies', 'coordinate_names', 'frames'):
+            freeze(self, name, tuple(getattr(self, name)))
+        freeze(self, 'gravity', constant(self.gravity, (3,), 'gravity'))
+        n = len(self.coordinate_names)
+        for i, body in enumerate(self.bodies):
+            if not WORLD <= body.parent < i:
+                raise ModelError(f"body '{body.name}' is number {i} and its parent number "
+                                 f'{body.parent}; a parent stands before its children')
+            if not 0 <= body.joint.coordinate < n:
+                raise ModelError(f"joint '{body.joint.name}': coordinate is "
+                                 f'{body.joint.coordinate}; valid: 0 to {n - 1}')
+        used = {body.joint.coordinate for body in self.bodies}
+        used |= {k for body in self.bodies if body.beam for k in body.beam.coordinates}
+        for k, name in enumerate(self.coordinate_names):
+            if k not in used:
+                raise ModelError(f"coordinate '{name}' moves no joint")
+        for what, names in (('body', [b.name for b in self.bodies]),
+                            ('joint', [b.joint.name for b in self.bodies]),
+                            ('coordinate', list(self.coordinate_names)),
+                            ('frame', [f.name for f in self.frames])):
+            twice = {name for name in names if names.count(name) > 1} if (
+                len(set(names)) < len(names)) else set()
+            if twice:
+                raise ModelError(f'{what} names must be unique; given twice: {sorted(twice)}')
+
+    @property
+    def n(self) -> int:
+        """Return the number of coordinates."""
+        return len(self.coordinate_names)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints that move freely, in the order of q, u and tau."""
+        return self.coordinate_names
+
+    @property
+    def coordinate_joints(self) -> tuple[Joint, ...]:
+        """
+        Return the joint that carries each coordinate (never a mimic's), in the order of q.
+
+        A mode has none; a joint without limits stands in for it.
+        """
+        by_name = {body.joint.name: body.joint for body in self.bodies}
+        modal = {self.coordinate_names[k]: body.beam for body in self.bodies if body.beam
+                 for k in body.beam.coordinates}
+        return tuple(by_name[name] if name in by_name else
+                     Joint(name, 'prismatic', modal[name].direction, coordinate=k)
+                     for k, name in enumerate(self.coordinate_names))
+
+    @property
+    def modal_coordinates(self) -> tuple[int, ...]:
+        """Places in q of the coordinates of beams' modes."""
+        return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
+
+    @property
+    def sliding(self) -> frozenset[str]:
+        """Names of the coordinates that are lengths, whose units are m and N."""
+        return frozenset(name for name, joint in zip(
+            self.coordinate_names, self.coordinate_joints) if joint.kind == 'prismatic')
+
+    @property
+    def flexible(self) -> bool:
+        """Tell whether any body is a beam."""
+        return any(body.beam is not None for body in self.bodies)
+
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on '{self.base_name}', q "
+                f'of {short(self.coordinate_names)}>')
+
+    def frame(self, name: str) -> Frame:
+        """Return the frame called `name`; InputError lists the valid names."""
+        for frame in self.frames:
+            if frame.name == name:
+                return frame
+        valid = ', '.join(sorted(frame.name for frame in self.frames)) or 'none'
+        raise InputError(f"no frame '{name}'; valid: {valid}")
+
+    def prefixed(self, prefix: str) -> 'Model':
+        """Return this model with `prefix` before the name of every joint, body and frame."""
+        return replace(
+            self, base_name=prefix + self.base_name,
+            coordinate_names=tuple(prefix + name for name in self.coordinate_names),
+            frames=tuple(replace(each, name=prefix + each.name) for each in self.frames),
+            bodies=tuple(replace(body, name=prefix + body.name, joint=replace(
+                body.joint, name=prefix + body.joint.name)) for body in self.bodies))
+
+    def path(self, body: int) -> Iterator[int]:
+        """Yield `body` and its ancestors, tip to base."""
+        while body != WORLD:
+            yield body
+            body = self.bodies[body].parent
+
+    def digest(self) -> str:
+        """Return a hash of everything that the dynamics depend on, names included."""
+        return hashlib.sha256(repr(_plain(self)).encode()).hexdigest()
+
+
+def short(names: Sequence[str], most: int = 8) -> str:
+    """Return names in one line: all, or of many the first, how many more, and the last."""
+    if len(names) <= most:
+        return ', '.join(names) or 'no coordinates'
+    return f'{", ".join(names[:most - 2])}, {len(names) - most + 1} more, {names[-1]}'
+
+
+def _plain(value: Any) -> Any:
+    """Reduce a record to nested tuples of strings and exactly printed numbers."""
+    if isinstance(value, np.ndarray):
+        return tuple(value.ravel().tolist())
+    if isinstance(value, tuple):
+        return tuple(_plain(item) for item in value)
+    if hasattr(value, '__dataclass_fields__'):
+        return (type(value).__name__, *(_plain(getattr(value, f.name)) for f in fields(value)))
+    return value

@@ -1,0 +1,87 @@
+"""Matter of simple uniform shapes, as `Inertial`s; they add up with ``+``."""
+
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model.inertial import Array, constant, Inertial
+import numpy as np
+from numpy.typing import ArrayLike
+
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """Return lengths, m; ModelError where one is not finite, or negative."""
+    lengths = constant(value, shape, what)
+    if (lengths < 0.0).any():
+        raise ModelError(f'{what} is {lengths.tolist()} m; a length must not be negative')
+    return lengths
+
+
+def point_mass(mass: float, at: ArrayLike = ORIGIN) -> Inertial:
+    """Return a particle of `mass`, kg, at a point, m."""
+    return Inertial(mass, constant(at, (3,), 'place of a point mass'))
+
+
+def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
+    """
+    Return a thin rod: m/12 (l^2 1 - l l^T), l from end to end.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    start, end : (3,) arrays
+        m.
+
+    """
+    a, b = constant(start, (3,), 'start of a rod'), constant(end, (3,), 'end of a rod')
+    length = b - a
+    inertia = float(constant(mass, (), 'mass')) / 12.0 * (
+        length @ length * np.eye(3) - np.outer(length, length))
+    return Inertial(mass, 0.5 * (a + b), inertia)
+
+
+def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
+         at: ArrayLike = ORIGIN, thickness: float = 0.0) -> Inertial:
+    """
+    Return a disc or, with a thickness, a cylinder: m r^2/2 about its axis.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    radius, thickness : float
+        m; the thickness is measured along the axis.
+    axis : (3,) array
+        Direction, of any length.
+    at : (3,) array
+        Centre, m.
+
+    Raises
+    ------
+    ModelError
+        The axis is zero, or a length negative.
+
+    """
+    n = constant(axis, (3,), 'axis of a disc')
+    if not n.any():
+        raise ModelError(f'axis of a disc is {n.tolist()}; it must not be zero')
+    along = np.outer(n, n) / (n @ n)
+    m = float(constant(mass, (), 'mass'))
+    r, h = (float(_size(x, (), f'{what} of a disc'))
+            for x, what in ((radius, 'radius'), (thickness, 'thickness')))
+    inertia = 0.5 * m * r * r * along + m * (r * r / 4.0 + h * h / 12.0) * (np.eye(3) - along)
+    return Inertial(mass, constant(at, (3,), 'centre of a disc'), inertia)
+
+
+def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
+    """Return a solid ball, 2/5 m r^2 about every diameter; kg and m."""
+    size = float(_size(radius, (), 'radius of a ball'))
+    return Inertial(mass, constant(at, (3,), 'centre of a ball'),
+                    0.4 * float(constant(mass, (), 'mass')) * size**2 * np.eye(3))
+
+
+def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
+    """Return a box with edges `size`, (3,), m, along the axes: m/12 (b^2 + c^2) about a."""
+    squares: Array = _size(size, (3,), 'size of a box')**2
+    inertia = float(constant(mass, (), 'mass')) / 12.0 * np.diag(squares.sum() - squares)
+    return Inertial(mass, constant(at, (3,), 'centre of a box'), inertia)

@@ -1,0 +1,34 @@
+"""A payload as part of the model: matter welded to the body that carries a frame."""
+
+from dataclasses import replace
+
+from kane_dynamics.model.model import Inertial, Model, WORLD
+
+
+def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
+    """
+    Return the model with a payload welded on.
+
+    Parameters
+    ----------
+    model : Model
+        The mechanism.
+    frame : str
+        Name of the frame in whose axes, and from whose origin, the payload is given.
+    payload : Inertial
+        What is carried.
+
+    Raises
+    ------
+    InputError
+        No such frame; the message lists the valid ones.
+
+    """
+    at = model.frame(frame)
+    moved = payload.moved(at.rotation, at.translation)
+    if at.body == WORLD:
+        return replace(model, base_inertial=model.base_inertial + moved)
+    bodies = list(model.bodies)
+    carrier = bodies[at.body]
+    bodies[at.body] = replace(carrier, inertial=carrier.inertial + moved)
+    return replace(model, bodies=tuple(bodies))

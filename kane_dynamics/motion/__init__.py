@@ -1,0 +1,1 @@
+"""Desired motions: positions, velocities and accelerations as functions of time."""

@@ -1,0 +1,1 @@
+"""Programs as LLVM text, scalar and in SIMD lanes, and as C99."""

@@ -1,0 +1,220 @@
+"""
+From a program to LLVM assembly: one function a program, straight-line, no branches.
+
+The same body serves one state and several at once. With `lanes` states, every scalar of the
+program is a vector of `lanes` doubles, in registers and in the memory of arguments and results.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from kane_dynamics.native.backends.llvm_math import ABREAST, splat, Vector, vector_type
+from kane_dynamics.native.tracing.expression import Expr, operands
+from kane_dynamics.native.tracing.program import Program, size_of
+
+MANY_ZEROS = 16  # entries of a result that are always zero
+ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
+
+
+def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
+    """Split a schedule at its elementary functions, so that those of a level go abreast."""
+    level: dict[int, int] = {}
+    groups: dict[int, tuple[list[Expr], list[Expr]]] = {}
+    for node in schedule:
+        depth = max((level[a.index] + (a.op in ('sin', 'cos', 'tanh'))
+                     for a in operands(node)), default=0)
+        level[node.index] = depth
+        plain, functions = groups.setdefault(depth, ([], []))
+        (functions if node.op in ('sin', 'cos', 'tanh') else plain).append(node)
+    for depth in sorted(groups):
+        yield groups[depth][0]
+        yield groups[depth][1]
+
+
+class Function:
+    """The assembly of one program."""
+
+    in_place: tuple[str, ...] = ('input', 'output')  # what lies in memory as a callee reads it
+
+    def __init__(self, program: Program, symbol: str, lanes: int = 1) -> None:
+        """Write it; `lines` is the result."""
+        self.program, self.lanes, self.type = program, lanes, vector_type(lanes)
+        self.names: dict[int, str] = {}
+        self.lines = [self._head(symbol)]
+        self.callees: list[Program] = []
+        self._laid_out: dict[tuple[object, ...], str] = {}  # arguments in memory, by entries
+        schedule = program.schedule()
+        self._load_inputs(schedule)
+        for group in _levels(schedule):
+            if group and group[0].op in ('sin', 'cos', 'tanh'):
+                self._functions(group)
+            else:
+                for node in group:
+                    self._operation(node)
+        self._store_outputs()
+
+    def _head(self, symbol: str) -> str:
+        return f'define void @{symbol}(ptr %args) {{'
+
+    def value(self, x: Expr | float) -> str:
+        """Return the name or literal of an operand."""
+        return self.names[x.index] if isinstance(x, Expr) else splat(x, self.lanes)
+
+    def _load_inputs(self, schedule: list[Expr]) -> None:
+        """Read every input before anything is written: results may overlay arguments."""
+        used = [node for node in schedule if node.op == 'input']
+        for k, name in enumerate([name for name, _ in self.program.inputs] + ['result']):
+            self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
+                           f'  %in.{name} = load ptr, ptr %slot.{name}']
+        for node in used:
+            name, k = node.args
+            at = f'%at.{name}.{k}'
+            self.lines += [f'  {at} = getelementptr {self.type}, ptr %in.{name}, i64 {k}',
+                           f'  %{name}.{k} = load {self.type}, ptr {at}']
+            self.names[node.index] = f'%{name}.{k}'
+
+    def _store_outputs(self) -> None:
+        outputs = self.program.outputs
+        zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
+        if len(zeros) >= MANY_ZEROS:  # a store each would be most of a sparse matrix's code
+            size = 8 * self.lanes * len(outputs)
+            self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
+                              'i1 false)')
+        else:
+            zeros = set()
+        for k, x in enumerate(outputs):
+            if k in zeros:
+                continue
+            self.lines += [f'  %to.{k} = getelementptr {self.type}, ptr %in.result, i64 {k}',
+                           f'  store {self.type} {self.value(x)}, ptr %to.{k}']
+        self.lines += ['  ret void', '}']
+
+    def _operation(self, node: Expr) -> None:
+        name = f'%v{node.index}'
+        if node.op == 'input':
+            return
+        if node.op == 'call':
+            self._call(node)
+        elif node.op == 'output':
+            source, k = node.args
+            at = f'%got{node.index}'
+            self.lines += [f'  {at} = getelementptr {self.type}, ptr %ret{source.index}, i64 {k}',
+                           f'  {name} = load {self.type}, ptr {at}']
+        elif node.op == 'neg':
+            self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
+        elif node.op == 'sqrt':
+            kind = 'f64' if self.lanes == 1 else f'v{self.lanes}f64'
+            self.lines.append(f'  {name} = call {self.type} @llvm.sqrt.{kind}({self.type} '
+                              f'{self.value(node.args[0])})')
+        else:
+            a, b = (self.value(arg) for arg in node.args)
+            self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
+        self.names[node.index] = name
+
+    def _call(self, node: Expr) -> None:
+        """Lay the arguments out in memory, call, and leave the results in memory."""
+        callee, *flat = node.args
+        if callee not in self.callees:
+            self.callees.append(callee)
+        i = node.index
+        slots = len(callee.inputs) + 1
+        self.lines += [f'  %ptrs{i} = alloca [{slots} x ptr]',
+                       f'  %ret{i} = alloca [{max(callee.n_outputs, 1)} x {self.type}]']
+        offset = 0
+        for k, (name, shape) in enumerate([*callee.inputs, ('result', ())]):
+            entries = flat[offset:offset + size_of(shape)]
+            offset += len(entries)
+            where = f'%ret{i}' if name == 'result' else self._argument(i, k, entries)
+            self.lines += [f'  %slot{i}.{k} = getelementptr ptr, ptr %ptrs{i}, i64 {k}',
+                           f'  store ptr {where}, ptr %slot{i}.{k}']
+        self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
+
+    def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
+        """Return a pointer to the entries; where they lie in a row already, to that."""
+        where = self._in_a_row(i, k, entries)
+        if where is None:
+            key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
+            where = self._laid_out.get(key)
+            if where is None:
+                where = self._laid_out[key] = f'%arg{i}.{k}'
+                self.lines.append(f'  {where} = alloca [{len(entries)} x {self.type}]')
+                for j, x in enumerate(entries):
+                    put = f'%put{i}.{k}.{j}'
+                    self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
+                                   f'  store {self.type} {self.value(x)}, ptr {put}']
+        return where
+
+    def _in_a_row(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
+        """Return a pointer to where an argument or a call's results hold these entries."""
+        first = entries[0]
+        if not (isinstance(first, Expr) and first.op in self.in_place):
+            return None
+        op, (source, place) = first.op, first.args
+        if not all(isinstance(x, Expr) and x.op == op and x.args[0] is source
+                   and x.args[1] == place + j for j, x in enumerate(entries)):
+            return None
+        row = f'%in.{source}' if op == 'input' else f'%ret{source.index}'
+        if place == 0:
+            return row
+        self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {row}, i64 {place}')
+        return f'%row{i}.{k}'
+
+    def _functions(self, group: list[Expr]) -> None:
+        """Evaluate a level's sines and cosines, and its hyperbolic tangents."""
+        for label, ops in (('sc', ('sin', 'cos')), ('th', ('tanh',))):
+            arguments = list({node.args[0].index: node.args[0]
+                              for node in group if node.op in ops}.values())
+            abreast = ABREAST if self.lanes == 1 else 1  # a state of its own in every lane
+            for start in range(0, len(arguments), abreast):
+                chunk = arguments[start:start + abreast]
+                vector = Vector(self.lines, f'{label}{chunk[0].index}',
+                                ABREAST if self.lanes == 1 else self.lanes)
+                packed = self._packed(vector, chunk)
+                results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
+                                   else (vector.tanh(packed),)))
+                for node in group:
+                    if node.op in ops and node.args[0] in chunk:
+                        self.names[node.index] = self._unpacked(vector, results[node.op],
+                                                                chunk.index(node.args[0]))
+
+    def _packed(self, vector: Vector, chunk: list[Expr]) -> str:
+        """Return scalars side by side in one register; what fills one already stays."""
+        if self.lanes > 1:
+            return self.value(chunk[0])
+        packed = 'zeroinitializer'
+        for place, arg in enumerate(chunk):
+            packed = vector.new(f'insertelement {vector.type} {packed}, double '
+                                f'{self.value(arg)}, i32 {place}')
+        return packed
+
+    def _unpacked(self, vector: Vector, packed: str, place: int) -> str:
+        """Return the scalar at a place among those packed."""
+        if self.lanes > 1:
+            return packed
+        return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
+
+
+def module_text(program: Program, symbol: str) -> str:
+    """Return the assembly of a program, as function `symbol`, and of all that it calls."""
+    return with_callees(Function(program, symbol), [])
+
+
+def with_callees(main: Function, declarations: Sequence[str]) -> str:
+    """Return the assembly of a function, of all that it calls, and of what they need."""
+    functions: dict[str, list[str]] = {}
+    pending = list(main.callees)
+    while pending:
+        current = pending.pop()
+        if current.name not in functions:
+            function = Function(current, current.name, main.lanes)
+            functions[current.name] = function.lines
+            pending += function.callees
+    width = ABREAST if main.lanes == 1 else main.lanes
+    v = vector_type(width)
+    return '\n'.join([*declarations,
+                      f'declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})',
+                      f'declare {v} @llvm.fabs.v{width}f64({v})',
+                      f'declare {v} @llvm.copysign.v{width}f64({v}, {v})',
+                      f'declare {v} @llvm.sqrt.v{width}f64({v})',
+                      'declare double @llvm.sqrt.f64(double)',
+                      'declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)',
+                      *main.lines, *(line for lines in functions.values() for line in lines)])

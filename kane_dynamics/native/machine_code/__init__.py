@@ -1,0 +1,1 @@
+"""Machine code: assembled by LLVM, kept in a cache on disk."""

@@ -1,0 +1,1 @@
+"""Kernels, batches and threads."""

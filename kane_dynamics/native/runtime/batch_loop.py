@@ -1,0 +1,213 @@
+"""
+Batches: machine code that takes blocks of states through a lane kernel, and threads to share it.
+
+A block that is not full repeats its last state, whose result is then written several times with
+the same bits: so an answer depends on nothing but its own state.
+"""
+
+from collections.abc import Callable, Sequence
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+
+from kane_dynamics.errors import CompileError
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.backends import llvm_simd
+from kane_dynamics.native.machine_code import llvm_assembler, object_cache
+from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
+from kane_dynamics.native.runtime.threads import shared
+import numpy as np
+
+BAD_INPUT, BAD_RESULT = 1, 2  # what `run_batch` answers where it met numbers that are not finite
+PROBE = 64  # calls of a kernel whose time tells whether threads would pay
+
+RUN_BATCH = """
+; Take states begin <= i < end through `steps` calls of a lane kernel. The table holds, for each
+; argument and for the result, an address and the bytes between states and between steps. Where
+; `low` is not null, each state's row of `low` and `high` keeps the least and the largest of every
+; entry of its results.
+define i64 @run_batch(ptr %kernel, ptr %table, i64 %slots, i64 %size, ptr noalias %low,
+                  ptr noalias %high, i64 %begin, i64 %end, i64 %steps) {
+start:
+  %rows = alloca [SLOTS x <W x ptr>], align 64
+  %states = alloca <W x i64>, align 64
+  %bad = alloca [2 x <W x i64>], align 64
+  store [2 x <W x i64>] zeroinitializer, ptr %bad
+  %last = sub i64 %end, 1
+  %last.lane = insertelement <W x i64> poison, i64 %last, i32 0
+  %last.lanes = shufflevector <W x i64> %last.lane, <W x i64> poison, <W x i32> zeroinitializer
+  %result = sub i64 %slots, 1
+  %result.rows = getelementptr <W x ptr>, ptr %rows, i64 %result
+  %watched = icmp ne ptr %low, null
+  br label %block
+block:
+  %b = phi i64 [%begin, %start], [%b.next, %block.done]
+  %b.lane = insertelement <W x i64> poison, i64 %b, i32 0
+  %b.lanes = shufflevector <W x i64> %b.lane, <W x i64> poison, <W x i32> zeroinitializer
+  %open = add <W x i64> %b.lanes, COUNTING
+  %state = call <W x i64> @llvm_assembler.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
+  store <W x i64> %state, ptr %states
+  br label %place
+place:
+  %k = phi i64 [0, %block], [%k.next, %place]
+  %row = getelementptr [3 x i64], ptr %table, i64 %k
+  %address = load ptr, ptr %row
+  %stride.at = getelementptr i64, ptr %row, i64 1
+  %stride = load i64, ptr %stride.at
+  %stride.lane = insertelement <W x i64> poison, i64 %stride, i32 0
+  %stride.lanes = shufflevector <W x i64> %stride.lane, <W x i64> poison, <W x i32> zeroinitializer
+  %offset = mul <W x i64> %state, %stride.lanes
+  %own = getelementptr i8, ptr %address, <W x i64> %offset
+  %own.at = getelementptr <W x ptr>, ptr %rows, i64 %k
+  store <W x ptr> %own, ptr %own.at
+  %k.next = add i64 %k, 1
+  %k.more = icmp slt i64 %k.next, %slots
+  br i1 %k.more, label %place, label %step
+step:
+  %s = phi i64 [0, %place], [%s.next, %move]
+  call void %kernel(ptr %rows, ptr %bad)
+  br i1 %watched, label %watch, label %step.done
+watch:
+  %lane = phi i64 [0, %step], [%lane.next, %watch.done]
+  %i.at = getelementptr i64, ptr %states, i64 %lane
+  %i = load i64, ptr %i.at
+  %first = mul i64 %i, %size
+  %x.row.at = getelementptr ptr, ptr %result.rows, i64 %lane
+  %x.row = load ptr, ptr %x.row.at
+  %low.row = getelementptr double, ptr %low, i64 %first
+  %high.row = getelementptr double, ptr %high, i64 %first
+  br label %widen
+widen:
+  %j = phi i64 [0, %watch], [%j.next, %widen]
+  %x.at = getelementptr double, ptr %x.row, i64 %j
+  %x = load double, ptr %x.at
+  %low.at = getelementptr double, ptr %low.row, i64 %j
+  %low.old = load double, ptr %low.at
+  %high.at = getelementptr double, ptr %high.row, i64 %j
+  %high.old = load double, ptr %high.at
+  %less = fcmp olt double %x, %low.old
+  %more = fcmp ogt double %x, %high.old
+  %low.new = select i1 %less, double %x, double %low.old
+  %high.new = select i1 %more, double %x, double %high.old
+  store double %low.new, ptr %low.at
+  store double %high.new, ptr %high.at
+  %j.next = add i64 %j, 1
+  %j.more = icmp slt i64 %j.next, %size
+  br i1 %j.more, label %widen, label %watch.done
+watch.done:
+  %lane.next = add i64 %lane, 1
+  %lane.more = icmp slt i64 %lane.next, W
+  br i1 %lane.more, label %watch, label %step.done
+step.done:
+  %s.next = add i64 %s, 1
+  %s.more = icmp slt i64 %s.next, %steps
+  br i1 %s.more, label %move, label %block.done
+move:
+  %m = phi i64 [0, %step.done], [%m.next, %move]
+  %m.row = getelementptr [3 x i64], ptr %table, i64 %m
+  %by.at = getelementptr i64, ptr %m.row, i64 2
+  %by = load i64, ptr %by.at
+  %m.at = getelementptr <W x ptr>, ptr %rows, i64 %m
+  %here = load <W x ptr>, ptr %m.at
+  %there = getelementptr i8, <W x ptr> %here, i64 %by
+  store <W x ptr> %there, ptr %m.at
+  %m.next = add i64 %m, 1
+  %m.more = icmp slt i64 %m.next, %slots
+  br i1 %m.more, label %move, label %step
+block.done:
+  %b.next = add i64 %b, W
+  %b.more = icmp slt i64 %b.next, %end
+  br i1 %b.more, label %block, label %judge
+judge:
+  %of.input = load <W x i64>, ptr %bad
+  %of.result.at = getelementptr <W x i64>, ptr %bad, i64 1
+  %of.result = load <W x i64>, ptr %of.result.at
+  %input.bits = call i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64> %of.input)
+  %result.bits = call i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64> %of.result)
+  %input.bad = icmp ne i64 %input.bits, 0
+  %result.bad = icmp ne i64 %result.bits, 0
+  %input.flag = select i1 %input.bad, i64 1, i64 0
+  %result.flag = select i1 %result.bad, i64 2, i64 0
+  %flags = or i64 %input.flag, %result.flag
+  ret i64 %flags
+}
+declare <W x i64> @llvm_assembler.smin.vWi64(<W x i64>, <W x i64>)
+declare i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64>)
+"""
+
+
+@dataclass(frozen=True)
+class Strided:
+    """
+    Where an argument or a result lies, in memory that the caller keeps alive.
+
+    Attributes
+    ----------
+    address : int
+        Of the first state's row, at the first step.
+    lane, step : int
+        Bytes from a state to the next, and from a step to the next; 0 where they share a row.
+
+    """
+
+    address: int
+    lane: int = 0
+    step: int = 0
+
+
+@cache
+def driver(width: int) -> llvm_assembler.Code:
+    """Return the machine code of `RUN_BATCH`, from the cache if it is there."""
+    counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
+    text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS))
+    text = text.replace('<W x', f'<{width} x').replace('vWi64', f'v{width}i64')
+    text = text.replace(', W\n', f', {width}\n')
+    return llvm_assembler.Code(object_cache.fetch(object_cache.key('march', text),
+                                        lambda: llvm_assembler.assemble(text, 2, optimise=True)))
+
+
+@cache
+def _march(width: int) -> Callable[..., int]:
+    """Return the driver as a function that releases the GIL."""
+    arguments = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 2
+    function: Callable[..., int] = driver(width).function('march', ctypes.CFUNCTYPE(
+        ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3))
+    return function
+
+
+def run_batch(kernel: llvm_assembler.Address, rows: Sequence[Strided], count: int, *, steps: int = 1,
+          extremes: tuple[Array, Array] | None = None, width: int | None = None) -> int:
+    """
+    Call a lane kernel for `count` states, through one step or several, without the GIL.
+
+    Parameters
+    ----------
+    kernel : address
+        Of the lane kernel.
+    rows : sequence of Strided
+        The kernel's arguments in order, then its result. Where the result of a step is the
+        argument of the next, this is a loop over time.
+    count, steps : int
+        Of states and of steps.
+    extremes : (count, size) arrays, optional
+        Of results of `size` entries: lowered and raised to the least and the largest met.
+    width : int, optional
+        Lanes that the kernel was made for. Default: those of this processor.
+
+    Returns
+    -------
+    int
+        `BAD_INPUT` and `BAD_RESULT`, for numbers that are not finite.
+
+    """
+    if len(rows) > POINTER_SLOTS:
+        raise CompileError(f'a kernel has {len(rows)} arguments; at most {POINTER_SLOTS - 1}')
+    table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
+    width = width or llvm_simd.width()
+    function, address = _march(width), table.ctypes.data
+    low, high = (array.ctypes.data for array in extremes) if extremes else (None, None)
+    size = extremes[0].shape[1] if extremes else 0
+
+    def work(begin: int, end: int) -> int:
+        return function(kernel, address, len(rows), size, low, high, begin, end, steps)
+    return shared(work, count, width, max(1, PROBE // steps)) if count else 0

@@ -1,0 +1,1 @@
+"""Expressions and programs: a traced function as straight-line code."""

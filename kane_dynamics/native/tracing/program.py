@@ -1,0 +1,167 @@
+"""A traced program: inputs, outputs, and the live operations between them, in order."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trace
+import numpy as np
+
+Shape = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class OperationCount:
+    """Arithmetic of one call, as the literature counts it (a subtraction is an addition)."""
+
+    multiplications: int = 0
+    additions: int = 0
+    divisions: int = 0
+    functions: int = 0
+    negations: int = 0
+
+    def __add__(self, other: 'OperationCount') -> 'OperationCount':
+        """Return the two together."""
+        return OperationCount(*(getattr(self, f) + getattr(other, f)
+                                for f in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """
+    A straight-line program.
+
+    Parameters
+    ----------
+    name : str
+        A C identifier.
+    inputs : tuple of (str, shape)
+        Arguments in order; an entry of one is the node ``input(name, k)``, C order.
+    outputs : tuple of Expr or float
+        The flat result, C order.
+    shape : tuple of int
+        Shape of the result.
+
+    """
+
+    name: str
+    inputs: tuple[tuple[str, Shape], ...]
+    outputs: tuple[Scalar, ...]
+    shape: Shape
+
+    @property
+    def n_outputs(self) -> int:
+        """Return the number of scalars in the result."""
+        return len(self.outputs)
+
+    def schedule(self) -> list[Expr]:
+        """Return the nodes that the outputs need, in order of creation."""
+        roots = [x for x in self.outputs if isinstance(x, Expr)]
+        if not roots:
+            return []
+        nodes = roots[0].trace.nodes
+        needed = bytearray(len(nodes))
+        for root in roots:
+            needed[root.index] = 1
+        for node in reversed(nodes):
+            if needed[node.index]:
+                for arg in operands(node):
+                    needed[arg.index] = 1
+        return [node for node in nodes if needed[node.index]]
+
+    def operation_count(self) -> OperationCount:
+        """Count the operations of one call, subroutines included."""
+        counts = dict.fromkeys(OperationCount.__dataclass_fields__, 0)
+        kind = {'mul': 'multiplications', 'add': 'additions', 'sub': 'additions',
+                'div': 'divisions', 'neg': 'negations'}
+        inner = OperationCount()
+        for node in self.schedule():
+            if node.op == 'call':
+                inner = inner + node.args[0].operation_count()
+            elif node.op not in ('input', 'output'):
+                counts[kind.get(node.op, 'functions')] += 1
+        return OperationCount(**counts) + inner
+
+
+def trace_program(name: str, function: Callable[..., Any],
+                  inputs: Sequence[tuple[str, Shape]]) -> Program:
+    """
+    Run `function` on traced inputs and return the program that it amounts to.
+
+    Parameters
+    ----------
+    name : str
+        A C identifier.
+    function : callable
+        Takes one array a declared input, returns an array or scalar.
+    inputs : sequence of (str, shape)
+        Names and shapes of the arguments.
+
+    """
+    trace = Trace()
+    result = np.asarray(function(*(trace.inputs(key, *shape) for key, shape in inputs)),
+                        dtype=object)
+    outputs = tuple(x if isinstance(x, Expr) else float(x) for x in result.ravel())
+    return factored(Program(name, tuple(inputs), outputs, result.shape))
+
+
+def factored(program: Program) -> Program:
+    """Rewrite ``a*c + b*c`` as ``(a + b)*c`` where both products serve nothing else."""
+    schedule = program.schedule()
+    uses: dict[int, int] = {}
+    for node in schedule:
+        for arg in operands(node):
+            uses[arg.index] = uses.get(arg.index, 0) + 1
+    for x in program.outputs:
+        if isinstance(x, Expr):
+            uses[x.index] = uses.get(x.index, 0) + 1
+    trace = Trace()
+    new: dict[int, Any] = {}
+
+    def of(arg: Any) -> Any:
+        return new[arg.index] if isinstance(arg, Expr) else arg
+
+    for node in schedule:
+        common = _common_factor(node, uses) if node.op in ('add', 'sub') else None
+        if common is not None:
+            factor, left, right = (of(x) for x in common)
+            new[node.index] = factor * (left + right if node.op == 'add' else left - right)
+        else:
+            new[node.index] = _rebuilt(trace, node, [of(arg) for arg in node.args])
+    outputs = tuple(of(x) for x in program.outputs)
+    return Program(program.name, program.inputs, outputs, program.shape)
+
+
+def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | None:
+    """Return (c, a, b) where the node is a*c +- b*c and both products are used just here."""
+    if not all(isinstance(x, Expr) and x.op == 'mul' and uses[x.index] == 1 for x in node.args):
+        return None
+    (p, q), (r, s) = node.args[0].args, node.args[1].args
+    for factor, left in ((p, q), (q, p)):
+        for candidate, right in ((r, s), (s, r)):
+            if candidate is factor or (not isinstance(factor, Expr) and factor == candidate):
+                return factor, left, right
+    return None
+
+
+def _rebuilt(trace: Trace, node: Expr, args: list[Any]) -> Any:
+    """Apply a node's operation to new operands, folding again."""
+    if node.op == 'add':
+        return args[0] + args[1]
+    if node.op == 'sub':
+        return args[0] - args[1]
+    if node.op == 'mul':
+        return args[0] * args[1]
+    if node.op == 'div':
+        return args[0] / args[1]
+    if node.op == 'neg':
+        return -args[0]
+    if node.op in ('input', 'output', 'call'):
+        return trace.node(node.op, *args)
+    return getattr(np, node.op)(args[0])
+
+
+def size_of(shape: Shape) -> int:
+    """Return the number of entries of an array of this shape."""
+    return math.prod(shape)

@@ -1,0 +1,211 @@
+"""Pictures of flexible robots: their bent shapes along a motion, and how they vibrate."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.analysis.vibration import natural_vibration
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.definition.kinematics import configurations
+from kane_dynamics.model.model import Array, Model, WORLD
+from kane_dynamics.plot.style import BLUE, GREY, INK, ORANGE, Path, RED, SKY, styled
+from kane_dynamics.robot.robot import Robot
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+import numpy as np
+
+PLANES = ('xy', 'xz', 'yz', 'xyz')
+FLAT = 1e-6  # of the extent: a robot no thicker than this is drawn in its plane
+SWING = 0.15  # the drawn amplitude of a vibration, of the robot's extent
+_AGES = LinearSegmentedColormap.from_list('ages', [BLUE, SKY, ORANGE, RED])
+
+Lines = list[tuple[bool, Array]]  # whether it is a beam, and places (k, 3), m
+
+
+def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
+                 path: Path | None = None, *, exaggeration: float = 1.0,
+                 plane: str | None = None, title: str = 'Bending arm') -> Figure:
+    """
+    Draw a robot's shape at a posture, or at several times of a motion, beams as they bend.
+
+    Parameters
+    ----------
+    model : Model
+        A chain or tree.
+    q : (n,) or (K, n) array
+        Postures, such as ``trajectory.q[::50]``: rad, m, and modal coordinates.
+    t : (K,) sequence of float, optional
+        Their times, s, for the legend.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    exaggeration : float
+        What deflections are multiplied by in the picture; the title says so.
+    plane : str, optional
+        World axes to draw in: xy, xz, yz, or xyz for a view in space; by default the plane that
+        the robot is in, or else space.
+    title : str
+        Above the picture.
+
+    Raises
+    ------
+    InputError
+        No such plane, or postures that are not the model's.
+
+    """
+    postures = _checked(model, q)
+    if t is not None and len(t) != len(postures):
+        raise InputError(f't has {len(t)} times for {len(postures)} postures')
+    drawn = [_lines(model, posture, exaggeration) for posture in postures]
+    view = _View(plane, drawn)
+    colors = _AGES(np.linspace(0.0, 1.0, len(drawn)))
+    times = '' if exaggeration == 1.0 else f', deflections drawn {exaggeration:g} times'
+    with styled(8.0, 6.0, title + times, path) as figure:
+        axes = view.panel(figure, 1, 1, 0)
+        for k, lines in enumerate(drawn):
+            view.draw(axes, lines, colors[k], None if t is None else f'{t[k]:.3g} s')
+        if t is not None:
+            figure.legend(loc='outside right upper', title='Time', alignment='left')
+    return figure
+
+
+def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Sequence[str] = (),
+                    count: int = 4, plane: str | None = None,
+                    title: str = 'Natural vibrations') -> Figure:
+    """
+    Draw the slowest natural vibrations about a posture, each at both ends of its swing.
+
+    Parameters
+    ----------
+    robot, q, held
+        As for `natural_vibration`. What does not vibrate (frequency zero, or falling away) is
+        not drawn.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    count : int
+        How many, at most.
+    plane : str, optional
+        As for `plot_bending`.
+    title : str
+        Above the picture.
+
+    Raises
+    ------
+    InputError
+        As of `natural_vibration` and `plot_bending`; or nothing vibrates.
+
+    """
+    rest = _checked(robot.model, q)[0]
+    found = natural_vibration(robot, rest, held)
+    scale = float(np.abs(found.frequencies).max(initial=0.0))
+    shown = [k for k, w in enumerate(found.frequencies) if w > 1e-6 * scale][:max(count, 0)]
+    if not shown:
+        raise InputError('nothing vibrates about this posture, or count is not positive')
+    still = _lines(robot.model, rest)
+    extent = float(np.ptp(np.concatenate([places for _, places in still]), axis=0).max())
+    swings = [_swing(still, robot.model, rest, found.shapes[:, k], SWING * extent) for k in shown]
+    view = _View(plane, [still, *(lines for swing in swings for lines in swing)])
+    columns = min(len(shown), 4)
+    rows = -(-len(shown) // columns)
+    with styled(3.6 * columns, 0.6 + 3.6 * rows, f'{title}, amplitudes not to scale',
+                path) as figure:
+        for place, (k, swing) in enumerate(zip(shown, swings)):
+            axes = view.panel(figure, rows, columns, place)
+            for lines, color in zip((still, *swing), (GREY, BLUE, ORANGE)):
+                view.draw(axes, lines, color)
+            moves = any(np.abs(a - b).max() > 1e-3 * extent
+                        for (_, a), (_, b) in zip(still, swing[0]))
+            axes.set_title(f'{found.frequencies[k] / (2.0 * np.pi):.4g} Hz'
+                           f'{"" if moves else ", twist"}')
+    return figure
+
+
+def _checked(model: Model, q: Any) -> Array:
+    """Return postures as a (K, n) array of finite numbers."""
+    postures = np.atleast_2d(np.array(q, dtype=np.float64))
+    if postures.ndim != 2 or postures.shape[1] != model.n or not np.isfinite(postures).all():
+        raise InputError(f'q must be finite, of shape ({model.n},) or (K, {model.n}), for '
+                         f'{", ".join(model.coordinate_names)}; given shape {np.shape(q)}')
+    return postures
+
+
+def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
+    """
+    Return a robot's lines: beams as they bend; other bodies from joint to joint.
+
+    A body without joints or frames on it is no line.
+    """
+    q = q.copy()
+    beams = {i: body.beam for i, body in enumerate(model.bodies) if body.beam}
+    q[list(model.modal_coordinates)] *= exaggeration
+    here = configurations(model, q)
+    lines = []
+    for i, beam in beams.items():
+        across, along = beam.displacement(q[list(beam.coordinates)])
+        local = np.concatenate([np.zeros((1, 3)), beam.points + across + along])
+        tips = [here[frame.body].p_wb[None] for frame in model.frames
+                if frame.name == f'{model.bodies[i].name}/tip']
+        lines.append((True, np.concatenate([here[i].p_wb + local @ here[i].R_wb.T, *tips])))
+    ends = [(body.parent, body.joint.translation) for body in model.bodies
+            if body.parent != WORLD and body.joint.deflection is None]
+    carriers = {body.parent for body in model.bodies}
+    ends += [(frame.body, frame.translation) for frame in model.frames
+             if frame.body not in (WORLD, *carriers)]
+    lines += [(False, np.array([here[i].p_wb, here[i].p_wb + here[i].R_wb @ r]))
+              for i, r in ends if r.any()]
+    return lines
+
+
+def _swing(still: Lines, model: Model, rest: Array, shape: Array, size: float) -> list[Lines]:
+    """Return the lines at both ends of a small swing, so enlarged that it goes by `size`."""
+    small = 1e-6 / np.abs(shape).max()
+    moves = [moved - places for (_, moved), (_, places) in zip(
+        _lines(model, rest + small * shape), still)]
+    far = max(np.abs(move).max() for move in moves)
+    scale = size / far if far > 1e-9 * size else 0.0  # mere twist moves no line
+    return [[(beam, places + sign * scale * move) for (beam, places), move in zip(still, moves)]
+            for sign in (1.0, -1.0)]
+
+
+class _View:
+    """Where the eye is: the world axes that are drawn, and limits that everything fits in."""
+
+    def __init__(self, plane: str | None, drawn: Sequence[Lines]) -> None:
+        """Take the plane that everything is in, or space, if there is no wish."""
+        if plane is not None and plane not in PLANES:
+            raise InputError(f"plane is '{plane}'; valid: {', '.join(PLANES)}")
+        if not any(drawn):
+            raise InputError('there is nothing to draw: no body has a length')
+        places = np.concatenate([places for lines in drawn for _, places in lines])
+        low, size = places.min(axis=0), np.ptp(places, axis=0)
+        if plane is None:
+            flat = [k for k in range(3) if size[k] <= FLAT * size.max()]
+            plane = 'xyz' if not flat else 'xyz'.replace('xyz'[flat[-1]], '')
+        self.names = plane
+        self._axes = ['xyz'.index(name) for name in plane]
+        margin = 0.06 * float(size.max())
+        self._low = (low - margin)[self._axes]
+        self._size = np.maximum(size, 2.0 * margin)[self._axes] + 2.0 * margin
+
+    def panel(self, figure: Figure, rows: int, columns: int, k: int) -> Any:
+        """Return panel k (from 0) of a figure."""
+        axes: Any = figure.add_subplot(rows, columns, k + 1,
+                                       projection='3d' if len(self.names) == 3 else None)
+        for which, name, low, size in zip('xyz', self.names, self._low, self._size):
+            axes.set(**{f'{which}label': f'{name} [m]', f'{which}lim': (low, low + size)})
+            ticks = max(2, round(6 * size / self._size.max()))
+            getattr(axes, f'{which}axis').set_major_locator(MaxNLocator(ticks))
+        axes.set_aspect('equal')
+        if len(self.names) == 3:
+            axes.set_box_aspect(self._size.copy(), zoom=0.7)  # room for the labels,
+            axes.patch.set_visible(False)  # which the next panel would cover
+            axes.tick_params(labelsize=7.0, pad=0.0)
+            axes.zaxis.labelpad = 4.0
+        return axes
+
+    def draw(self, axes: Any, lines: Lines, color: Any, label: str | None = None) -> None:
+        """Draw a robot: beams thick, and a dot where a line begins."""
+        for beam, places in lines:
+            places = places[:, self._axes].T
+            axes.plot(*places, color=color, label=label, linewidth=2.4 if beam else 1.2)
+            axes.plot(*places[:, :1], 'o', color=INK, markersize=3.0)
+            label = None

@@ -1,0 +1,78 @@
+"""Where energy is, and whether power balances."""
+
+import copy
+
+from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
+from kane_dynamics.model.model import Array
+from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED,
+                                      show_at_least, SKY, styled, time_axis, titled, zero_line)
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import Trajectory
+from matplotlib.figure import Figure
+import numpy as np
+
+
+def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
+                title: str | None = None) -> Figure:
+    """
+    Draw energies, what the motors put in and friction takes, and what does not balance.
+
+    The residual of power judges the equations: torques against the rate of the energies, found
+    from these alone (`power_balance`). The unaccounted energy judges the motion: what the energy
+    gained beyond the integral of power, which is the error of integration and sampling
+    (`unaccounted_energy`); it steps where torques jump between two samples.
+
+    Parameters
+    ----------
+    robot : Robot
+        With joint rates for speeds; what constrains it does not depend on time.
+    trajectory : Trajectory
+        A single motion of this robot.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    title : str, optional
+        Above the picture; by default with the robot's name.
+
+    Raises
+    ------
+    InputError
+        The trajectory holds several motions, or is of other joints; or the robot is another kind.
+
+    """
+    trajectory.require(robot, 'plot_energy')
+    title = titled(title, 'energy and power', robot.model.name)
+    t, energy = trajectory.t, trajectory.energy.sum(axis=1)
+    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot)
+    strain = strain_energy(robot, trajectory.q)
+    springs = {'springs': (strain, GREEN, '-')} if strain.any() else {}
+    with styled(10.0, 9.0, title, path) as figure:
+        panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 3, 1.4, 1.4))
+        draw(panels[0], t, {
+            'kinetic': (trajectory.energy[:, 0], ORANGE, '-'),
+            'gravity': (trajectory.energy[:, 1] - strain, SKY, '-'), **springs,
+            'total': (energy, INK, '--')})
+        draw(panels[1], t, {
+            'motors': (power.joints, BLUE, '-'), 'friction': (-power.friction, RED, '-'),
+            'rate of energy': (power.energy_rate, INK, '--')})
+        lost = unaccounted_energy(t, energy, power.joints - power.friction)
+        draw(panels[2], t, {f'largest {np.abs(power.residual).max():.2g} W':
+                            (power.residual, INK, '-')})
+        draw(panels[3], t, {f'largest {np.abs(lost).max():.2g} J': (lost, INK, '-')})
+        for axes, text in zip(panels, ('Energy\n[J]', 'Power\n[W]', 'Residual\n[W]',
+                                       'Unaccounted\n[J]'), strict=True):
+            axes.set_ylabel(text)
+            above(axes, 4)
+        for axes in panels[1:]:
+            zero_line(axes)
+        swing = np.ptp(trajectory.energy[:, 0]) / max(np.ptp(t), np.finfo(float).tiny)
+        show_at_least(panels[1], 1e-3 * swing)
+        time_axis(panels)
+    return figure
+
+
+def strain_energy(robot: Robot, q: Array) -> Array:
+    """Return what springs and bent beams hold, (K,), J: the potential energy without gravity."""
+    weightless = copy.copy(robot)  # with parameters of its own
+    weightless.parameters.gravity = np.zeros(3)
+    energy: Array = weightless.potential_energy(q)
+    return energy

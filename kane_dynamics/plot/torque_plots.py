@@ -1,0 +1,133 @@
+"""What torques are made of, and how they compare with measured ones."""
+
+from collections.abc import Collection, Sequence
+
+from kane_dynamics.model.model import Array
+from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK, legend_below,
+                                      limit_lines, NOISE, ORANGE, Path, RED, rms, SKY, styled,
+                                      THIN, time_axis, titled, unit, zero_line)
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import Trajectory
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+_SOURCES = {'inertia': BLUE, 'Coriolis, centrifugal': ORANGE, 'gravity': '#B9BEC6',
+            'friction': RED, 'springs': GREEN}  # in the order of TORQUE_TERMS
+LABELS = (*_SOURCES, 'sum', 'limit')
+
+
+def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
+                          title: str | None = None) -> Figure:
+    """
+    Draw what each joint's torque is made of as areas stacked away from zero, sum and limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose torques.
+    trajectory : Trajectory
+        A single motion of this robot.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    title : str, optional
+        Above the picture; by default with the robot's name.
+
+    Raises
+    ------
+    InputError
+        The trajectory holds several motions, or is of other joints.
+
+    """
+    trajectory.require(robot, 'plot_torque_by_source')
+    terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
+    names = trajectory.speed_names
+    columns = 1 if len(names) < 4 else 2
+    title = titled(title, 'torque by source', robot.model.name)
+    limits = effort_limits(robot, names)
+    with styled(10.0, 1.3 + 2.0 * -(-len(names) // columns), title, path) as figure:
+        panels = grid(figure, len(names), columns, share_x=True)
+        for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
+            stack(axes, trajectory.t, without_rounding(terms[:, :, i], terms))
+            largest = float(np.abs(terms).max(initial=0.0))
+            hide_rounding(axes, NOISE * largest, 0.01 * largest or 1.0)
+            limit_lines(axes, terms[:, :, i].sum(axis=1), limits[i])
+            axes.set_title(name)
+            axes.set_ylabel(f'[{unit("Torque", [name], robot.model.sliding)}]')
+        legend_below(figure, panels, LABELS)
+        time_axis(panels)
+    return figure
+
+
+def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequence[str],
+                path: Path | None = None, *, prismatic: Collection[str] = (),
+                limits: Array | None = None,
+                title: str = 'Measured and computed torque') -> Figure:
+    """
+    Draw each joint's measured torque, the one computed for the same motion, and the difference.
+
+    Parameters
+    ----------
+    t : (K,) array
+        s.
+    measured, computed : (K, n) arrays
+        N m or N.
+    joint_names : sequence of str
+        In the order of the columns.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    prismatic : collection of str
+        Names of the joints that slide, whose unit is N.
+    limits : (n,) array, optional
+        Of the torques, N m or N; infinite for none.
+    title : str
+        Above the picture.
+
+    """
+    names = list(joint_names)
+    largest = float(np.abs(measured).max(initial=0.0))
+    with styled(10.0, 1.3 + 1.55 * len(names), title, path) as figure:
+        panels = figure.subplots(len(names), 2, sharex=True, squeeze=False)
+        for name, (whole, rest), a, b in zip(names, panels, measured.T, computed.T, strict=True):
+            newton = unit('Torque', [name], prismatic)
+            whole.plot(t, a, color=ORANGE, linewidth=THIN, label='measured')
+            whole.plot(t, b, color=INK, linewidth=1.0, label='computed')
+            hide_rounding(whole, NOISE * largest, 0.01 * largest or 1.0)
+            if limits is not None:
+                limit_lines(whole, np.concatenate([a, b]), limits[names.index(name)])
+            whole.set_ylabel(f'{name}\n[{newton}]')
+            rest.plot(t, a - b, color=SKY, linewidth=THIN)
+            hide_rounding(rest, NOISE * largest, 0.01 * largest or 1.0)
+            rest.set_ylabel(f'[{newton}]')
+            zero_line(rest)
+            beside(rest, ('RMS', INK), (f'{rms(a - b):.3g} {newton}', INK))
+        for axes, text in zip(panels[0], ('Torque', 'Measured less computed'), strict=True):
+            axes.set_title(text)
+        legend_below(figure, panels[0, :1])
+        time_axis(panels)
+    return figure
+
+
+def effort_limits(robot: Robot, speed_names: Sequence[str]) -> list[float]:
+    """Return the effort limit of each speed that is a joint's rate; infinite for others."""
+    limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
+    return [limits.get(name, np.inf) for name in speed_names]
+
+
+def without_rounding(values: Array, beside: Array) -> Array:
+    """Return values with 0 for what is rounding beside all others."""
+    return np.where(np.abs(values) < 1e-12 * np.abs(beside).max(initial=0.0), 0.0, values)
+
+
+def stack(axes: Axes, t: Array, terms: Array) -> None:
+    """Draw (K, 5) terms: the positive parts stacked up from zero, the negative ones down."""
+    for sign in (np.maximum, np.minimum):
+        level = np.zeros(len(t))
+        for (label, color), row in zip(_SOURCES.items(), terms.T, strict=True):
+            top = level + sign(row, 0.0)
+            if row.any():
+                axes.fill_between(t, level, top, color=color, alpha=0.85, linewidth=0.0,
+                                  label=label)
+            level = top
+    axes.plot(t, terms.sum(axis=1), color=INK, linewidth=1.3, label='sum')
+    axes.axhline(0.0, color=INK, linewidth=0.6)

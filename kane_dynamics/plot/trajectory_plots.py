@@ -1,0 +1,154 @@
+"""Motions over time and in the phase plane."""
+
+from collections.abc import Collection, Mapping
+from itertools import cycle
+from typing import Any
+
+from kane_dynamics.model.model import Array
+from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, hide_rounding, INK,
+                                      legend_below, LINES, MARGIN, NEAR, NOISE, ORANGE, Path, RED,
+                                      SKY, styled, THIN, time_axis, titled, unit)
+from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.trajectory import Trajectory
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+import numpy as np
+
+WIDE, SLIM = 3.4, 1.0  # of lines, from the first joint to the last
+
+
+def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
+                    prismatic: Collection[str] = (), limits: JointLimits | None = None,
+                    title: str = 'Simulated motion') -> Figure:
+    """
+    Draw positions, speeds, torques and energies of a simulation over time.
+
+    Lines get thinner from joint to joint: where several are one on another, all are seen.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What to draw.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    prismatic : collection of str
+        Names of the joints that slide, whose units are m and N.
+    limits : JointLimits, optional
+        `Robot.limits`: those of speed and torque are drawn in the joints' colours, as far as they
+        leave the lines recognisable.
+    title : str
+        Above the picture.
+
+    """
+    joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
+    lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
+        (color, dash) for dash in ('-', '--', ':') for color in LINES)))
+    shown: dict[str, Any] = {}
+    with styled(10.0, 9.0, title, path) as figure:
+        panels = figure.subplots(4, 1, sharex=True)
+        for axes, rows, what, names in zip(
+                panels, (trajectory.q, trajectory.u, trajectory.tau),
+                ('Position', 'Speed', 'Torque'), (joints, speeds, speeds), strict=False):
+            for k, (name, row) in enumerate(zip(names, np.asarray(rows).T, strict=True)):
+                color, dash = lines[name]
+                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash,
+                                         linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
+            hide_rounding(axes, NOISE * float(np.abs(rows).max(initial=1.0)), 0.1)
+            if limits is not None and what != 'Position':
+                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(joints, (
+                    limits.velocity if what == 'Speed' else limits.effort).tolist())),
+                    {name: color for name, (color, _) in lines.items()})
+            axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
+        if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
+            shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
+        figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
+                      alignment='left', ncols=1 + len(shown) // 32)
+        kinetic, potential = np.asarray(trajectory.energy).T
+        draw(panels[3], trajectory.t, {
+            'kinetic': (kinetic, ORANGE, '-'), 'potential': (potential, SKY, '-'),
+            'total': (kinetic + potential, INK, '--')})
+        panels[3].set_ylabel('Energy\n[J]')
+        above(panels[3], 3)
+        time_axis(panels)
+    return figure
+
+
+def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
+               title: str | None = None) -> Figure:
+    """
+    Draw each joint's speed over its position, with the limits of both.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose joints.
+    trajectory : Trajectory
+        A single motion of this robot.
+    path : str or Path, optional
+        File to write; its suffix is the format.
+    title : str, optional
+        Above the picture; by default with the robot's name.
+
+    Raises
+    ------
+    InputError
+        The trajectory holds several motions, or is of other joints.
+
+    """
+    trajectory.require(robot, 'plot_phase')
+    title = titled(title, 'phase portrait', robot.model.name)
+    rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(
+        trajectory.q, trajectory.u, t=trajectory.t)
+    names, limits = robot.joint_names, robot.limits
+    columns = min(len(names), 1 if len(names) == 1 else 2 if len(names) < 5 else 4)
+    with styled(max(3.0 * columns, 6.0), 1.3 + 2.7 * -(-len(names) // columns), title, path
+                ) as figure:
+        panels = grid(figure, len(names), columns, share_x=False)
+        for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
+            q, u = trajectory.q[:, i], rates[:, i]
+            axes.plot(q, u, color=BLUE, label='motion')
+            axes.plot(q[:1], u[:1], 'o', color=BLUE, markersize=6.0, label='start')
+            axes.plot(q[-1:], u[-1:], 's', color=ORANGE, markersize=6.0, label='end')
+            _bounded(axes, 'x', q, limits.lower[i], limits.upper[i])
+            _bounded(axes, 'y', u, -limits.velocity[i], limits.velocity[i])
+            axes.set_title(name)
+            axes.set_xlabel(f'Position [{unit("Position", [name], robot.model.sliding)}]')
+            axes.set_ylabel(f'Speed [{unit("Speed", [name], robot.model.sliding)}]')
+        legend_below(figure, panels)
+    return figure
+
+
+def _limits(axes: Axes, rows: Mapping[str, Array], bounds: Mapping[str, float],
+            colors: Mapping[str, str]) -> None:
+    """Draw the limits that joints come near to, and write the largest share of a limit."""
+    shares = {name: float(np.abs(row).max(initial=0.0)) / bounds[name]
+              for name, row in rows.items() if np.isfinite(bounds.get(name, np.inf))}
+    low, high = axes.get_ylim()
+    reach = [low, high]
+    for name, share in shares.items():
+        for sign in (-1.0, 1.0):
+            if share > 1.0 / NEAR and bounds[name] < NEAR * float((sign * rows[name]).max()):
+                axes.axhline(sign * bounds[name], color=colors[name], linestyle='--',
+                             linewidth=THIN, label='limit')
+                reach.append(sign * (1.0 + MARGIN) * bounds[name])
+    axes.set_ylim(min(reach), max(reach))
+    if shares:
+        most = max(shares, key=lambda name: shares[name])
+        axes.set_title(f'at most {100.0 * shares[most]:.3g} % of a limit ({most})', loc='right',
+                       fontsize=8.0, fontweight='normal', color=colors[most])
+
+
+def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
+    """Show values and finite limits along 'x' or 'y': lines, and grey beyond them."""
+    bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
+    reach = [*bounds, values.min(), values.max()]
+    span = max(reach) - min(reach)
+    margin = MARGIN * span if span > 1e-9 else 1.0  # rounding is no motion
+    ends = (min(reach) - margin, max(reach) + margin)
+    (axes.set_xlim if along == 'x' else axes.set_ylim)(*ends)
+    line, span = (axes.axvline, axes.axvspan) if along == 'x' else (axes.axhline, axes.axhspan)
+    for bound in bounds:
+        line(bound, color=RED, linewidth=THIN, linestyle='--', label='limit')
+        span(bound, ends[0] if bound == lower else ends[1], color=GREY, alpha=0.18, linewidth=0.0)

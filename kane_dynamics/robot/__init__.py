@@ -1,0 +1,1 @@
+"""A robot: one model with its compiled kernels."""

@@ -1,0 +1,260 @@
+"""A robot's kernels as a C99 source and its header, for where there is neither Python nor LLVM."""
+
+from collections.abc import Sequence
+import inspect
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.resources import package_version
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.backends.c99 import (c_functions, comment, identifier, literal,
+                                               prototype, string)
+from kane_dynamics.native.tracing.program import Program
+import numpy as np
+
+DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
+                   'gravity_force')
+MARK = '/* Written by kane_dynamics'  # begins every file of ours: these alone are overwritten
+TEST_STATES = 3
+TOLERANCE = 1e-12  # relative to a result's largest entry
+SOLVING = ('forward_dynamics', 'forward_dynamics_derivatives', 'inverse_mass_matrix')
+
+AGREE = """\
+/* Agree to `tolerance`, relative to the largest of the expected numbers; NaN never does. */
+static int agree(const double *result, const double *expected, int count, double tolerance)
+{
+    double largest = 0.0;
+    int k;
+    for (k = 0; k < count; ++k)
+        if (fabs(expected[k]) > largest) largest = fabs(expected[k]);
+    for (k = 0; k < count; ++k)
+        if (!(fabs(result[k] - expected[k]) <= tolerance * largest)) return 0;
+    return 1;
+}
+"""
+
+
+class _Kernel(NamedTuple):
+    """One function to be written."""
+
+    name: str  # of the quantity
+    symbol: str  # in C
+    program: Program
+    tolerance: float
+    inputs: list[list[Array]]  # of each test state, without the parameters
+    results: list[Array]
+
+
+def write_c(robot: Any, path: str | os.PathLike[str],
+            kernels: Sequence[str]) -> tuple[Path, Path]:
+    """
+    Write a Robot's kernels as C; see `Robot.export_c`.
+
+    Returns
+    -------
+    (Path, Path)
+        The source and the header.
+
+    """
+    if isinstance(robot.equations, ConstrainedEquations):
+        raise InputError('C is written of robots whose speeds are the joint rates, without '
+                         'constraints; this one has chosen speeds or constraints')
+    source = Path(path).expanduser()
+    if source.suffix != '.c':
+        raise InputError(f"path is '{source}'; expected the name of a C source, which ends in .c")
+    source = source.resolve()
+    header = source.with_suffix('.h')
+    if not header.name.isprintable() or any(part in header.name for part in ('"', '\\', '??')):
+        raise InputError(f'path is {str(source)!r}; C cannot include the name of its header: '
+                         'valid are characters that print, but no ", \\ or ??')
+    for file in (source, header):
+        _check_place(file)
+    prefix = identifier(source.stem)
+    chosen = [_kernel(robot, prefix, name) for name in _checked_names(robot, kernels)]
+    about = _about(robot, chosen)
+    _write(header, _header_text(robot, prefix, about, chosen))
+    _write(source, _source_text(robot, prefix, header.name, about, chosen))
+    return source, header
+
+
+def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
+    """Return the kernels' names, each once, or InputError."""
+    if isinstance(kernels, str):
+        raise InputError(f"kernels is the string '{kernels}'; expected a sequence of names")
+    names = list(dict.fromkeys(kernels))
+    unknown = [name for name in names if name not in robot.kernels.names]
+    if unknown or not names:
+        given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
+        raise InputError(f'{given}; valid: {", ".join(robot.kernels.names)}')
+    return names
+
+
+def _check_place(file: Path) -> None:
+    """Refuse a place that cannot be written, or where somebody else's file stands."""
+    if not file.parent.is_dir():
+        raise InputError(f"cannot write '{file}': there is no directory '{file.parent}'")
+    if not file.exists():
+        return
+    try:
+        with open(file, encoding='utf-8', errors='replace') as stream:
+            ours = stream.read(len(MARK)) == MARK
+    except OSError as error:
+        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+    if not ours:
+        raise InputError(f"cannot write '{file}': a file that export_c did not write is there")
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    temporary = file.with_name(f'.{file.name}.{os.getpid()}')
+    try:
+        try:
+            temporary.write_text(text, encoding='utf-8')
+            temporary.replace(file)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+
+
+def _kernel(robot: Any, prefix: str, name: str) -> _Kernel:
+    """Trace a kernel and compute its reference results."""
+    kernel, rng = robot.kernels.quantity(name), np.random.default_rng(0)
+    lower = np.maximum(robot.limits.lower, -np.pi)
+    upper = np.maximum(np.minimum(robot.limits.upper, np.pi), lower)
+    inputs, results, tolerance = [], [], TOLERANCE
+    for _ in range(TEST_STATES):
+        q = rng.uniform(lower, upper)
+        inputs.append([q if a.name == 'q' else rng.uniform(-2.0, 2.0, a.shape)
+                       for a in kernel.arguments])
+        results.append(np.asarray(kernel(*inputs[-1])))
+        if name in SOLVING:  # what rounding may do to a solution of M x = b
+            condition = np.linalg.cond(robot.mass_matrix(q))
+            tolerance = max(tolerance, float(10.0 * np.finfo(float).eps * condition))
+    return _Kernel(name, f'{prefix}_{name}', robot.kernels.program(name), tolerance, inputs,
+                   results)
+
+
+def _about(robot: Any, kernels: Sequence[_Kernel]) -> list[str]:
+    """Return the lines that open both files."""
+    model, equations = robot.model, robot.equations
+    pushed = ', '.join(frame.name for frame in equations.wrench_frames) or 'none'
+    payload = equations.payload_frame.name if equations.payload_frame else 'none'
+    friction = 'in' if robot.friction else 'left out'
+    lines = [f'Robot {model.name}, model {model.digest()}.',
+             f'Damping and friction: {friction}.',
+             f'Frames that carry a wrench: {pushed}. Frame of the payload: {payload}.',
+             'Arithmetic of one call (functions are sines, cosines, tanh and square roots):']
+    for kernel in kernels:
+        count = kernel.program.operation_count()
+        lines.append(f'  {kernel.symbol}: {count.multiplications} multiplications, '
+                     f'{count.additions} additions, {count.divisions} divisions, '
+                     f'{count.functions} functions')
+    return [f'{MARK} {package_version()}.', *(f' * {comment(line)}' for line in lines), ' */']
+
+
+def _header_text(robot: Any, prefix: str, about: Sequence[str],
+                 kernels: Sequence[_Kernel]) -> str:
+    """Return the header: sizes, the order of the joints, and what may be called."""
+    upper, equations = prefix.upper(), robot.equations
+    lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',
+             f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
+             f'#define {upper}_MODEL_DIGEST {string(robot.model.digest())}',
+             f'#define {upper}_GENERATOR {string(f"kane_dynamics {package_version()}")}',
+             f'#define {upper}_N {robot.n} /* joints: entries of q, u, udot and tau */',
+             f'#define {upper}_N_WRENCHES {len(equations.wrench_frames)}',
+             f'#define {upper}_N_PARAMETERS {len(robot.parameters.block)}',
+             *(f'#define {kernel.symbol.upper()}_SIZE {kernel.program.n_outputs} /* doubles */'
+               for kernel in kernels), '', *_joint_enum(robot, upper), '',
+             '/*', *(f' * {line}'.rstrip() for line in _conventions(robot, prefix)), ' */', '',
+             '#ifdef __cplusplus', 'extern "C" {', '#endif']
+    for kernel in kernels:
+        doc = inspect.getdoc(getattr(type(robot), kernel.name, None)) or kernel.name
+        words = ' '.join(doc.split('\n\n')[0].split())
+        shape = ' x '.join(map(str, kernel.program.shape)) or '1'
+        lines += ['', f'/* {comment(words)}', f' * result: {shape}, C order. */',
+                  f'{prototype(kernel.program, kernel.symbol)};']
+    lines += ['', '/* Return 0 if every function gives the results embedded in the source, to the',
+              ' * tolerance stated there, else the number of the first function that does not. */',
+              f'int {prefix}_self_test(void);', '',
+              '#ifdef __cplusplus', '}', '#endif', '', '#endif', '']
+    return '\n'.join(lines)
+
+
+def _joint_enum(robot: Any, upper: str) -> list[str]:
+    """Return the order of the joints, by name; empty for a robot without joints."""
+    lines, used = [], set()
+    for k, joint in enumerate(robot.model.coordinate_joints):
+        name = f'{upper}_JOINT_{identifier(joint.name).upper()}'
+        name = name if name not in used else f'{name}_{k}'
+        used.add(name)
+        unit = 'm, m/s, N' if joint.kind == 'prismatic' else 'rad, rad/s, N m'
+        lines.append(f'    {name} = {k}{"," if k < robot.n - 1 else ""} '
+                     f'/* {comment(joint.name)}: {joint.kind}; {unit} */')
+    return [f'enum {upper.lower()}_joint {{', *lines, '};'] if lines else []
+
+
+def _conventions(robot: Any, prefix: str) -> list[str]:
+    """Return what a caller has to know."""
+    gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
+    lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
+             'Arguments are arrays of doubles: q, u, udot and tau have one entry a joint, in the',
+             'order above. A result may overlay an argument. Nothing is allocated and no state is',
+             'kept: any thread may call anything at any time. Arguments are not checked.', '',
+             'parameters: gravity, the acceleration of free fall, m/s^2']
+    lines += [] if robot.equations.payload_frame is None else [
+        '  then the payload, in its frame: mass, mass x centre of mass (3), and the integrals',
+        '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
+    lines.append(f'  NULL stands for the values at export: gravity ({gravity})'
+                 + (' and the payload then.' if robot.equations.payload_frame else '.'))
+    if robot.equations.wrench_frames:
+        lines += ['wrench: for each frame that carries one, the force (N) then the moment (N m)',
+                  '  that the environment exerts at its origin, world axes; NULL stands for none']
+    return [comment(line) for line in lines]
+
+
+def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
+                 kernels: Sequence[_Kernel]) -> str:
+    """Return the source: the functions, then the test of itself."""
+    # The name of a header is no string: C reads no escapes in it.
+    lines = [*about, f'#include "{header}"', '', '#include <math.h>', '#include <stddef.h>',
+             '', _array('default_parameters', robot.parameters.block)]
+    no_wrench = robot.kernels.no_wrench
+    if any(name == 'wrench' for kernel in kernels for name, _ in kernel.program.inputs):
+        lines.append(_array('no_wrench', no_wrench))
+    for kernel in kernels:
+        defaults = {'parameters': 'default_parameters', 'wrench': 'no_wrench'}
+        inputs = dict(kernel.program.inputs)
+        lines += ['', c_functions(kernel.program, kernel.symbol,
+                                  {k: v for k, v in defaults.items() if k in inputs})]
+    return '\n'.join([*lines, '', *_self_test(prefix, kernels), ''])
+
+
+def _array(name: str, values: Array) -> str:
+    """Return a constant array; C has none of length zero."""
+    flat = [literal(x) for x in np.ravel(values)] or ['0.0']
+    text = f'static const double {name}[{len(flat)}] = {{\n'
+    rows = [', '.join(flat[k:k + 4]) for k in range(0, len(flat), 4)]
+    return text + ''.join(f'    {row},\n' for row in rows).removesuffix(',\n') + '\n};'
+
+
+def _self_test(prefix: str, kernels: Sequence[_Kernel]) -> list[str]:
+    """Return the reference data and the function that compares with them."""
+    lines, body = [AGREE], []
+    for number, kernel in enumerate(kernels, 1):
+        count, tolerance = kernel.program.n_outputs, literal(kernel.tolerance)
+        body += ['    {', f'        double result[{max(count, 1)}];']
+        for k, (given, expected) in enumerate(zip(kernel.inputs, kernel.results)):
+            names = [f'{kernel.name}_{k}_{name}' for (name, _), _ in
+                     zip(kernel.program.inputs, given)]
+            lines += [_array(name, values) for name, values in zip(names, given)]
+            reference = f'{kernel.name}_{k}_expected'
+            lines.append(_array(reference, expected))
+            agrees = f'agree(result, {reference}, {count}, {tolerance})'
+            body += [f'        {kernel.symbol}({", ".join([*names, "NULL", "result"])});',
+                     f'        if (!{agrees}) return {number};']
+        body.append('    }')
+    return [*lines, '', f'int {prefix}_self_test(void)', '{', *body, '    return 0;', '}']

@@ -1,0 +1,227 @@
+"""The kernels of one robot: what each computes, how it is traced, and the one of each made."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.ltdl import solve
+from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
+from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.subroutine import Subroutines
+from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
+                                            QUANTITIES, Quantity, Sizes)
+import numpy as np
+
+LARGE = 24  # coordinates from which on an inverse is not written out
+LONG = 16  # and from which on a product with it is none of the compiler's business
+OUTLINED = 40  # and from which on derivatives would
+SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
+ALL = {**QUANTITIES, **CONSTRAINED}
+FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
+
+
+class KernelSet:
+    """
+    The kernels of one robot, each compiled at its first use.
+
+    Parameters
+    ----------
+    equations : TreeEquations or ConstrainedEquations
+    key : str or None
+        Everything that the equations depend on, for the cache; None where functions of a user
+        are among it: then programs are traced and tell themselves apart.
+    parameters : array
+        The block that kernels read at each call.
+    reason : callable, optional
+        Raises a better error than the kernels' own for the arguments of a state whose result is
+        not finite, or returns.
+
+    """
+
+    def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
+                 parameters: Array, reason: Reason | None = None) -> None:
+        """Compile nothing yet."""
+        self.equations = equations
+        self._reason = reason
+        self._at_time_zero = np.zeros(())
+        self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
+        self.key = key
+        self._parameters = parameters
+        self._made: dict[tuple[str, str], Kernel] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the quantities that are one kernel; for a large robot not all of them are."""
+        left_out = [*self.equations.unsupported,
+                    *(['forward_dynamics_derivatives'] if self.equations.n > LONG else [])]
+        return tuple(name for name in ALL
+                     if hasattr(self.equations, name) and name not in left_out)
+
+    def quantity(self, name: str) -> Kernel:
+        """Return the kernel of one of `names`; InputError lists them for another name."""
+        def make() -> Kernel:
+            if name not in self.names:
+                raise InputError(f"no kernel '{name}' of this robot; valid: "
+                                 f'{", ".join(self.names)}')
+            return self._kernel(name, lambda: self.program(name), ALL[name])
+        return self._kept((name, ''), make)
+
+    def in_use(self, name: str) -> bool:
+        """Tell whether the kernel of one of `QUANTITIES` has been asked for."""
+        return (name, '') in self._made
+
+    def at_frame(self, name: str, frame: str) -> Kernel:
+        """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
+        def make() -> Kernel:
+            quantity = FRAME_QUANTITIES[name]
+            method = partial(getattr(self.equations, name), at)
+            return self._kernel(name, lambda: self._traced(name, method, quantity), quantity,
+                                frame)
+        at = self.equations.model.frame(frame)
+        return self._kept((name, frame), make)
+
+    def reaction(self, joint: str) -> Kernel:
+        """Return the kernel of the reaction at a joint; InputError for an unknown joint."""
+        model = self.equations.model
+        names = [body.joint.name for body in model.bodies]
+        if joint not in names:
+            raise InputError(f"no moving joint '{joint}'; valid: {', '.join(names) or 'none'} "
+                             '(fixed and locked joints are merged into the bodies they join)')
+        body = names.index(joint)
+        method = partial(self.equations.joint_reaction, body)
+        return self._kept(('joint_reaction', joint), lambda: self._kernel(
+            'joint_reaction', lambda: self._traced('joint_reaction', method, JOINT_REACTION),
+            JOINT_REACTION, joint))
+
+    def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
+              block: Array, shape: Shape) -> Kernel:
+        """Return a kernel of the caller's own on this robot; `name` tells its program apart."""
+        return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
+                                                     shape))
+
+    def program(self, name: str) -> Program:
+        """Trace one of `names`."""
+        equations = self.equations
+        method = getattr(equations, name)
+        if isinstance(equations, TreeEquations):
+            if name == 'inverse_mass_matrix' and equations.n > LARGE:
+                return self._large_inverse(equations)
+            if name in SHARING and equations.n > OUTLINED:
+                method = partial(method, share=Subroutines())
+        return self._traced(name, method, ALL[name])
+
+    def computed_torque(self) -> Kernel:
+        """
+        Return the kernel of computed torque.
+
+        Its arguments are q, u measured, q, u, udot desired, and the gains: kp, then kd, (2 n,).
+        """
+        def make() -> Kernel:
+            n = self.equations.n
+            arguments = [Argument(name, (n,), self.equations.model.coordinate_names)
+                         for name in FEEDBACK] + [Argument('gains', (2 * n,))]
+            if len(self.no_wrench):
+                arguments.append(Argument('wrench', self.no_wrench.shape,
+                                          default=self.no_wrench))
+            return Kernel('computed_torque', self.feedback_program, self.key, arguments,
+                          self._parameters, (n,))
+        return self._kept(('computed_torque', ''), make)
+
+    def feedback_program(self) -> Program:
+        """
+        Trace the law of computed torque, with friction at the desired speed.
+
+        ``tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)``: at the
+        measured speed, compensating friction would push a resting arm on.
+        """
+        equations = self.equations
+        if not isinstance(equations, TreeEquations):
+            raise InputError('computed torque follows a motion of all joints: it needs a robot '
+                             'whose speeds are the joint rates, without constraints')
+        n = equations.n
+
+        def function(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any,
+                     *rest: Any) -> Any:
+            kp, kd = gains[:n], gains[n:]
+            wrench = rest[0] if len(self.no_wrench) else None
+            wanted = udot_d + (kd * (u_d - u) + kp * (q_d - q))
+            return (np.array(equations.rigid_dynamics(q, u, wanted, wrench, rest[-1]))
+                    + equations.friction_force(u_d))
+        inputs: list[tuple[str, Shape]] = [(name, (n,)) for name in FEEDBACK]
+        inputs.append(('gains', (2 * n,)))
+        if len(self.no_wrench):
+            inputs.append(('wrench', self.no_wrench.shape))
+        return trace_program('computed_torque', function,
+                             [*inputs, ('parameters', self._parameters.shape)])
+
+    def _large_inverse(self, equations: TreeEquations) -> Program:
+        """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""
+        n = equations.n
+        places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
+
+        def factors(q: Any, parameters: Any) -> Any:
+            L, reciprocal = equations.factors(q, parameters)
+            places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
+            return [*(L[k][i] for k, i in places), *reciprocal]
+        inputs = self._inputs(QUANTITIES['inverse_mass_matrix'])
+        factorization = trace_program('factorization', factors, inputs)
+
+        def solution(entries: Any, b: Any) -> Any:
+            L = [[0.0] * n for _ in range(n)]
+            for (k, i), entry in zip(places, entries):
+                L[k][i] = entry
+            return solve((L, list(entries[len(places):])), equations.order, b)
+        solving = trace_program('solution', solution,
+                                [('entries', (len(places) + n,)), ('b', (n,))])
+
+        def columns(q: Any, parameters: Any) -> Any:
+            entries = call(factorization, q, parameters)
+            full = [call(solving, entries, unit) for unit in np.eye(n)]
+            return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
+        return trace_program('inverse_mass_matrix', columns, inputs)
+
+    def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
+
+    def _kernel(self, name: str, program: Callable[[], Program], quantity: Quantity,
+                at: str = '') -> Kernel:
+        equations = self.equations
+        rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
+        size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
+        return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
+                      self._parameters, quantity.shape(size), self._reason)
+
+    def _arguments(self, quantity: Quantity) -> list[Argument]:
+        equations = self.equations
+        arguments = [Argument(name, (equations.n_q,), equations.model.coordinate_names)
+                     if name == 'q' else Argument(name, (equations.n,), equations.speed_names)
+                     for name in quantity.arguments]
+        if quantity.wrench and len(self.no_wrench):
+            arguments.append(Argument('wrench', self.no_wrench.shape, default=self.no_wrench))
+        if equations.timed:
+            arguments.append(Argument('t', (), default=self._at_time_zero))
+        return arguments
+
+    def _traced(self, name: str, method: Callable[..., Any], quantity: Quantity) -> Program:
+        """Trace a method of the equations."""
+        def function(*inputs: Any) -> Any:
+            given = dict(zip(names, inputs))
+            values = [given[argument] for argument in quantity.arguments]
+            values += [given.get('wrench')] if quantity.wrench else []
+            values += [given['parameters']] if quantity.parameters else []
+            return method(*values, **({'t': given['t'][()]} if 't' in given else {}))
+        inputs = self._inputs(quantity)
+        names = [key for key, _ in inputs]
+        return trace_program(name, function, inputs)
+
+    def _inputs(self, quantity: Quantity) -> list[tuple[str, Shape]]:
+        return [*((argument.name, argument.shape) for argument in self._arguments(quantity)),
+                ('parameters', self._parameters.shape)]

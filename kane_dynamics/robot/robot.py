@@ -1,0 +1,251 @@
+"""`Robot`: a model with its dynamics compiled, what users hold."""
+
+from collections.abc import Sequence
+from functools import partial
+import os
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
+from kane_dynamics.model.model import Array, Inertial, Model, short
+from kane_dynamics.native.tracing.program import OperationCount
+from kane_dynamics.robot.attribute_hints import missing, refused
+from kane_dynamics.robot.configuration_methods import Configurations
+from kane_dynamics.robot.constraint_methods import raise_where_singular
+from kane_dynamics.robot.dynamics_methods import DynamicsMethods
+from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
+from kane_dynamics.robot.frame_methods import FrameMethods
+from kane_dynamics.robot.kernel_set import KernelSet
+from kane_dynamics.robot.operational_space_methods import OperationalSpace
+from kane_dynamics.robot.parameters import Parameters
+from kane_dynamics.robot.verification import verified
+from kane_dynamics.robot.workspace import Workspace
+import numpy as np
+
+__all__ = ['Robot', 'TORQUE_TERMS']
+
+
+class Robot(DynamicsMethods, FrameMethods, OperationalSpace, Configurations):
+    """
+    The dynamics of one manipulator or mechanism, compiled for it.
+
+    M(q) udot + bias(q, u) = tau + external, with u = q' unless speeds are chosen, and everything
+    in SI units and world axes. Every method takes one state, (n,) arrays, or a batch, (N, n)
+    arrays, and answers in kind. Kernels compile on first use and are kept in a cache on disk.
+    Batches have kernels of their own, which take several states at once and leave other Python
+    threads free; where that pays they use as many threads as there are processors, or as
+    ``KANE_DYNAMICS_THREADS`` says.
+
+    Parameters
+    ----------
+    model : Model
+    speeds : Speeds or callable, optional
+        Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or your
+        own functions; joint rates by default.
+    constraints : sequence of constraints
+        What holds besides: `Closure`, `Coupling`, `PointVelocity`, `knife_edge`, `Rolling`,
+        `Prescribed`, `DependentSpeeds`. u are then the n independent speeds, tau is dual to
+        them, and q keeps n_q > n entries.
+    independent : sequence of str, optional
+        Names of the speeds to take as independent; the best conditioned by default.
+    actuated : sequence of str, optional
+        The joints that have actuators (see `joint_torques`).
+    wrench_frames : sequence of str
+        Frames on which the environment may push (`wrench=`, one row each).
+    payload_frame : str, optional
+        Frame in which `parameters.payload` is given.
+    friction : bool
+        Whether damping and Coulomb friction are part of the equations.
+    frame_reduction : bool
+        Use Denavit-Hartenberg-like frames inside the kernels, link by link where that saves
+        arithmetic (`operation_count` tells). The numbers are the same.
+
+    Raises
+    ------
+    InputError
+        No such frame; the message lists the valid ones.
+    ConstraintError
+        The constraints contradict each other, cannot be met, leave no freedom, or name what the
+        model does not have; or the speeds are singular.
+
+    """
+
+    def __init__(self, model: Model, *, speeds: Any = None,
+                 constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
+                 actuated: Sequence[str] | None = None, wrench_frames: Sequence[str] = (),
+                 payload_frame: str | None = None, friction: bool = True,
+                 frame_reduction: bool = True) -> None:
+        """Prepare the equations; nothing is compiled yet."""
+        if not isinstance(model, Model):
+            raise InputError(f'model is a {type(model).__name__}; expected a Model '
+                             '(load_urdf returns one)')
+        if isinstance(wrench_frames, str):
+            raise InputError(f"wrench_frames is the string '{wrench_frames}'; expected a sequence "
+                             'of frame names')
+        self._options: dict[str, Any] = {
+            'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
+            'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
+        self._choices: dict[str, Any] = {
+            'speeds': speeds, 'constraints': tuple(constraints), 'independent': independent,
+            'actuated': actuated}
+        self.model = model
+        self.friction = bool(friction)
+        tree = self.equations = TreeEquations(model, **self._options)
+        key: str | None = model.digest() + repr(sorted(self._options.items()))
+        reason = None
+        if any(value not in (None, ()) for value in self._choices.values()):
+            mechanism = choose_independent(model, speeds, constraints, independent)
+            self.equations = ConstrainedEquations(tree, mechanism, actuated)
+            key = mechanism.key and f'{key}{mechanism.key}{actuated!r}'
+            reason = partial(raise_where_singular, mechanism)
+        self.parameters = Parameters(model, tree.payload_frame)
+        self.kernels = KernelSet(self.equations, key, self.parameters.block, reason)
+        self._entries = {}
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what would have no effect; `limits` may be replaced."""
+        if '_entries' in self.__dict__ and name != 'limits':
+            raise AttributeError(refused(self, name, (*self._choices, *self._options)))
+        super().__setattr__(name, value)
+
+    if not TYPE_CHECKING:  # a type checker knows by itself what is missing
+        def __getattr__(self, name: str) -> Any:
+            """Name the counterpart of an attribute that there is not."""
+            raise AttributeError(missing(self, name))
+
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Robot '{self.model.name}': {self.n} degrees of freedom, q of "
+                f'{short(self.coordinate_names)}>')
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as model, options and parameters; kernels load again from the cache."""
+        return _restored, (self.model, {**self._choices, **self._options}, self.parameters.gravity,
+                           self.parameters.payload)
+
+    @property
+    def n(self) -> int:
+        """Return the number of independent generalized speeds."""
+        return self.equations.n
+
+    @property
+    def n_q(self) -> int:
+        """Return the number of coordinates."""
+        return self.equations.n_q
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints that move freely, in the order of q."""
+        return self.model.joint_names
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the entries of q."""
+        return self.model.coordinate_names
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
+        return tuple(frame.name for frame in self.model.frames)
+
+    def equals(self, other: 'Robot') -> bool:
+        """Tell whether another robot has the same equations and now the same parameters."""
+        return self is other or bool(
+            self.kernels.key is not None and self.kernels.key == other.kernels.key
+            and np.array_equal(self.parameters.block, other.parameters.block))
+
+    def bind(self) -> Workspace:
+        """Return arrays with zero-argument calls on them, for a loop that must not allocate."""
+        return Workspace(self.kernels)
+
+    def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
+        """
+        Compile kernels now that would compile at their first use.
+
+        Parameters
+        ----------
+        *names : str
+            Which; without any, all but those of frames and joint reactions.
+        batches : bool
+            Also for batches, which take several states at once by kernels of their own.
+
+        Raises
+        ------
+        InputError
+            No such kernel; the message lists the valid names.
+
+        """
+        for name in names or self.kernels.names:
+            try:
+                self.kernels.quantity(name)
+                getattr(self, name)
+                if batches:
+                    self.kernels.quantity(name).compile_lanes()
+            except ModelError:
+                continue  # no forward dynamics with massless joints; a call says so
+
+    def verify(self, states: int = 5) -> float:
+        """
+        Compare the compiled kernels with Kane's equations as defined, at random states.
+
+        Returns
+        -------
+        float
+            The largest error found, relative to the largest entry of its quantity. Forward
+            dynamics is judged by the torque that its answer asks for.
+
+        Raises
+        ------
+        InputError
+            Not at least one state.
+        CompileError
+            An error is larger than 1e-9: names the quantity and the error.
+
+        """
+        return verified(self, states)
+
+    def operation_count(self) -> dict[str, OperationCount]:
+        """Return the arithmetic of one call of every kernel."""
+        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
+
+    def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS
+                 ) -> tuple[Path, Path]:
+        """
+        Write kernels as C99 that needs libm alone: a source, and a header that documents it.
+
+        The parameters of now are its defaults. `<stem>_self_test()` compares every function with
+        results of this library.
+
+        Parameters
+        ----------
+        path : path
+            Of the source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
+            begins with `<stem>_`. Files that an earlier export wrote are replaced, others never.
+        kernels : sequence of str
+            Names of quantities, as `operation_count` lists them.
+
+        Returns
+        -------
+        (Path, Path)
+            The source and the header.
+
+        Raises
+        ------
+        InputError
+            No such kernel, or the path cannot be written; names it.
+
+        """
+        return write_c(self, path, kernels)
+
+
+def _restored(model: Model, options: dict[str, Any], gravity: Array,
+              payload: Inertial | None) -> Robot:
+    robot = Robot(model, **options)
+    robot.parameters.gravity = gravity
+    if payload is not None:
+        robot.parameters.payload = payload
+    return robot

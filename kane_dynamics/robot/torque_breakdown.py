@@ -1,0 +1,46 @@
+"""Where a torque comes from: by source and by body."""
+
+from dataclasses import dataclass
+
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
+from kane_dynamics.model.model import Array
+
+SOURCES = (*TORQUE_TERMS, 'external')
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueBreakdown:
+    """
+    Inverse dynamics taken apart.
+
+    Attributes
+    ----------
+    by_source : (6, n) or (N, 6, n) array
+        Rows as `sources`, which add up to inverse dynamics; N m or N. Rotors' armature is part
+        of inertia, centrifugal forces are part of coriolis, and what the environment helps with
+        is negative.
+    by_body : (n_bodies, n) or (N, n_bodies, n) array
+        What each body's inertia and weight ask of every joint; the rows, as `bodies`, add up to
+        the sources inertia (without armature), coriolis and gravity.
+    sources, bodies : tuple of str
+    joints : tuple of str
+        Names of the columns.
+
+    """
+
+    by_source: Array
+    by_body: Array
+    sources: tuple[str, ...]
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+
+    @property
+    def torque(self) -> Array:
+        """Return the whole, (n,) or (N, n)."""
+        total: Array = self.by_source.sum(axis=-2)
+        return total
+
+    def source(self, name: str) -> Array:
+        """Return one source's share, (n,) or (N, n)."""
+        share: Array = self.by_source[..., self.sources.index(name), :]
+        return share

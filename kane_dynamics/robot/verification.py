@@ -1,0 +1,153 @@
+"""Compiled kernels held against Kane's equations as they are defined."""
+
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+from kane_dynamics.errors import CompileError, InputError
+from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.definition import kane, nonholonomic
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.with_payload import with_payload
+import numpy as np
+
+Pair = tuple[Array, Array]  # what a kernel answers, what the definition says
+REGULAR, TRIES = 1e4, 100  # a condition number that costs four digits; states to look for it at
+TOLERANCE = 1e-9  # relative error of a kernel at which it is taken to be wrong, not rounded
+
+
+def verified(robot: Any, states: int) -> float:
+    """
+    Return the largest relative error of a Robot's kernels at random states.
+
+    Dynamics always; Coriolis matrix, derivatives, regressor and torques by body where they have
+    been used before, of a robot in joint rates. Forward dynamics is judged by the torque that its
+    answer asks for, and left out where the mass matrix is singular.
+
+    Raises
+    ------
+    InputError
+        Not at least one state.
+    CompileError
+        An error is larger than `TOLERANCE`; names the quantity and the error.
+
+    """
+    if isinstance(states, bool) or not isinstance(states, int | np.integer) or states < 1:
+        raise InputError(f'states is {states!r}; expected a whole number from 1 on')
+    rng = np.random.default_rng(0)
+    gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
+    if payload is not None:
+        model = with_payload(model, robot.equations.payload_frame.name, payload)
+    worst = 0.0
+    for _ in range(states):
+        if isinstance(robot.equations, ConstrainedEquations):
+            pairs = _constrained(robot, model, gravity, rng)
+        else:
+            q, u, udot = rng.uniform(-2.0, 2.0, (3, robot.n))
+            pairs = _dynamics(robot, model, gravity, q, u, udot)
+            for name, reference in OCCASIONAL.items():
+                if robot.kernels.in_use(name):
+                    pairs[name] = reference(robot, model, gravity, q, u, udot)
+        for name, (value, expected) in pairs.items():
+            size = max(float(np.abs(expected).max(initial=0.0)), 1e-300)
+            error = float(np.abs(value - expected).max(initial=0.0)) / size
+            if not error < TOLERANCE:
+                raise CompileError(f'{name} is off by {error:.3g} of its size from the '
+                                   f'definition; at most {TOLERANCE:g} is rounding')
+            worst = max(worst, error)
+    return worst
+
+
+def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+              udot: Array) -> dict[str, Pair]:
+    """Return the compiled value and the definition's of each quantity of a control loop."""
+    M = kane.mass_matrix(model, q)
+    bias = kane.bias_force(model, q, u, gravity=gravity, friction=robot.friction)
+    tau = M @ udot + bias
+    pairs = {
+        'mass_matrix': (robot.mass_matrix(q), M),
+        'bias_force': (robot.bias_force(q, u), bias),
+        'gravity_force': (robot.gravity_force(q), kane.gravity_force(model, q, gravity=gravity)),
+        'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
+    if robot.n and np.linalg.cond(M) < 1e12:
+        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau) + bias, tau)
+    return pairs
+
+
+def _constrained(robot: Any, model: Model, gravity: Array,
+                 rng: np.random.Generator) -> dict[str, Pair]:
+    """Return the same where speeds are chosen or constraints given, at a regular state."""
+    mechanism = copy(robot.mechanism)
+    mechanism.model = model
+    t = float(rng.uniform(0.0, 2.0)) if robot.equations.timed else 0.0
+    for _ in range(TRIES):
+        q = rng.uniform(-2.0, 2.0, robot.n_q)
+        S = np.array(mechanism.system(mechanism.posture(q, t))[0], dtype=np.float64)
+        if np.linalg.cond(S) < REGULAR:
+            break
+    u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
+
+    def torque(u: Array, udot: Array) -> Array:
+        return nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
+                                             friction=robot.friction)
+    bias, tau = torque(u, np.zeros(robot.n)), torque(u, udot)
+    M = np.array([torque(u, unit) - bias for unit in np.eye(robot.n)]).T
+    pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
+             'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
+    if np.linalg.cond(M) < 1e12:
+        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias, tau)
+    return pairs
+
+
+def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Array:
+    """Return what the bodies' inertia and weight ask for, (n,): no rotors, springs, friction."""
+    inertia: Array = kane.generalized_inertia_force(without_rotors(model), q, u, udot)
+    weight: Array = kane.gravity_force(model, q, gravity=gravity)
+    return weight - inertia
+
+
+def without_rotors(model: Model) -> Model:
+    """Return the model with its joints' armature taken off."""
+    return replace(model, bodies=tuple(
+        replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies))
+
+
+def _coriolis(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+              udot: Array) -> Pair:
+    rest = np.zeros(robot.n)
+    return (robot.coriolis_matrix(q, u) @ u,
+            _rigid(model, gravity, q, u, rest) - _rigid(model, gravity, q, rest, rest))
+
+
+def _derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+                 udot: Array) -> Pair:
+    n, none = robot.n, np.zeros(robot.n)
+    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n), seeded(u, none, n, 2 * n),
+                                   udot, gravity=gravity, friction=robot.friction)
+    slopes = [getattr(x, 'gradient', np.zeros(2 * n)) for x in torque]
+    return np.hstack(robot.inverse_dynamics_derivatives(q, u, udot)[:2]), np.array(slopes)
+
+
+def _forward_derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+                         tau: Array) -> Pair:
+    M = kane.mass_matrix(model, q)
+    udot = robot.forward_dynamics(q, u, tau)
+    slopes = np.hstack(robot.forward_dynamics_derivatives(q, u, tau)[:2])
+    return -M @ slopes, _derivatives(robot, model, gravity, q, u, udot)[1]
+
+
+def _regressor(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+               udot: Array) -> Pair:
+    return (robot.regressor(q, u, udot) @ robot.inertial_parameters,
+            _rigid(robot.model, gravity, q, u, udot))
+
+
+def _body_torques(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
+                  udot: Array) -> Pair:
+    return robot.body_torques(q, u, udot).sum(axis=0), _rigid(model, gravity, q, u, udot)
+
+
+OCCASIONAL = {'coriolis_matrix': _coriolis, 'inverse_dynamics_derivatives': _derivatives,
+              'forward_dynamics_derivatives': _forward_derivatives, 'regressor': _regressor,
+              'body_torques': _body_torques}

@@ -1,0 +1,166 @@
+"""`Workspace`: a robot's quantities on memory of their own, for loops that must not allocate."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.python_call import entry
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.kernel_set import ALL, KernelSet
+from kane_dynamics.robot.quantities import FRAME_QUANTITIES
+import numpy as np
+
+STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
+PLACES = {name: place for place, name in enumerate(ALL)}  # of tables
+DOCS = {name: f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
+        for name in ALL}
+
+
+class _Quantity:
+    """A quantity as a function of the workspace, where interpreters allow no machine code."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.__doc__ = name, DOCS[name]
+
+    def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
+        return self if workspace is None else workspace._function(self.name)
+
+
+class Workspace(entry.Tabled):
+    """
+    Arrays of one robot's state, and its quantities as functions without arguments.
+
+    Write into `q` (n_q,), `u`, `udot`, `tau` (n,) (SI units, zero at first) and, where the robot
+    declares wrench frames, `wrench` (k, 6), and `t`, an array without axes, where its speeds or
+    constraints are functions; then call any quantity of `Robot` without arguments.
+    ``inverse_dynamics()`` writes to and returns `tau`, ``forward_dynamics()`` `udot`; every other
+    quantity returns an array of its own, the same one at every call (derivatives (3, n, n), which
+    unpacks), and energies return a float.
+    A call allocates no array and runs no Python. It reads the robot's `parameters` as they are.
+
+    The arrays stay where they are: to rebind an attribute is an error, and so is to resize an
+    array. A workspace belongs to one thread. A quantity compiles at its first use. A call raises
+    InputError where what it reads or what comes out is not finite; the array of its result is then
+    not to be used.
+
+    Parameters
+    ----------
+    kernels : KernelSet
+        The robot's; `Robot.bind` passes them.
+
+    """
+
+    __slots__ = ('__weakref__', '_at', '_kernels', '_owned', '_states', 'q', 't', 'tau', 'u',
+                 'udot', 'wrench')
+    _unmade: Array | None = None  # of the class: what tables are at first
+    q: Array
+    u: Array
+    udot: Array
+    tau: Array
+    wrench: Array
+    t: Array
+    _kernels: KernelSet
+    _states: dict[str, Array]
+    _at: dict[tuple[str, str], Callable[[], Any]]
+    _owned: dict[str, entry.EntryTable]  # tables in use
+
+    def __new__(cls, kernels: KernelSet) -> 'Workspace':
+        """Return an object whose quantities are methods of machine code, where there can be."""
+        return object.__new__(_of_machine_code() if entry.supported() else cls)
+
+    def __init__(self, kernels: KernelSet) -> None:
+        """Make the arrays; nothing is compiled yet."""
+        equations = kernels.equations
+        states = {'q': _fixed((equations.n_q,)),
+                  **{name: _fixed((equations.n,)) for name in ('u', 'udot', 'tau')}}
+        if len(kernels.no_wrench):
+            states['wrench'] = _fixed(kernels.no_wrench.shape)
+        if equations.timed:
+            states['t'] = _fixed(())
+        tables = None if self._unmade is None else self._unmade.copy()
+        for name, value in {**states, '_kernels': kernels, '_states': states, '_at': {},
+                            '_owned': {}, '_tables': tables}.items():
+            object.__setattr__(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse: the compiled calls read the memory that is there."""
+        raise InputError(f"a workspace's {name} cannot be rebound; write into its arrays: "
+                         f'workspace.{name}[:] = ...')
+
+    def __reduce__(self) -> Any:
+        """Refuse: what is bound is memory of this process."""
+        raise TypeError('a workspace cannot be copied or pickled; bind the robot anew')
+
+    def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
+        """
+        Return a frame quantity as a function without arguments.
+
+        Parameters
+        ----------
+        name : str
+            One of `FRAME_QUANTITIES`: frame_pose, frame_velocity, frame_acceleration,
+            partial_velocities, partial_velocity_rates.
+        frame : str
+            Of the robot's model.
+
+        Raises
+        ------
+        InputError
+            No such quantity or frame; the message lists the valid ones.
+
+        """
+        if name not in FRAME_QUANTITIES:
+            raise InputError(f"no quantity of a frame is called '{name}'; valid: "
+                             f'{", ".join(FRAME_QUANTITIES)}')
+        return self._bound_at(self._kernels.at_frame(name, frame), frame)
+
+    def reaction(self, joint: str) -> Callable[[], Any]:
+        """Return `Robot.joint_reaction` at a joint as a function without arguments."""
+        return self._bound_at(self._kernels.reaction(joint), joint)
+
+    def _function(self, name: str) -> Callable[[], Any]:
+        """Return a quantity that is no method."""
+        if (name, '') not in self._at:
+            self._at[name, ''] = self._bound(self._kernels.quantity(name), DOCS[name])
+        return self._at[name, '']
+
+    def _table(self, name: str) -> entry.EntryTable:
+        """Let a quantity's method find the memory of this workspace."""
+        kernel = self._kernels.quantity(name)
+        table: entry.EntryTable = kernel.table(*self._memory(kernel))
+        self._owned[name], self._tables[PLACES[name]] = table, id(table)
+        return table
+
+    def _memory(self, kernel: Kernel) -> tuple[list[Array], Array]:
+        """Return the arrays that a kernel reads, and the one that it writes."""
+        target = STATE_RESULTS.get(kernel.name)
+        return ([self._states[argument.name] for argument in kernel.arguments],
+                _fixed(kernel.shape) if target is None else self._states[target])
+
+    def _bound_at(self, kernel: Kernel, at: str) -> Callable[[], Any]:
+        if (kernel.name, at) not in self._at:
+            self._at[kernel.name, at] = self._bound(kernel, f'Compute {kernel.name} of {at}.')
+        return self._at[kernel.name, at]
+
+    def _bound(self, kernel: Kernel, doc: str) -> Callable[[], Any]:
+        return kernel.bind(*self._memory(kernel), doc)
+
+
+for _name in ALL:  # not by `__getattr__`, which makes every look-up of an attribute slower
+    setattr(Workspace, _name, _Quantity(_name))
+
+
+@cache
+def _of_machine_code() -> type[Workspace]:
+    """Return the class of workspaces whose quantities are methods of machine code."""
+    kind: type[Workspace] = type(Workspace.__name__, (Workspace,), {
+        '__slots__': (), '__doc__': Workspace.__doc__, '__module__': Workspace.__module__})
+    kind._unmade = entry.methods(kind, DOCS, Workspace._table)
+    return kind
+
+
+def _fixed(shape: tuple[int, ...]) -> Array:
+    """Return zeros that cannot be resized: numpy refuses that to an array on another's memory."""
+    return np.zeros(shape)[...]

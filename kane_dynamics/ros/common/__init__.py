@@ -1,0 +1,1 @@
+"""Shared by the nodes: messages, files, processes, real-time settings."""

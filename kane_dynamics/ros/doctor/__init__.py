@@ -1,0 +1,1 @@
+"""Checks of a configuration file and of a running ROS graph."""

@@ -1,0 +1,1 @@
+"""What the node estimates and publishes beside the torques."""

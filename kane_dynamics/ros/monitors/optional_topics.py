@@ -1,0 +1,122 @@
+"""Beside the torque path: wrenches that come in, contact that is found, torque explained."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from kane_dynamics.errors import InputError
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor, observed_frame, Outputs,
+                                                        settings)
+from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
+from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
+from kane_dynamics.ros.services.services import Services
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
+from kane_dynamics.ros.torque_path.wrench_input import check_frames, WrenchInput
+from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+# Of the sensor data profile: what came during a stall of some ms is answered late, not never.
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# Whoever comes late hears the flag as it is.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
+    """Raise InputError unless the parameters of wrenches, payload and observer fit a robot."""
+    check_frames(robot.model, values['wrench.frames'])
+    if values['payload.frame']:
+        check_frames(robot.model, [values['payload.frame']], 'payload.frame')
+    if robot.constraint_names:
+        for name in ('observer.enabled', 'estimator.enabled', 'explanation.rate'):
+            if values[name]:
+                raise InputError(f"parameter '{name}' is {values[name]!r}, but an arm with "
+                                 'constraints is not commanded; leave it at its default')
+    if values['observer.enabled']:
+        settings(values, robot)
+        check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')
+    if values['estimator.enabled']:
+        estimator_settings(values, robot)
+
+
+class OptionalTopics:
+    """
+    The topics of wrenches, contact and explanation, each where the parameters ask for it.
+
+    Parameters
+    ----------
+    node : LifecycleNode
+        Which owns the topics.
+    server : Services
+        In whose thread torques are explained.
+    path : TorquePath
+    values : mapping
+        The node's parameters; `check_optional_topics` has found them to fit.
+    now : callable
+        Returns the node's clock, ns.
+    reject : callable
+        Takes the reason and the details of every message that was not used.
+    publisher : callable
+        Opens one, of a type, a name and a QoS.
+    opened : ExitStack
+        Closes what is opened here.
+
+    """
+
+    def __init__(self, node: LifecycleNode, server: Services, path: TorquePath,
+                 values: Mapping[str, Any], now: Callable[[], int],
+                 reject: Callable[[str, str], None],
+                 publisher: Callable[[Any, str, QoSProfile], Any], opened: ExitStack) -> None:
+        self._path = path
+        robot = path.controller.robot
+        self.contact: ContactMonitor | None = None
+        self._estimator: PayloadMonitor | None = None
+        if values['observer.enabled']:
+            self.contact = ContactMonitor(robot, values, Outputs(
+                publisher(JointState, '~/external_torques', RELIABLE),
+                publisher(WrenchStamped, '~/external_wrench', RELIABLE),
+                publisher(Bool, '~/collision', LATCHED)), node.get_logger(),
+                lambda reason, detail: reject(f'observer: {reason}', detail))
+            path.add_watch(self.contact, need_effort=True)
+        if values['wrench.frames']:
+            path.wrenches = WrenchInput(robot, now, values,
+                                     lambda reason, detail: reject(f'wrench: {reason}', detail))
+            opened.callback(node.destroy_subscription, node.create_subscription(
+                WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True))
+        if values['estimator.enabled']:
+            self._estimator = PayloadMonitor(
+                robot, values, server,
+                publisher(PayloadEstimate, '~/payload_estimate', RELIABLE),
+                lambda reason, detail: reject(f'estimator: {reason}', detail))
+            opened.callback(self._estimator.close)
+            path.add_watch(self._estimator, need_effort=True)
+        if values['explanation.rate']:
+            explainer = TorqueBreakdownTopic(
+                server, publisher(TorqueExplanation, '~/torque_by_source', RELIABLE),
+                values['explanation.rate'], path.controller, path.wrenches,
+                lambda reason, detail: reject(f'explanation: {reason}', detail))
+            opened.callback(explainer.close)
+            path.add_watch(explainer, need_effort=False)
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next state on."""
+        if self.contact is not None:
+            self.contact.update(values)
+        if self._estimator is not None:
+            self._estimator.update(values)
+        if self._path.wrenches is not None:
+            self._path.wrenches.update(values)
+
+    @property
+    def collision(self) -> str | None:
+        """Return the joint of a collision, if there is one now."""
+        return None if self.contact is None else self.contact.detector.joint
+
+    def figures(self) -> dict[str, str]:
+        """Return printable figures for the diagnostics."""
+        return {} if self.contact is None else self.contact.figures()

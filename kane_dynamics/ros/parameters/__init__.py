@@ -1,0 +1,1 @@
+"""Parameters of the node: their table, their checks, their changes."""

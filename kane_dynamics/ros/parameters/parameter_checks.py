@@ -1,0 +1,183 @@
+"""The node's parameters: declared from their table, and checked, saying in words what is wrong."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+import difflib
+import math
+from typing import Any
+
+from kane_dynamics.control.controller import Terms
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.parameters.parameter_table import Kind, Spec
+import numpy as np
+from numpy.typing import NDArray
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+# Parameters that ROS itself puts beside ours in an overrides file.
+FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
+
+
+def _number(spec: Spec, value: Any) -> float:
+    """Return a finite number within the bounds of `spec`."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value) or (
+            math.isinf(value) and not spec.infinite):
+        raise ValueError
+    if value < spec.low or value > spec.high or (spec.positive and value == 0.0):
+        raise ValueError
+    return float(value)
+
+
+def _names(spec: Spec, value: Any) -> tuple[str, ...]:
+    """Return a list of distinct names; an empty one may be of any type."""
+    names = tuple(value)
+    if isinstance(value, str) or not all(isinstance(n, str) and n for n in names) or (
+            len(set(names)) < len(names)):
+        raise ValueError
+    return names
+
+
+def _text(spec: Spec, value: Any) -> str:
+    """Return text, one of the choices where there are any."""
+    if not isinstance(value, str) or (spec.choices and value not in spec.choices):
+        raise ValueError
+    return value
+
+
+def _flag(spec: Spec, value: Any) -> bool:
+    """Return a truth value."""
+    if not isinstance(value, bool):
+        raise ValueError
+    return value
+
+
+def _count(spec: Spec, value: Any) -> int:
+    """Return a whole number within the bounds of `spec`."""
+    if not isinstance(value, int):
+        raise ValueError
+    return int(_number(spec, value))
+
+
+def _vector(spec: Spec, value: Any) -> NDArray[np.float64]:
+    """Return three finite numbers, or six."""
+    numbers = [_number(spec, item) for item in value]
+    if len(numbers) != (6 if spec.kind == 'six' else 3):
+        raise ValueError
+    return np.array(numbers)
+
+
+def _numbers(spec: Spec, value: Any) -> tuple[int, ...]:
+    """Return whole numbers within the bounds of `spec`."""
+    return tuple(_count(spec, item) for item in value)
+
+
+def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
+    """Return one number, shape (), or one per joint, shape (n,); shape (0,) says nothing."""
+    if isinstance(value, (int, float)):
+        return np.array(_number(spec, value))
+    if not len(value) and np.size(spec.default):
+        raise ValueError
+    return np.array([_number(spec, item) for item in value])
+
+
+_READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
+    'text': _text, 'flag': _flag, 'number': _number, 'count': _count, 'names': _names,
+    'vector': _vector, 'six': _vector, 'numbers': _numbers,
+    'per_joint': _per_joint}
+
+
+def read(spec: Spec, value: Any) -> Any:
+    """
+    Return the checked value of one parameter.
+
+    Raises
+    ------
+    InputError
+        Names the parameter, the value, and what is valid.
+
+    """
+    try:
+        return _READERS[spec.kind](spec, value)
+    except (TypeError, ValueError):
+        shown = value if isinstance(value, (str, int, float)) or value is None else list(value)
+        raise InputError(f"parameter '{spec.name}' is {shown!r}; "
+                         f'valid: {spec.constraint}') from None
+
+
+def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
+    """
+    Declare parameters on `node` and return the checked values by name.
+
+    Raises
+    ------
+    InputError
+        A value given at start is not valid.
+
+    """
+    values = {}
+    for spec in specs:
+        descriptor = ParameterDescriptor(
+            description=spec.description, additional_constraints=spec.constraint,
+            read_only=spec.read_only, dynamic_typing=True)  # `read` refuses with better words
+        value = node.declare_parameter(spec.name, spec.default, descriptor).value
+        values[spec.name] = read(spec, spec.default if value is None else value)
+    return values
+
+
+def in_messages(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values with `prefix` before the frames that they name, as messages have it."""
+    prefix = values['prefix']
+    result = dict(values)
+    for name in FRAMES:
+        value = values.get(name)
+        if value:
+            result[name] = (prefix + value if isinstance(value, str) else
+                            tuple(prefix + each for each in value))
+    return result
+
+
+def misspelt(given: Sequence[str], known: Collection[str]) -> list[str]:
+    """Return a remark for every given parameter that is not known."""
+    remarks = []
+    for name in given:
+        if name in known or name.split('.')[0] in FOREIGN:
+            continue
+        near = difflib.get_close_matches(name, known, n=1)
+        remarks.append(f"parameter '{name}' does not exist and is ignored"
+                       + (f"; did you mean '{near[0]}'?" if near else ''))
+    return remarks
+
+
+def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
+              empty: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """
+    Return a per-joint parameter as an (n,) array; `empty` stands in where it says nothing.
+
+    Raises
+    ------
+    InputError
+        The list is neither empty nor as long as the list of joints.
+
+    """
+    value = values[name]
+    if value.shape == (0,):
+        value = np.asarray(empty, dtype=np.float64)
+    if value.shape not in ((), (len(joints),)):
+        raise InputError(f"parameter '{name}' has {value.size} entries for {len(joints)} joints "
+                         f"({', '.join(joints)}); valid: one number, or one per joint")
+    return np.broadcast_to(value, (len(joints),)).copy()
+
+
+def terms(values: Mapping[str, Any]) -> Terms:
+    """Return the term switches that the compensate parameters set."""
+    return Terms(**{name: values[f'compensate.{name}']
+                    for name in ('gravity', 'coriolis', 'inertia', 'friction')})
+
+
+def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of a Controller."""
+    return {'mode': values['mode'], 'compensate': terms(values),
+            'kp': per_joint(values, 'gains.kp', joints, 0.0),
+            'kd': per_joint(values, 'gains.kd', joints, 0.0),
+            'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
+            'rate_limit': per_joint(values, 'limits.rate', joints, math.inf)}

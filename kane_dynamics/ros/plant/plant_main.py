@@ -1,0 +1,44 @@
+"""The process around the plant node: ticks by an absolute clock, callbacks in between."""
+
+from collections.abc import Sequence
+import gc
+import sys
+import time
+
+from kane_dynamics.errors import KaneError
+from kane_dynamics.ros.common.process import make_executor, run_until_signal
+from kane_dynamics.ros.plant.plant_node import PlantNode
+from rclpy.exceptions import ParameterException
+from rclpy.task import Future
+
+SHORTEST = 1e-5  # s: with no time at all, the EventsExecutor would not wait but burn a processor
+
+
+def run(stop: Future) -> int:
+    """Run the node until `stop`; return the exit code."""
+    try:
+        node = PlantNode()
+    except (KaneError, ParameterException) as error:
+        print(f'plant_node: {error}', file=sys.stderr)
+        return 1
+    executor = make_executor()
+    executor.add_node(node)
+    gc.collect()
+    gc.freeze()  # what is here stays: no collection need look through it
+    node.pace.start(time.monotonic_ns())
+    while not stop.done():
+        try:
+            executor.spin_until_future_complete(stop, max(node.poll(), SHORTEST))
+        except Exception as error:
+            node.get_logger().fatal(f'a callback failed: {type(error).__name__}: {error}')
+    executor.shutdown()
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `plant_node`; return the exit code."""
+    return run_until_signal(run, arguments)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

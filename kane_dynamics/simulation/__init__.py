@@ -1,0 +1,1 @@
+"""Forward simulation: time steps, torque inputs, limit events, trajectories."""

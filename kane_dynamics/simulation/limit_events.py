@@ -1,0 +1,152 @@
+"""Which joints pass their limits in a simulation, and when."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import repeat
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array
+from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.simulation.trajectory import LimitEvent
+import numpy as np
+
+MOST_EVENTS = 1_000_000
+
+Extremes = tuple[Array, Array]
+
+
+class Crossings(NamedTuple):
+    """Of one limit: (M,) times, simulations, joints, values and bounds."""
+
+    limit: str
+    t: Array
+    which: Any
+    joint: Any
+    value: Array
+    bound: Array
+
+
+class LimitEvents(Sequence[LimitEvent]):
+    """
+    What a `LimitWatch` has found, in the order of time.
+
+    The events are made when they are first asked for: a free arm's fall has thousands.
+    """
+
+    def __init__(self, joint_names: Sequence[str], found: Sequence[Crossings],
+                 single: bool) -> None:
+        self._names, self._found, self._single = joint_names, tuple(found), single
+
+    @cached_property
+    def _events(self) -> tuple[LimitEvent, ...]:
+        events: list[LimitEvent] = []
+        for limit, t, which, joint, value, bound in self._found:
+            events += map(LimitEvent, t.tolist(), map(self._names.__getitem__, joint.tolist()),
+                          repeat(limit), value.tolist(), bound.tolist(),
+                          repeat(None) if self._single else which.tolist())
+        return tuple(sorted(events, key=itemgetter(0)))
+
+    def __len__(self) -> int:
+        return sum(len(crossings.t) for crossings in self._found)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._events[index]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and self._events == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class LimitWatch:
+    """
+    Finds the steps at which a joint passes a limit that it kept before.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+    limits : JointLimits
+    states : (N, 2 n) array
+        At time 0; what is beyond a limit there is an event.
+    single : bool
+        Whether events shall leave open which of the N simulations they are of.
+
+    """
+
+    def __init__(self, joint_names: Sequence[str], limits: JointLimits, states: Array,
+                 single: bool) -> None:
+        self._found: list[Crossings] = []
+        self._count = 0
+        self._names, self._single, n = joint_names, single, len(joint_names)
+        self._bounds = {
+            name: (part, bound, sign) for name, part, bound, sign in (
+                ('lower', slice(0, n), limits.lower, -1.0),
+                ('upper', slice(0, n), limits.upper, 1.0),
+                ('velocity', slice(n, 2 * n), limits.velocity, 0.0)) if np.isfinite(bound).any()}
+        self._beyond = {name: np.zeros((len(states), n), dtype=bool) for name in self._bounds}
+        self.look(states[:, None], np.zeros(1))
+
+    @property
+    def events(self) -> LimitEvents:
+        """Return what has been found so far."""
+        return LimitEvents(self._names, self._found, self._single)
+
+    def look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
+        """
+        Add the crossings among further states.
+
+        Parameters
+        ----------
+        states : (N, K, 2 n) array
+            Of every simulation at further times.
+        t : (K,) array
+            Their times, s.
+        extremes : (N, 2 n) arrays, optional
+            Least and largest of each entry over the K times, where they are known already: they
+            tell which joints may have passed a limit at all.
+
+        Raises
+        ------
+        InputError
+            There are more than a million crossings.
+
+        """
+        if not self._bounds:
+            return
+        rows = np.moveaxis(states, 2, 1)  # one for each entry of each state
+        if extremes is None:
+            rows = np.ascontiguousarray(rows)  # long rows go several times faster
+        low, high = extremes or (rows.min(axis=2), rows.max(axis=2))
+        for name, (part, bound, sign) in self._bounds.items():
+            x, before = rows[:, part], self._beyond[name]
+            i, j = np.nonzero(_passing(low[:, part], high[:, part], bound, sign, before))
+            self._beyond[name] = _beyond(x[:, :, -1], bound, sign)
+            if not len(i):
+                continue
+            beyond = np.empty((len(i), x.shape[2] + 1), dtype=bool)
+            beyond[:, 0] = before[i, j]
+            beyond[:, 1:] = _beyond(x[i, j], bound[j, None], sign)
+            new = beyond[:, 1:] > beyond[:, :-1]
+            which, k = np.divmod(np.flatnonzero(new), new.shape[1])  # nonzero is ten times slower
+            i, j = i[which], j[which]
+            self._count += len(k)
+            if self._count > MOST_EVENTS:
+                raise InputError(f'joints pass their limits more than {MOST_EVENTS} times by '
+                                 f'{t[-1]:.6g} s; simulate less, or give the model no limits')
+            if len(k):
+                self._found.append(Crossings(name, t[k], i, j, x[i, j, k], bound[j]))
+
+
+def _beyond(x: Array, bound: Array, sign: float) -> Any:
+    """Tell which entries are past a limit: a speed's size, a position to one side."""
+    return np.abs(x) > bound if sign == 0.0 else x > bound if sign > 0.0 else x < bound
+
+
+def _passing(low: Array, high: Array, bound: Array, sign: float, before: Any) -> Any:
+    """Tell which joints, of each simulation, may have passed a limit, by their extremes."""
+    if sign == 0.0:
+        return (np.maximum(high, -low) > bound) & ~(((low > bound) | (high < -bound)) & before)
+    largest, least = (high, low) if sign > 0.0 else (-low, -high)
+    return (largest > sign * bound) & ~((least > sign * bound) & before)

@@ -1,0 +1,294 @@
+"""
+Forward simulation in native code.
+
+One step of an integrator is traced with the robot's forward dynamics as a subroutine and compiled.
+Its result is the next step's argument, so that calling the kernel along a buffer of states is the
+loop over time, without the GIL. Many simulations go through it several at once.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+import time
+from typing import Any
+import warnings
+
+from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.runtime.kernel import Argument, checked
+from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
+from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.step_size import step_warning
+from kane_dynamics.simulation.torque_input import torque_input, TorqueInput
+from kane_dynamics.simulation.trajectory import Trajectory
+import numpy as np
+
+CLOSED = 1e-8  # m or rad: a larger gap at the start is the caller's mistake
+MOST_STEPS = 100_000_000
+MOST_SAMPLES = 1_000_000
+DEFAULT_SAMPLES = 1000
+CHUNK_SECONDS = 0.01  # of native code between two looks at progress: half of the promised bound
+CHUNK_BYTES = 2**27  # of states between two looks, unless a single step of all takes more
+FIRST_CHUNK = 256  # steps
+LEAST_CHUNK = 8  # steps of many simulations, lest the looks take longer than the steps
+
+Torque = Callable[[float, Array, Array], Any]
+Progress = Callable[[float], bool | None]
+
+
+def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
+             torque: Any = None, sample: float | None = None,
+             progress: Progress | None = None, integrator: str = 'rk4') -> Trajectory:
+    """
+    Integrate the equations of motion with steps of one length.
+
+    Conditions on positions, such as closed loops, are held: what a step misses is taken back after
+    it, and the result tells what remains.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose equations to integrate.
+    q0, u0 : (n_q,), (n,) or (N, n_q), (N, n) array_like
+        State at time 0, or N of them, each the start of a simulation; rad or m, and s.
+    duration : float
+        s; a whole number of steps.
+    step : float
+        s.
+    torque : None, array, callable or ComputedTorque
+        Nothing: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
+        during step k. (N, K, n): a table for each of N initial states (the others serve all).
+        ``torque(t, q, u)``: asked once a step and held; for a single initial state only, because
+        Python would be called N times a step. `ComputedTorque`: evaluated continuously, with
+        friction at the desired speed.
+    sample : float, optional
+        Time between the rows of the result, a whole number of steps. Default: about a thousand
+        rows, or fewer where N initial states would then give more than a million. First and last
+        state are always in.
+    progress : callable, optional
+        Called with the simulated time now and then (native code never runs for more than about
+        20 ms in between, or eight steps of all N states); returning False ends the simulation
+        there.
+    integrator : {'rk4', 'implicit'}
+        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method to which
+        friction, springs and beams set no longest step, for robots without constraints whose
+        speeds are the joint rates (`mechanics.implicit`). Where the motion is smooth the first
+        is more accurate; where joints stick, the second is the faster by orders.
+
+    Returns
+    -------
+    Trajectory
+        Its arrays lead with N where N initial states are given. A simulation among N has the
+        numbers that it has alone, to rounding; they do not depend on the other N - 1.
+
+    Raises
+    ------
+    InputError
+        Names the argument, the value and what is valid; also where the motion leaves the finite
+        numbers, with the time and the joint.
+
+    Warns
+    -----
+    ModelWarning
+        The step is too long for the Runge-Kutta method with this friction, these springs or beams
+        at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
+
+    """
+    starts = _starts(robot, q0, u0)
+    single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
+    starts = starts.reshape(N, starts.shape[-1])
+    step = _positive('step', step)
+    count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
+    doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator) if N else None
+    if doubt is not None:
+        warnings.warn(doubt, ModelWarning, stacklevel=2)
+    every = _sampling(count, step, sample, N, single)
+    if callable(torque):
+        if not single:
+            raise InputError('torque is a function, which is asked state by state; for '
+                             f'{N} initial states give None, an array or a ComputedTorque')
+        kept, states, tau, events = _run_callable(robot, starts[0], count, step, every, torque,
+                                                  progress, integrator)
+    else:
+        source = torque_input(robot, step, count, torque, None if single else N, integrator)
+        kept, states, events = _run_native(source, starts, single, count, every, progress)
+    q, u, _ = (np.ascontiguousarray(part)
+               for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
+    if not callable(torque):
+        tau = source.torques(kept, q, u)
+    arrays = {'q': q, 'u': u, 'tau': tau, **_derived(robot, kept * step, q, u, tau)}
+    return Trajectory(kept * step, **{name: x[0] if single else x for name, x in arrays.items()},
+                      joint_names=robot.joint_names, limit_events=events,
+                      speed_names=robot.speed_names, constraint_names=robot.constraint_names)
+
+
+def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str, Array]:
+    """Return what follows from the kept states, (N, K, ...) arrays."""
+    shape = q.shape[:2]
+    at: dict[str, Any] = {'t': np.tile(t, shape[0])} if robot.equations.timed else {}
+    q, u, tau = (x.reshape(-1, x.shape[2]) for x in (q, u, tau))
+    found = {'udot': robot.forward_dynamics(q, u, tau, **at),
+             'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
+                                axis=1)}
+    if robot.constraint_names:
+        found['constraint_forces'] = robot.constraint_forces(q, u, tau, **at)
+        found['constraint_gap'] = robot.constraint_gap(q, **at)
+    return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
+
+
+def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, every: int,
+                progress: Progress | None) -> tuple[Array, Array, LimitEvents]:
+    """Step in native chunks; return the kept step numbers, their states, and the events."""
+    robot, (N, size) = source.robot, starts.shape
+    kept = np.append(np.arange(0, count, every), count)
+    states = np.empty((N, len(kept), size))
+    states[:, 0] = starts
+    most = max(1, CHUNK_BYTES // starts.nbytes) if N else count
+    done, least = 0, 1 if single else LEAST_CHUNK
+    chunk = FIRST_CHUNK if single else LEAST_CHUNK
+    watch = LimitWatch(robot.joint_names, _watched(robot), starts, single)
+    while done < count:
+        chunk = min(chunk, most, count - done)
+        buffer = np.empty((N, chunk + 1, size))
+        buffer[:, 0] = starts
+        started = time.perf_counter()
+        extremes = source.advance(buffer, done, single)
+        took = time.perf_counter() - started
+        _finite(robot, buffer, done, source.step, single)
+        watch.look(buffer[:, 1:], (done + np.arange(1, chunk + 1)) * np.float64(source.step),
+                   extremes)
+        here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
+        states[:, here] = buffer[:, kept[here] - done]
+        starts = buffer[:, -1].copy()
+        done += chunk
+        if progress is not None and progress(done * source.step) is False:
+            break
+        chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
+    return (*_ended(kept, states, done, starts), watch.events)
+
+
+def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
+    """Leave out the rows that a simulation ended early did not reach; its end is in."""
+    rows = int(np.searchsorted(kept, done, side='right'))
+    if kept[rows - 1] < done:
+        kept[rows], states[:, rows], rows = done, last, rows + 1
+    return kept[:rows], states[:, :rows]
+
+
+def _run_callable(robot: Robot, state: Array, count: int, step: float, every: int,
+                  torque: Torque, progress: Progress | None, integrator: str
+                  ) -> tuple[Array, Array, Array, LimitEvents]:
+    """Ask for the torque before every step; Python in the loop."""
+    n_q, n = robot.n_q, robot.n
+    source = torque_input(robot, step, 1, None, None, integrator)
+    kept, states, taus = [], [], []
+    watch = LimitWatch(robot.joint_names, _watched(robot), state[None], single=True)
+    buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
+    buffer[0, 0] = state
+    reported = time.perf_counter()
+    for k in range(count + 1):
+        j = k % FIRST_CHUNK
+        state = buffer[0, j].copy()
+        tau = _vector(robot, f'torque at {k * step:.6g} s',
+                      torque(k * step, state[:n_q].copy(), state[n_q:n_q + n].copy()))
+        if k % every == 0 or k == count:
+            kept.append(k)
+            states.append(state)
+            taus.append(tau)
+        if k == count:
+            break
+        here = buffer[:, j:j + 2]
+        replace(source, torque=tau[None, None]).advance(here, k, single=True)
+        _finite(robot, here, k, step, single=True)
+        if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
+            reported = time.perf_counter()
+            if progress((k + 1) * step) is False:
+                count = k + 1
+        if j + 1 == FIRST_CHUNK or k + 1 == count:
+            watch.look(buffer[:, 1:j + 2], np.arange(k - j + 1, k + 2) * np.float64(step))
+            buffer[:, 0] = buffer[:, j + 1]
+    return np.array(kept), np.array([states]), np.array([taus]), watch.events
+
+
+def _starts(robot: Robot, q0: Any, u0: Any) -> Array:
+    """Return the initial state, as `state_names`, or all of them, (N, ...)."""
+    q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
+    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
+    if q.shape[:-1] != u.shape[:-1]:
+        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
+                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
+    if robot.constraint_names and q.size:
+        gap = np.abs(np.atleast_2d(robot.constraint_gap(q)))
+        i, k = np.unravel_index(np.argmax(gap), gap.shape)
+        if gap[i, k] > CLOSED:
+            which = '' if q.ndim == 1 else f' of state {i}'
+            raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
+                             '(m or rad): start from robot.closed_posture(q0)')
+    time = np.zeros((*q.shape[:-1], 1 if robot.equations.timed else 0))
+    return np.concatenate([q, u, time], axis=-1)
+
+
+def _watched(robot: Robot) -> JointLimits:
+    """Return the limits that a state shows: speeds of joints are in it where they are u."""
+    if robot.speed_names == robot.joint_names:
+        return robot.limits
+    return replace(robot.limits, velocity=np.full(robot.n_q, np.inf))
+
+
+def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int:
+    """Return the number of steps between two rows of the result; InputError past their cap."""
+    if sample is None:
+        rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
+        every = max(1, -(-count // rows))
+    else:
+        every = _whole('sample', _positive('sample', sample), step, MOST_STEPS)
+    rows = count // every + 1
+    if N * (rows + 1) > MOST_SAMPLES:
+        which = '' if single else f' for each of {N} initial states'
+        remedy = 'a longer sample time' if single else 'a longer sample time or fewer states'
+        raise InputError(f'{count} steps sampled every {every} would give {rows} rows{which}; '
+                         f'at most {MOST_SAMPLES}{"" if single else " together"}: choose {remedy}')
+    return every
+
+
+def _vector(robot: Robot, name: str, value: Any) -> Array:
+    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
+    if array.ndim != 1:
+        raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
+    return array
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        raise InputError(f'{name} is {value!r}; expected a positive, finite time in s')
+    return number
+
+
+def _whole(name: str, value: float, step: float, most: int) -> int:
+    """Return how many steps a time is; InputError unless that is a whole number in bounds."""
+    count = round(value / step) if math.isfinite(value / step) else 0
+    if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
+        raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
+                         'whole number of steps')
+    if count > most:
+        raise InputError(f'{name} is {value} s, {count} steps of {step} s; at most {most} steps')
+    return count
+
+
+def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
+    """Raise where a motion has left the finite numbers; it never comes back."""
+    if np.isfinite(buffer[:, -1]).all():
+        return
+    at = ~np.isfinite(buffer)
+    k = int(np.argmax(at.any(axis=(0, 2))))
+    i, j = (int(index) for index in np.argwhere(at[:, k])[0])
+    which = 'the simulation' if single else f'simulation {i}'
+    raise InputError(f'{which} leaves the finite numbers at {(done + k) * step:.6g} s, '
+                     f"'{state_names(robot)[j]}' first: is the mass matrix singular there, or the "
+                     f'step of {step} s too long?')

@@ -1,0 +1,170 @@
+"""One integration step of a robot as a kernel, its dynamics as subroutines."""
+
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+INTEGRATORS = ('rk4', 'implicit')
+# What `simulate` asks for all rows of its result at once.
+AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
+              'potential_energy', 'constraint_forces', 'constraint_gap')
+
+
+def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
+    """
+    Compile every kernel that `simulate` may need, so that no request waits for a compiler.
+
+    Those that step many simulations at once are not among them.
+
+    Raises
+    ------
+    InputError
+        The integrator is none, or none for this robot.
+
+    """
+    support()  # the loop that steps
+    robot.compile(*loop_kernels(robot))
+    for feedback in (False, True)[:1 if robot.constraint_names else 2]:
+        step_kernel(robot, feedback, integrator)
+    for name in loop_kernels(robot):
+        if name in AFTERWARDS:
+            robot.kernels.quantity(name).compile_lanes()
+
+
+def loop_kernels(robot: Robot) -> list[str]:
+    """Return the names of the kernels that control and simulation of this robot call."""
+    return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
+
+
+def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4') -> Kernel:
+    """
+    Return the kernel of one step of one of `INTEGRATORS`.
+
+    Its pointers: state, as `state_names`, inputs, constants, next state. With held torques the
+    inputs are tau (n) and the constants the step and the robot's parameters. With feedback the
+    inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
+    constants begin with kp and kd.
+
+    Raises
+    ------
+    InputError
+        The integrator is none, or none for this robot.
+
+    """
+    if integrator not in INTEGRATORS:
+        raise InputError(f'integrator is {integrator!r}; valid: {", ".join(INTEGRATORS)}')
+    program = _program if integrator == 'rk4' else _implicit_program
+    if integrator == 'implicit' and not isinstance(robot.equations, TreeEquations):
+        raise InputError("integrator is 'implicit', which needs a robot whose speeds are the "
+                         "joint rates, without constraints; valid here: 'rk4'")
+    name = 'step_computed_torque' if feedback else 'step_held_torque'
+    name = name if integrator == 'rk4' else f'{name}_{integrator}'
+    inputs = _inputs(robot, feedback)
+    arguments = [Argument(key, shape) for key, shape in inputs[:2]]
+    return robot.kernels.extra(name, lambda: program(robot, name, feedback), arguments,
+                               np.zeros(inputs[2][1]), inputs[0][1])
+
+
+def state_names(robot: Robot) -> tuple[str, ...]:
+    """Name the entries of a state: q, then u, then the time where the robot depends on it."""
+    return (*robot.coordinate_names, *robot.speed_names,
+            *(['time'] if robot.equations.timed else []))
+
+
+def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
+    n, parameters = robot.n, len(robot.parameters.block)
+    return [('state', (len(state_names(robot)),)), ('inputs', (3, 3 * n) if feedback else (1, n)),
+            ('constants', ((2 * n if feedback else 0) + 1 + parameters,))]
+
+
+def _program(robot: Robot, name: str, feedback: bool) -> Program:
+    """Trace one step; where q' is not u, what it misses of closed loops is taken back after it."""
+    n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
+    constrained = isinstance(equations, ConstrainedEquations)
+    motion = _state_program(robot)
+    law = kernels.feedback_program() if feedback else None
+    wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
+
+    def step(state: Any, inputs: Any, constants: Any) -> Any:
+        gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
+
+        def rates(x: Any, given: Any) -> Any:
+            q, u, time = np.split(x, [n_q, n_q + n])
+            tau = given
+            if law is not None:  # the law of control.Controller
+                tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
+            found = call(motion, q, u, tau, *wrench, *time, parameters)
+            return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time)])
+        moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
+        after = runge_kutta_4(rates, state, moments, h[0])
+        if isinstance(equations, ConstrainedEquations):
+            after[:n_q] = equations.closer(after[:n_q], *after[n_q + n:])
+        return after
+    return trace_program(name, step, _inputs(robot, feedback))
+
+
+def _implicit_program(robot: Robot, name: str, feedback: bool) -> Program:
+    """Trace one step that takes friction, springs and bending implicitly."""
+    n, kernels, equations = robot.n, robot.kernels, robot.equations
+    assert isinstance(equations, TreeEquations)
+    method = ImplicitStep(equations)
+    motion = implicit_rates(robot, method)
+    law = kernels.feedback_program() if feedback else None
+    wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
+
+    def step(state: Any, inputs: Any, constants: Any) -> Any:
+        gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
+
+        def torque(q: Any, u: Any, moment: int) -> Any:
+            if law is None:
+                return inputs[0]
+            given = np.split(inputs[2 * moment], 3)
+            return np.array(call(law, q, u, *given, gains, *wrench, parameters))
+
+        def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
+            return np.array(call(motion, q, u, tau, resistance, np.array(g), *wrench, parameters))
+        q, u = np.split(state, 2)
+        return np.concatenate(method.step(rates, q, u, torque, h[0]))
+    return trace_program(name, step, _inputs(robot, feedback))
+
+
+def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
+    """Trace a method's rates of q, u, tau, resistance, g, wrench if there are any, parameters."""
+    pushes: list[tuple[str, Shape]] = [('wrench', robot.kernels.no_wrench.shape)] if len(
+        robot.kernels.no_wrench) else []
+
+    def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any, *rest: Any) -> Any:
+        return method.rates(q, u, tau, resistance, g[()], rest[0] if pushes else None, rest[-1])
+    vectors: list[tuple[str, Shape]] = [(name, (robot.n,))
+                                        for name in ('q', 'u', 'tau', 'resistance')]
+    return trace_program('implicit_rates', rates, [
+        *vectors, ('g', ()), *pushes, ('parameters', robot.parameters.block.shape)])
+
+
+def _state_program(robot: Robot) -> Program:
+    """Trace udot or, where q' is not u, q' and udot."""
+    equations, kernels = robot.equations, robot.kernels
+    if not isinstance(equations, ConstrainedEquations):
+        return kernels.program('forward_dynamics')
+    wrench: list[tuple[str, Shape]] = (
+        [('wrench', kernels.no_wrench.shape)] if len(kernels.no_wrench) else [])
+    time: list[tuple[str, Shape]] = [('t', ())] if equations.timed else []
+
+    def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
+        *moment, parameters = rest[len(wrench):]
+        return equations.state_rates(q, u, tau, rest[0] if wrench else None, parameters,
+                                     moment[0][()] if moment else 0.0)
+    return trace_program('state_rates', rates, [
+        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
+        ('parameters', robot.parameters.block.shape)])

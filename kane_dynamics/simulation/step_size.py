@@ -1,0 +1,109 @@
+"""How long a Runge-Kutta step may be: what a robot's friction, springs and beams allow."""
+
+from functools import cache
+import math
+from typing import Any, NamedTuple
+
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.model import Array, Model
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+DIFFERENCE = 1e-6  # rad, m and their rates: small beside any speed at which friction sets in
+ANGLES = np.linspace(0.5 * np.pi, np.pi, 181)
+
+
+class LongestStep(NamedTuple):
+    """
+    The longest step, and what sets it.
+
+    Attributes
+    ----------
+    step : float
+        s; infinite if nothing does.
+    name : str
+        Of the speed that moves most in the motion that a longer step makes grow.
+
+    """
+
+    step: float
+    name: str = ''
+
+
+def longest_step(robot: Robot, q: Any) -> LongestStep:
+    """
+    Return the longest Runge-Kutta step with which a robot stays at rest where it would.
+
+    The equations are linearised about rest at a posture, x' = J x. A step h multiplies the part
+    of x that belongs to an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
+    the eigenvalue, and no R may be larger than 1 in size (Hairer & Wanner, Solving Ordinary
+    Differential TreeEquations II, section IV.2). Smoothed Coulomb friction decides most often: the
+    slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
+
+    Parameters
+    ----------
+    robot : Robot
+        At its parameters of now; a robot of chosen speeds or constraints by its friction alone.
+    q : (n_q,) array
+        The posture, rad or m.
+
+    Raises
+    ------
+    InputError
+        As `Robot.forward_dynamics`.
+
+    """
+    if not _pulled_back(robot.model, robot.friction):
+        return LongestStep(math.inf)
+    q, n = np.asarray(q, dtype=np.float64), robot.n
+    rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
+    J = np.array([robot.forward_dynamics(q, v, rest) - robot.forward_dynamics(q, -v, rest)
+                  for v in turned]).T / (2.0 * DIFFERENCE)
+    if robot.speed_names == robot.coordinate_names:
+        by_q = np.array([robot.forward_dynamics(q + d, rest, rest)
+                         - robot.forward_dynamics(q - d, rest, rest)
+                         for d in turned]).T / (2.0 * DIFFERENCE)
+        J = np.block([[np.zeros((n, n)), np.eye(n)], [by_q, J]])
+    values, vectors = np.linalg.eig(J)
+    # What grows by itself, such as an arm that stands on its head, may go on doing so.
+    angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
+    with np.errstate(divide='ignore'):
+        steps = np.interp(angles, ANGLES, _radii()) / np.abs(values)
+    worst = int(np.argmin(steps))
+    place = int(np.argmax(np.abs(vectors[-n:, worst])))
+    return LongestStep(float(steps[worst]), robot.speed_names[place])
+
+
+def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4') -> str | None:
+    """Return what to say of a step, s, that is too long for a robot at a posture, else None."""
+    if integrator != 'rk4':
+        return None
+    longest, name = longest_step(robot, q)
+    if step <= longest:
+        return None
+    remedy = ("Take the integrator 'implicit', or shorten the step"
+              if isinstance(robot.equations, TreeEquations) else
+              'Shorten the step, or give the joint the inertia of its rotor (armature) or a '
+              'higher friction_speed')
+    return (f"a step of {step:g} s is too long for '{name}': near rest its friction, springs "
+            f'or bending take one of at most {longest:.2g} s. With a longer one it trembles or '
+            f'creeps where it should stand. {remedy}')
+
+
+def _pulled_back(model: Model, friction: bool) -> bool:
+    """Tell whether anything may set a step: gravity by itself is slow."""
+    return any(body.beam is not None or body.joint.stiffness
+               or (friction and (body.joint.damping or body.joint.friction))
+               for body in model.bodies)
+
+
+@cache
+def _radii() -> Array:
+    """Return how far from 0 the region |R(z)| <= 1 reaches at each of `ANGLES`."""
+    low, high = np.zeros(len(ANGLES)), np.full(len(ANGLES), 4.0)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        z = middle * np.exp(1j * ANGLES)
+        inside = np.abs(1.0 + z * (1.0 + z * (1.0 + z * (1.0 + z / 4.0) / 3.0) / 2.0)) <= 1.0
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return low

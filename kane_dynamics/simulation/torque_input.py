@@ -1,0 +1,146 @@
+"""Where a simulation's torques come from, as the native step reads them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics.control.controller import ComputedTorque
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
+from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.step_kernels import step_kernel
+import numpy as np
+
+
+@dataclass(frozen=True)
+class TorqueInput:
+    """A native step and where its inputs come from; `torque_input` makes one."""
+
+    robot: Robot
+    kernel: Kernel
+    step: float
+    constants: Array  # gains and step, then the robot's parameters
+    torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques; one serves all
+
+    def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
+        """
+        Fill in the states after each step, without the GIL.
+
+        Parameters
+        ----------
+        buffer : (N, K + 1, size) array
+            The N states after `done` steps, then room for K more of each.
+        done : int
+            Steps before these.
+        single : bool
+            Use the kernel for one state; N is 1.
+
+        Returns
+        -------
+        (N, size) arrays, or None where `single`
+            Least and largest of each entry of the K states.
+
+        """
+        steps = buffer.shape[1] - 1
+        inputs, lane, stride = self._inputs(done, steps)
+        rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
+                Strided(inputs.ctypes.data, lane, stride), Strided(self.constants.ctypes.data),
+                Strided(buffer[:, 1:].ctypes.data, *buffer.strides[:2])]
+        if single:
+            repeat(self.kernel.address, [row.address for row in rows],
+                   [row.step for row in rows], steps)
+            return None
+        extremes = np.full_like(buffer[:, 0], np.inf), np.full_like(buffer[:, 0], -np.inf)
+        run_batch(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=extremes)
+        return extremes
+
+    def _inputs(self, done: int, count: int) -> tuple[Array, int, int]:
+        """Return the inputs of `count` steps from `done` on; bytes between states and steps."""
+        if isinstance(self.torque, ComputedTorque):
+            halves: Array = np.arange(2 * done, 2 * (done + count) + 1) * np.float64(
+                0.5 * self.step)
+            rows = np.concatenate(self.torque.motion.sample(halves), axis=1)
+            return rows, 0, 2 * rows.strides[0]
+        states, steps = (length > 1 for length in self.torque.shape[:2])
+        table = self.torque[:, done:] if steps else self.torque
+        return table, table.strides[0] * states, table.strides[1] * steps
+
+    def torques(self, kept: Array, q: Array, u: Array) -> Array:
+        """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""
+        torque = self.torque
+        if not isinstance(torque, ComputedTorque):
+            rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
+            return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
+        t, end = kept * np.float64(self.step), torque.motion.duration
+        if abs(t[-1] - end) <= 1e-6 * self.step:
+            t[-1] = np.nextafter(end, -np.inf)  # what acted until the end, not the rest after it
+        q_d, u_d, udot_d = torque.motion.sample(t)
+        wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
+        rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]
+        tau: Array = self.robot.inverse_dynamics(*rigid) - self.robot.friction_force(rigid[1])
+        return tau.reshape(q.shape) + self.robot.friction_force(u_d)
+
+
+def torque_input(robot: Robot, step: float, count: int, torque: Any,
+                  states: int | None, integrator: str) -> TorqueInput:
+    """
+    Compile the step for a torque source and lay out its inputs.
+
+    Parameters
+    ----------
+    robot : Robot
+        Which is simulated.
+    step : float
+        s.
+    count : int
+        Steps that must have their torque.
+    torque : None, array_like or ComputedTorque
+        As `simulate` takes it.
+    states : int or None
+        Number of simulations; None for a single one.
+    integrator : str
+        One of `stepping.INTEGRATORS`.
+
+    Raises
+    ------
+    InputError
+        Names what is wrong with the torque or the integrator.
+
+    """
+    block = robot.parameters.block
+    if isinstance(torque, ComputedTorque):
+        if torque.motion.joint_names != robot.joint_names:
+            raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
+                             f'expected {list(robot.joint_names)}')
+        if torque.robot is not None and not torque.robot.equals(robot):
+            raise InputError('torque: computed torque of another robot (model, options, gravity '
+                             'or payload) than the simulated one; expected the same, or a '
+                             'function that returns the torques of the other')
+        return TorqueInput(robot, step_kernel(robot, True, integrator), step,
+                            np.concatenate([torque.kp, torque.kd, [step], block]), torque)
+    return TorqueInput(robot, step_kernel(robot, False, integrator), step,
+                        np.concatenate([[step], block]), _table(robot, torque, count, states))
+
+
+def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
+    """Return a torque given as None, (n,), (K, n) or (N, K, n), with three axes."""
+    n = robot.n
+    if torque is None:
+        return np.zeros((1, 1, n))
+    if states is not None and np.ndim(torque) == 3:
+        rows = np.shape(torque)[1]
+        table = checked(Argument('torque', (rows, n), robot.coordinate_names), torque)
+        if len(table) != states:
+            raise InputError(f'torque has shape {table.shape}; expected a table for each of the '
+                             f'{states} states, or one (K, {n}) for all')
+    else:
+        table = checked(Argument('torque', (n,), robot.coordinate_names), torque)
+        if table.ndim == 1:
+            return table[None, None].copy()
+        table = table[None]
+    if table.shape[1] < count:
+        raise InputError(f'torque has {table.shape[1]} rows; expected at least {count}, one a '
+                         'step')
+    return table

@@ -1,0 +1,252 @@
+"""`Trajectory`: what a simulation returns."""
+
+from collections.abc import Callable, Sequence
+import csv
+from dataclasses import dataclass, field, replace
+from functools import partial
+import os
+from typing import Any, NamedTuple
+import zipfile
+import zlib
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Array, freeze, short
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+Path = str | os.PathLike[str]
+ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_gap')
+NAMES = ('joint_names', 'speed_names', 'constraint_names')
+
+
+def increasing(t: ArrayLike, count: int, what: str) -> Array:
+    """
+    Return the times of rows, (count,), s.
+
+    Raises
+    ------
+    InputError
+        They are not so many, not finite, or do not increase from row to row: says which.
+
+    """
+    times = np.asarray(t, dtype=np.float64)
+    if times.shape != (count,):
+        raise InputError(f'{what} has shape {times.shape}; expected ({count},), one time a row')
+    finite = np.isfinite(times)
+    if not finite.all():
+        k = int(np.argmin(finite))
+        raise InputError(f'{what} is {times[k]} in row {k + 1}; expected a finite time, s')
+    rises = np.diff(times) > 0.0
+    if not rises.all():
+        k = int(np.argmin(rises)) + 1
+        raise InputError(f'{what} is {times[k]} in row {k + 1}, after {times[k - 1]}; it must '
+                         'increase from row to row')
+    return times
+
+
+class LimitEvent(NamedTuple):
+    """A joint's first crossing of one of its limits since it last kept it."""
+
+    t: float
+    joint: str
+    limit: str  # 'lower', 'upper' or 'velocity'
+    value: float
+    bound: float
+    state: int | None = None  # which of many simulations
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        what = 'speed' if self.limit == 'velocity' else 'position'
+        which = '' if self.state is None else f'simulation {self.state}: '
+        return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: "
+                f'{what} {self.value:.4g}, limit {self.bound:.4g}')
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """
+    A simulated motion, sampled; or N motions of one robot, sampled at the same times.
+
+    Attributes
+    ----------
+    t : (K,) array
+        s.
+    q, u, udot : (K, n) or (N, K, n) arrays
+        rad or m, and s.
+    tau : (K, n) or (N, K, n) array
+        Torques of the actuators, N m or N; where speeds are chosen, dual to them.
+    energy : (K, 2) or (N, K, 2) array
+        Kinetic and potential energy, J.
+    joint_names : tuple of str
+    limit_events : sequence of LimitEvent
+        Found at every step, not only at the samples. The simulation goes on past a limit: a stop
+        would be a contact, which is not modelled. Limits of speed are those of joints whose rates
+        are the speeds.
+    speed_names, constraint_names : tuple of str
+        Of the entries of u, udot and tau, and of the rows of the constraints.
+    constraint_forces, constraint_gap : (K, m) or (N, K, m) arrays
+        What the constraints exert, N or N m, and by how much their conditions on positions are
+        missed, m or rad; as `Robot.constraint_forces` and `Robot.constraint_gap`.
+
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+    tau: Array
+    energy: Array
+    joint_names: tuple[str, ...]
+    limit_events: Sequence[LimitEvent] = ()
+    speed_names: tuple[str, ...] = ()
+    constraint_names: tuple[str, ...] = ()
+    constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
+    constraint_gap: Array = field(default_factory=partial(np.zeros, 0))
+
+    def __post_init__(self) -> None:
+        """Fill in what follows from the rest."""
+        if not self.speed_names:
+            freeze(self, 'speed_names', self.joint_names)
+        if not self.constraint_names:
+            for name in ('constraint_forces', 'constraint_gap'):
+                freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        many = f'{len(self.q)} motions, ' if self.q.ndim == 3 else ''
+        span = f'{self.t[0]:g} to {self.t[-1]:g} s' if len(self.t) else 'empty'
+        return (f'<Trajectory: {many}{len(self.t)} samples, {span}, of '
+                f'{short(self.joint_names)}>')
+
+    @classmethod
+    def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':
+        """
+        Return a motion that was not simulated, with the torques that it takes and its energies.
+
+        Parameters
+        ----------
+        robot : Robot
+            Without constraints.
+        t : (K,) array
+            s; increases from row to row.
+        q, u, udot : (K, n) arrays
+            rad or m, and s.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+
+        """
+        if robot.constraint_names:
+            raise InputError('the robot has constraints; the motion of such a one is simulated')
+        q = np.asarray(q)
+        if q.ndim != 2:
+            raise InputError(f'q has shape {q.shape}; expected ({robot.n_q},) a row')
+        t = increasing(t, len(q), 't')
+        tau = robot.inverse_dynamics(q, u, udot, t=t)
+        energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
+        return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names)
+
+    @property
+    def drift(self) -> float:
+        """Return the largest gap of all, m or rad: how well the constraints were held."""
+        return float(np.abs(self.constraint_gap).max(initial=0.0))
+
+    def state(self, k: int) -> 'Trajectory':
+        """Return the motion from the k-th initial state, of N; InputError if there is none."""
+        if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
+            count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
+            raise InputError(f'state is {k}; the trajectory holds {count}')
+        events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
+        rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
+        return replace(self, **rows, limit_events=tuple(events))
+
+    def save_npz(self, path: Path) -> None:
+        """Write all arrays and the joint names to a compressed npz file."""
+        events = [(e.t, e.joint, e.limit, e.value, e.bound, '' if e.state is None else e.state)
+                  for e in self.limit_events]
+        arrays: dict[str, Any] = {
+            **{name: getattr(self, name) for name in ARRAYS},
+            **{name: np.array(getattr(self, name), dtype=str) for name in NAMES}}
+        np.savez_compressed(path, limit_events=np.array(events, dtype=str).reshape(-1, 6),
+                            **arrays)
+
+    @classmethod
+    def load_npz(cls, path: Path) -> 'Trajectory':
+        """Read what `save_npz` wrote; InputError if it is something else."""
+        file = npz_arrays(path)
+        try:
+            events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
+                                      int(state) if state else None)
+                           for t, joint, limit, v, b, state in file['limit_events'])
+            content: dict[str, Any] = {
+                **{name: file[name] for name in ARRAYS},
+                **{name: tuple(map(str, file[name])) for name in NAMES}}
+            return cls(**content, limit_events=events)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
+
+    def save_csv(self, path: Path) -> None:
+        """
+        Write one row a sample; the header names quantity and joint, as ``q.elbow``.
+
+        Only a single motion has such rows: of many, save ``trajectory.state(k)``.
+        """
+        self._require_single('save_csv')
+        with open(path, 'w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file)
+            writer.writerow(self._columns())
+            table = np.column_stack([getattr(self, name) for name in ARRAYS])
+            writer.writerows([repr(x) for x in row] for row in table.tolist())
+
+    def plot(self, path: Path | None = None) -> Any:
+        """Draw a single motion's positions, speeds, torques and energy; needs matplotlib."""
+        self._require_single('plot')
+        from kane_dynamics.plot import plot_trajectory
+        return plot_trajectory(self, path)
+
+    def require(self, robot: Robot, what: str) -> None:
+        """Raise InputError unless this is one motion, and of that robot; `what` asks for it."""
+        self._require_single(what)
+        names = (robot.joint_names, robot.speed_names)
+        if (self.joint_names, self.speed_names) != names:
+            raise InputError(f'the trajectory is of the joints {list(self.joint_names)} and '
+                             f'speeds {list(self.speed_names)}; {what} expects {list(names[0])} '
+                             f'and {list(names[1])}')
+
+    def _require_single(self, what: str) -> None:
+        if self.q.ndim == 3:
+            raise InputError(f'{what} takes a single motion; this trajectory holds '
+                             f'{len(self.q)}: choose one with state(k)')
+
+    def _columns(self) -> list[str]:
+        of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')
+                     for speed in self.speed_names]
+        of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_gap')
+                          for row in self.constraint_names]
+        return ['t', *(f'q.{joint}' for joint in self.joint_names), *of_speeds, 'kinetic_energy',
+                'potential_energy', *of_constraints]
+
+
+def npz_arrays(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, Any]:
+    """
+    Return the arrays of an npz file whose names are wanted, by name.
+
+    Raises
+    ------
+    InputError
+        It is no npz file, or a damaged one.
+    OSError
+        It cannot be read.
+
+    """
+    try:
+        with open(path, 'rb') as stream:  # NumPy leaves that of a damaged file open
+            file = np.load(stream, allow_pickle=False)
+            if isinstance(file, np.ndarray):
+                raise ValueError('a single array')
+            return {name: file[name] for name in file.files if wanted(name)}
+    except (EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f'{os.fspath(path)}: {error}; expected an npz file') from None
