@@ -106,7 +106,7 @@ bench: install $(VENV)/.bench
 	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 
 picture: install
-	PYTHONPATH='$(CURDIR):$(CURDIR)/test/e2e' $(BIN)/python docs/view.py docs/view.png
+	PYTHONPATH='$(CURDIR):$(CURDIR)/test/helpers' $(BIN)/python docs/view.py docs/view.png
 
 kernel-sizes: install
 	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py
@@ -144,7 +144,7 @@ COLCON_ENV = VIRTUAL_ENV='$(CURDIR)/$(COLCON_VENV)' PATH="$(CURDIR)/$(COLCON_VEN
   $(ROS_ISOLATION) \
   COLCON_DEFAULTS_FILE='$(CURDIR)/colcon_defaults.yaml' COLCON_LOG_PATH=$(COLCON_BASE)/log
 COLCON_FOLDERS = --build-base $(COLCON_BASE)/build --install-base $(COLCON_BASE)/install
-COLCON_TESTS ?= test/unit/test_resources.py test/unit/test_launch.py test/e2e
+COLCON_TESTS ?= test/unit/_util/test_resources.py test/unit/ros/test_launch.py test/e2e
 
 # The Python package is built anew, since colcon leaves deleted modules where they were. The results
 # are looked for by name: a package without any would pass.

@@ -14,7 +14,7 @@ import warnings
 
 from kane_dynamics import load_urdf, ModelError, Robot
 from kane_dynamics.native.backends.llvm_scalar import module_text
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.kernel import SYMBOL
 from kane_dynamics.robot.quantities import QUANTITIES
 
@@ -25,7 +25,7 @@ COLUMNS = ('multiplications', 'additions', 'divisions', 'functions', 'bytes')
 
 def llvm_version() -> str:
     """Return the version of LLVM in use."""
-    return llvm_assembler.fingerprint().rpartition('|')[2]
+    return llvm.fingerprint().rpartition('|')[2]
 
 
 def measured(path: Path) -> dict[str, list[int]]:
@@ -41,7 +41,7 @@ def measured(path: Path) -> dict[str, list[int]]:
             continue  # no forward dynamics with massless joints
         count = program.operation_count()
         sizes[name] = [*(getattr(count, column) for column in COLUMNS[:-1]),
-                       llvm_assembler.code_size(module_text(program, SYMBOL))]
+                       llvm.code_size(module_text(program, SYMBOL))]
     return sizes
 
 
@@ -58,7 +58,7 @@ def recorded() -> dict[str, Any]:
 
 def text(sizes: dict[str, dict[str, list[int]]]) -> str:
     """Return the file's text, one line a kernel: a change shows as one line."""
-    lines = ['{', f' "columns": {json.dumps(COLUMNS)},', f' "cpu": "{llvm_assembler.REFERENCE_CPU}",',
+    lines = ['{', f' "columns": {json.dumps(COLUMNS)},', f' "cpu": "{llvm.REFERENCE_CPU}",',
              f' "llvm": "{llvm_version()}",', ' "sizes": {']
     for robot, kernels in sizes.items():
         lines.append(f'  "{robot}": {{')

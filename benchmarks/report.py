@@ -22,7 +22,7 @@ import sys
 from typing import Any
 
 from kane_dynamics._util.resources import package_version, resource_path
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 
 FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
 PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop', 'sweep')
@@ -47,7 +47,7 @@ class Gate:
 
 def gates() -> list[Gate]:
     """Return what must hold on this processor."""
-    wide = llvm_assembler.features().get('avx512f', False)
+    wide = llvm.features().get('avx512f', False)
     loop = 'native loop: '
     return [
         Gate('inverse dynamics (rnea)', PYTHON, 6.0, 10.0),
@@ -128,8 +128,8 @@ def machine() -> dict[str, Any]:
         except metadata.PackageNotFoundError:
             versions[package] = 'not installed'
     return {'processor': names[0] if names else platform.processor(), 'cores': os.cpu_count(),
-            'system': platform.platform(), 'target': llvm_assembler.fingerprint().split('|')[1],
-            'LLVM': llvm_assembler.fingerprint().split('|')[-1], 'Python': platform.python_version(),
+            'system': platform.platform(), 'target': llvm.fingerprint().split('|')[1],
+            'LLVM': llvm.fingerprint().split('|')[-1], 'Python': platform.python_version(),
             'g++': compiler.stdout.strip() if compiler else 'not installed',
             'kane_dynamics': package_version(), 'load': os.getloadavg()[0], **versions}
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import sys
 import time
 
-from browser import browser  # of test/e2e
+from browser import browser  # of test/helpers
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.simulation.trajectory import Trajectory

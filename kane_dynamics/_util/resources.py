@@ -26,7 +26,7 @@ def resource_path(folder: str, name: str) -> Path:
         There is no such file; the message lists those that there are.
 
     """
-    checkout = Path(__file__).resolve().parent.parent
+    checkout = Path(__file__).resolve().parents[2]
     prefixes = [sys.prefix, *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':'))]
     places = [checkout / folder] if (checkout / 'package.xml').exists() else []
     places += [Path(prefix) / 'share' / 'kane_dynamics' / folder for prefix in prefixes]
@@ -39,7 +39,7 @@ def resource_path(folder: str, name: str) -> Path:
 
 def package_version() -> str:
     """Return this package's version: of the checkout where it runs in one, else as installed."""
-    described = Path(__file__).resolve().parent.parent / 'package.xml'
+    described = Path(__file__).resolve().parents[2] / 'package.xml'
     if described.exists():
         return ElementTree.parse(described).findtext('version', '')
     return metadata.version('kane_dynamics')

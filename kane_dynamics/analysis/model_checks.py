@@ -4,8 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf.notices import NO_INERTIAL
 import numpy as np

@@ -2,8 +2,8 @@
 
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 

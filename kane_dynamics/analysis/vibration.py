@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
 from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.model.model import Array
 from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -79,6 +79,6 @@ def stiffness_matrix(robot: Robot, q: Array) -> Array:
     rows = []
     for unit in np.eye(n):
         value = energies.potential_energy(model, seeded(q, unit, 0, n),
-                                        gravity=robot.parameters.gravity)
+                                          gravity=robot.parameters.gravity)
         rows.append(lifted(value, n).gradient_rate)
     return np.array(rows)

@@ -9,8 +9,9 @@ import sys
 from typing import Any
 import warnings
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelWarning, UnusedWarning
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.configuration_methods import suspected_degrees
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf

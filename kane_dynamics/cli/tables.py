@@ -16,13 +16,14 @@ import os
 from pathlib import Path
 from typing import Any, TextIO
 
+from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.typing import Array
+from kane_dynamics._util.yaml_io import mapping, read_yaml, SHORT
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.trajectory import increasing, Trajectory
-from kane_dynamics.urdf.supplement import mapping, read_yaml, SHORT
+from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
 QUANTITIES = ('q', 'u', 'udot', 'tau')

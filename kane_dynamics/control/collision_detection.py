@@ -3,9 +3,9 @@
 from typing import NamedTuple
 import warnings
 
-from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.model.model import Array
 import numpy as np
 from numpy.typing import ArrayLike
 

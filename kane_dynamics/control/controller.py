@@ -12,10 +12,13 @@ import math
 from typing import Any
 import warnings
 
+from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.torque_limiter import Command, measured, per_joint, TorqueLimiter
+from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, freeze
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -209,7 +212,7 @@ class Controller:
     @cached_property
     def _law(self) -> Callable[..., Array]:
         """Return the way into computed torque with all terms."""
-        kernel = self.robot.kernels.computed_torque()
+        kernel = law_kernel(self.robot)
         return kernel.entry('', kernel)
 
     def compile(self) -> None:  # noqa: A003
@@ -271,9 +274,9 @@ class Controller:
         t = float(t)
         if not math.isfinite(t):
             raise InputError(f't is {t}; expected a finite time in s')
-        q = measured(q, 'position', self._names)
+        q = finite_row(q, 'the measured position', self._names)
         if u is not None:
-            u = measured(u, 'speed', self._names)
+            u = finite_row(u, 'the measured speed', self._names)
         elif self.mode is not Mode.GRAVITY_COMPENSATION:
             raise InputError(f'the state has no speeds, which {self.mode} needs')
         if motion is not None and motion is not self._motion:
@@ -281,8 +284,8 @@ class Controller:
                 raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
-        external = None if external is None else measured(
-            external, 'external torque', self._names)
+        external = None if external is None else finite_row(
+            external, 'the measured external torque', self._names)
         return self.command_checked(t, q, q if u is None else u, motion,
                                     t if motion_time is None else motion_time, external)
 
@@ -325,7 +328,8 @@ class Controller:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
         with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
-            correction = self.kd * (u_d - u) + self.kp * (q_d - q)
-        udot = udot_d + correction if self.compensate.inertia else correction
+            udot = corrected_acceleration(
+                q, u, q_d, u_d, udot_d if self.compensate.inertia else self._zero, self.kp,
+                self.kd)
         tau: Array = self._back @ self._source.torque_terms(q, u, udot)
         return tau + self.robot.friction_force(u_d) if self.compensate.friction else tau

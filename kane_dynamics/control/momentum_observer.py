@@ -9,10 +9,10 @@ R. Mattone, "Sensorless robot collision detection and hybrid force/motion contro
 
 import math
 
-from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike

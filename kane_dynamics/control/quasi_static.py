@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

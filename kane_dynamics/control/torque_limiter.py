@@ -4,10 +4,10 @@ from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Flags = NDArray[np.bool_]
 FINITE = float(np.finfo(np.float64).max)
@@ -113,48 +113,3 @@ class TorqueLimiter:
         """Return zeros, past every limit, and start anew with the next stamp."""
         self._last, self._stamp = self._zero.tolist(), None
         return Command(self._zero.copy(), self._none, self._none, False)
-
-
-def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
-              finite: bool = True) -> Array:
-    """
-    Return one number, or one a joint, as a read-only (n,) array of numbers >= 0.
-
-    Raises
-    ------
-    InputError
-        Names `what`, the joint, the value and what is valid.
-
-    """
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f'{what} is {value!r}; expected one number, or one a joint') from None
-    if array.shape not in ((), (len(names),)):
-        raise InputError(f'{what} is {value!r}; expected one number, or {len(names)} '
-                         f'({", ".join(names)})')
-    array = np.broadcast_to(array, len(names)).copy()
-    for name, number in zip(names, array.tolist(), strict=True):
-        if not number >= 0.0 or (finite and math.isinf(number)):
-            raise InputError(f"{what} of joint '{name}' is {number}; expected a "
-                             f'{"finite " if finite else ""}number >= 0')
-    array.flags.writeable = False
-    return array
-
-
-def measured(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
-    """Return (n,) finite numbers that were measured; InputError names `what` and the joint."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f'the measured {what} is {values!r}; expected {len(names)} '
-                         f'numbers ({", ".join(names)})') from None
-    if array.shape != (len(names),):
-        raise InputError(f'the measured {what} has shape {array.shape}; expected '
-                         f'{(len(names),)} ({", ".join(names)})')
-    if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
-        for name, value in zip(names, array.tolist(), strict=True):
-            if not math.isfinite(value):
-                raise InputError(f"the measured {what} of joint '{name}' is {value}; "
-                                 'expected a finite number')
-    return array

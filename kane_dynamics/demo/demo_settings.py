@@ -3,7 +3,7 @@
 import math
 
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.motion.motion import Motion
 import numpy as np
 

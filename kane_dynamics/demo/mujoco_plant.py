@@ -12,8 +12,8 @@ import sys
 import time
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import GAINS, HOME, JOINTS, NODE, PLANT, RATE
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 import mujoco
 import numpy as np

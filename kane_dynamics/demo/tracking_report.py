@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DURATION, JOINTS, URDF
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.plot import plot_tracking
 from kane_dynamics.robot.robot import Robot

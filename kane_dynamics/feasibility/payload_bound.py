@@ -4,12 +4,13 @@ from copy import copy
 from dataclasses import dataclass, replace
 import math
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
 from kane_dynamics.model.builder_checks import check_moments
-from kane_dynamics.model.inertial import constant, Inertial
-from kane_dynamics.model.model import Array
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np

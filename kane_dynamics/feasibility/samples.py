@@ -2,9 +2,9 @@
 
 import math
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -19,11 +19,11 @@ feasible: an arm that cannot hold a posture may swing through it.
 from dataclasses import dataclass
 import math
 
-from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand_at, torque_of
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
-from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import in_doubt, NONE, ROUNDING, ROUNDS, sampled, STEP
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, FRICTION, full_regressor,
@@ -10,7 +11,7 @@ from kane_dynamics.identification.regression import (compressed, FRICTION, full_
                                                      UNBOUNDED, weights, without_losses)
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 import numpy as np
 from numpy.typing import NDArray
 
@@ -132,7 +133,8 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
     return ' '.join(parts)
 
 
-def fit_base(data: RegressionRows, model: Model, speeds: Array, *, weighted: bool = True) -> BaseFit:
+def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
+             weighted: bool = True) -> BaseFit:
     """
     Return base parameters by least squares.
 

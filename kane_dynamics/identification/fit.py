@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
@@ -13,7 +14,7 @@ from kane_dynamics.identification.regression import (compressed, fit_friction, F
                                                      RegressionRows, rows, settled_speeds, stacked,
                                                      STANDSTILL, triangle, UNBOUNDED, weights)
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
-from kane_dynamics.model.model import Array, Inertial, Model
+from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -112,7 +113,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     weight : float, optional
         Of the prior; chosen by leaving stretches of the first half out if not given.
     standstill : float
-        RegressionRows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
+        Rows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
         in the errors reported all rows count.
     progress : callable
         Called with the share of the work that is done.

@@ -11,11 +11,12 @@ that holds at the minimum without it, least squares with bounds on friction are 
 
 from collections.abc import Sequence
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.regression import LOWEST, triangle
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
-from kane_dynamics.model.model import Array, Inertial
+from kane_dynamics.model.model import Inertial
 import numpy as np
 
 SMALLEST = 1e-4  # eigenvalue of 1 + Z: no body comes nearer to impossible than that

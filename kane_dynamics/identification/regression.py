@@ -15,10 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.solvers import scientific
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +64,7 @@ class RegressionRows:
         middle = len(self.recording) // 2
         chosen = slice(middle, None) if second else slice(0, middle)
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
-                    self.Y[chosen], self.moving[chosen])
+                              self.Y[chosen], self.moving[chosen])
 
 
 def without_losses(model: Model) -> Model:
@@ -84,13 +86,13 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
     Y = robot.regressor(*state)
     rigid = Y @ robot.inertial_parameters
     return RegressionRows(recording, rigid, robot.inverse_dynamics(*state) - rigid, Y,
-                np.abs(recording.u) > standstill)
+                          np.abs(recording.u) > standstill)
 
 
 def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
     """Return what unit damping, friction, armature and offset ask of a joint, (N, 4)."""
     u = recording.u[:, joint]
-    return np.column_stack([u, np.tanh(u / speed), recording.udot[:, joint], np.ones(len(u))])
+    return np.column_stack([u, coulomb(u, speed), recording.udot[:, joint], np.ones(len(u))])
 
 
 def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array = LOWEST
@@ -181,7 +183,8 @@ def full_regressor(data: RegressionRows, speeds: Array) -> Array:
     return X
 
 
-def compressed(data: RegressionRows, speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
+def compressed(data: RegressionRows,
+               speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
     """
     Return per-joint equations R x = z with the normal equations of all rows that count.
 
@@ -192,7 +195,7 @@ def compressed(data: RegressionRows, speeds: Array) -> tuple[list[tuple[Array, A
     floor : (n,) array
         The sum of squares that no x can take away.
     counts : (n,) array
-        RegressionRows in each.
+        Rows in each.
 
     """
     X = full_regressor(data, speeds)

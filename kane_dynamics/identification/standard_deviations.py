@@ -12,9 +12,10 @@ distance found; where the one used is larger, d counts for as much more:
     covariance = P (A^T A + w max(1, w distance / told) G) P.
 """
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.identification.base_regressor import base_deviations, base_parameters
 from kane_dynamics.identification.physical_consistency import prior_metric, prior_parameters
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 import numpy as np
 
 

@@ -9,10 +9,10 @@ coordinates are an active set: what is at a limit and would go beyond it stands 
 
 from typing import NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike

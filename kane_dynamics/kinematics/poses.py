@@ -8,8 +8,8 @@ Source: K. M. Lynch, F. C. Park, "Modern Robotics", 2017, sections 3.2 and 3.3.
 
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 import numpy as np
 from numpy.typing import ArrayLike
 

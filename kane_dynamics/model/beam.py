@@ -15,7 +15,7 @@ bends counts in what hangs on a section; in the section's own rotary inertia it 
 
 from dataclasses import dataclass
 
-from kane_dynamics.model.inertial import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 

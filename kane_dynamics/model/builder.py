@@ -3,13 +3,15 @@
 from dataclasses import replace
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.builder_checks import (check_moments, check_properties, checked_turns,
                                                 direction, further, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
-from kane_dynamics.model.model import Body, constant, Frame, GRAVITY, Inertial, Joint, Model, WORLD
-from kane_dynamics.urdf.assembly import Place
-from kane_dynamics.urdf.tree import expanded, listing, UrdfJoint
+from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
+from kane_dynamics.model.model import Body, Frame, GRAVITY, Inertial, Joint, Model, WORLD
+from kane_dynamics.model.placement import Placement
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -48,7 +50,7 @@ class ModelBuilder:
         self.gravity = constant(gravity, (3,), 'gravity')
         self._bodies: list[Body] = []
         self._coordinates: list[str] = []
-        self._places = {'world': Place(WORLD)}
+        self._places = {'world': Placement(WORLD)}
         self._base = NOTHING
         self._shapes: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
 
@@ -98,8 +100,8 @@ class ModelBuilder:
                              'move is a frame')
         turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
         R, p = pose(at, rpy, what)
-        singles = expanded(UrdfJoint(joint, kind, on, name, R, p, direction(axis, what),
-                                     turns=turns), 0)
+        singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
+                                           turns=turns), 0)
         if properties and len(singles) > 1:
             names = ', '.join(single.name for single in singles)
             raise ModelError(f"{what} has {len(singles)} freedoms: give {', '.join(properties)} "
@@ -117,7 +119,7 @@ class ModelBuilder:
                 single.axis, place.rotation, place.translation, len(self._coordinates),
                 **properties)))
             self._coordinates.append(single.name)
-            place = Place(len(self._bodies) - 1)
+            place = Placement(len(self._bodies) - 1)
         self._places[name] = place
         self.load(name, matter)
 
@@ -180,7 +182,7 @@ class ModelBuilder:
                 self._bodies.append(Body(f'{name}/{part}', place.body, Joint(
                     f'{name}/{part}', moves, axis, place.rotation, place.translation,
                     coordinates[0], deflection=deflection)))
-                place = Place(len(self._bodies) - 1)
+                place = Placement(len(self._bodies) - 1)
         self._places[name] = place
 
     def joint(self, name: str, **properties: Any) -> None:
@@ -271,7 +273,7 @@ class ModelBuilder:
         self._coordinates += [prefix + name for name in model.coordinate_names]
         self._places[prefix + model.base_name] = base
         for frame in model.frames:
-            start = base if frame.body == WORLD else Place(first + frame.body)
+            start = base if frame.body == WORLD else Placement(first + frame.body)
             self._places[prefix + frame.name] = start.frame(frame.rotation, frame.translation)
         self.load(prefix + model.base_name, model.base_inertial)
 
@@ -284,7 +286,7 @@ class ModelBuilder:
         return Model(self.name, tuple(self._bodies), tuple(self._coordinates), tuple(frames),
                      self.gravity, 'world', self._base)
 
-    def _place(self, on: str, what: str) -> Place:
+    def _place(self, on: str, what: str) -> Placement:
         if on not in self._places:
             raise ModelError(f"{what}: no body or frame '{on}'; valid: {listing(self._places)}")
         return self._places[on]

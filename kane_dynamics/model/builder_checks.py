@@ -4,10 +4,11 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
-from kane_dynamics.mechanics.algebra.vector import axis_rotation
-from kane_dynamics.model.model import Array, constant, Inertial
-from kane_dynamics.urdf.tree import snapped
+from kane_dynamics.model.inertial import Inertial, principal_moments
+from kane_dynamics.model.placement import rotation_about, snapped
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -39,13 +40,11 @@ def check_properties(joint: str, properties: dict[str, Any]) -> None:
 
 
 def check_moments(on: str, matter: Inertial) -> None:
-    """Raise ModelError for moments of inertia that no matter has."""
-    low, middle, high = np.linalg.eigvalsh(matter.inertia).tolist()
-    noise = 1e-9 * max(abs(low), abs(high))
-    if low < -noise or high > low + middle + noise:
-        raise ModelError(f"'{on}': principal moments of inertia are {low:g}, {middle:g}, "
-                         f'{high:g} kg m^2; none may be negative, nor larger than the sum of '
-                         'the others')
+    """Raise ModelError for moments of inertia that no rigid body can have."""
+    found = principal_moments(matter.inertia)
+    if not found.possible:
+        raise ModelError(f"'{on}': principal moments of inertia are {found}; none may be "
+                         'negative, nor larger than the sum of the others')
 
 
 def direction(axis: ArrayLike, what: str) -> Array:
@@ -60,5 +59,5 @@ def pose(at: ArrayLike, rpy: ArrayLike, what: str) -> tuple[Array, Array]:
     """Return the rotation and translation of a place given as URDF gives it."""
     R: Array = np.eye(3)
     for axis, angle in zip(np.eye(3), constant(rpy, (3,), f'{what}: rpy')):
-        R = axis_rotation(axis, np.sin(angle), np.cos(angle)) @ R
+        R = rotation_about(axis, float(angle)) @ R
     return snapped(R), constant(at, (3,), f'{what}: at')

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import math
 from typing import Any, Literal
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.beam import Beam, Deflection
-from kane_dynamics.model.inertial import Array, constant, Inertial
+from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.mode_shapes import Bending, gauss, Shapes, Torsion
 import numpy as np
 

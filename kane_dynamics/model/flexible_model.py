@@ -4,9 +4,10 @@ from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
-from kane_dynamics.model.model import Array, Body, Frame, Inertial, Joint, Model, WORLD
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 
 ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it

@@ -1,30 +1,14 @@
 """Mass, mass centre and inertia of a body, and the checks that all constants pass."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-Array = NDArray[np.float64]
-
-
-def constant(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """Return `value` as a finite, read-only float array of `shape`, or raise ModelError."""
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ModelError(f'{what} is {value!r}; expected {shape} finite numbers') from None
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ModelError(f'{what} is {value!r}; expected finite numbers of shape {shape}')
-    array.flags.writeable = False
-    return array
-
-
-def freeze(record: Any, name: str, value: Any) -> None:
-    """Set a field of a frozen dataclass while it is being made."""
-    object.__setattr__(record, name, value)
+from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +87,56 @@ class Inertial:
             d = part.com - com
             inertia = inertia + part.inertia + part.mass * (d @ d * np.eye(3) - np.outer(d, d))
         return Inertial(mass, com, inertia)
+
+
+class PrincipalMoments(NamedTuple):
+    """
+    Principal moments of an inertia tensor, and whether a body can have them.
+
+    Attributes
+    ----------
+    moments : tuple of float
+        In ascending order, kg m^2.
+    indefinite : bool
+        The smallest is negative, beyond rounding.
+    singular : bool
+        The smallest is zero: a point mass or a thin rod, which is legal.
+    triangle : bool
+        The largest exceeds the sum of the other two, which no distribution of mass has.
+
+    """
+
+    moments: tuple[float, float, float]
+    indefinite: bool
+    singular: bool
+    triangle: bool
+
+    @property
+    def possible(self) -> bool:
+        """Return whether a rigid body can have these moments."""
+        return not (self.indefinite or self.triangle)
+
+    def __str__(self) -> str:
+        """Return the moments with their unit."""
+        return '{:g}, {:g}, {:g} kg m^2'.format(*self.moments)
+
+
+def principal_moments(inertia: ArrayLike, *, mass: float = 0.0,
+                      rounding: float = 1e-9) -> PrincipalMoments:
+    """
+    Return the principal moments of a central inertia tensor and what is impossible about them.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array
+        About the center of mass, kg m^2; symmetric.
+    mass : float
+        kg; allows for what this mass has a micrometre off the axis.
+    rounding : float
+        Relative to the largest moment; what the numbers were rounded to.
+
+    """
+    a, b, c = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64)).tolist()
+    noise = rounding * max(abs(a), abs(c)) + 1e-12 * mass
+    return PrincipalMoments((a, b, c), a < -noise, -noise <= a <= noise,
+                            c > (a + b) * (1.0 + 1e-6) + noise)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import math
 from typing import Literal
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
-from kane_dynamics.model.inertial import Array, constant
 import numpy as np
 
 Shapes = tuple[Array, Array, Array]  # phi, phi' and phi'', (k, len(x)) each

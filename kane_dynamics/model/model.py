@@ -6,19 +6,23 @@ A `Model` is immutable. Every joint in it has one degree of freedom; what a URDF
 in topological order, parents first, so that a single pass over them is an outward recursion.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 import hashlib
 import math
 from typing import Any, Literal
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.text import short
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.beam import Beam, Deflection
-from kane_dynamics.model.inertial import Array, constant, freeze, Inertial
+from kane_dynamics.model.inertial import Inertial
 import numpy as np
 
 __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
-           'constant', 'freeze', 'short']
+           'constant', 'freeze']
 
 GRAVITY = (0.0, 0.0, -9.81)
 WORLD = -1  # the parent index of a body, or the body of a frame, that is fixed in the world
@@ -278,13 +282,6 @@ class Model:
     def digest(self) -> str:
         """Return a hash of everything that the dynamics depend on, names included."""
         return hashlib.sha256(repr(_plain(self)).encode()).hexdigest()
-
-
-def short(names: Sequence[str], most: int = 8) -> str:
-    """Return names in one line: all, or of many the first, how many more, and the last."""
-    if len(names) <= most:
-        return ', '.join(names) or 'no coordinates'
-    return f'{", ".join(names[:most - 2])}, {len(names) - most + 1} more, {names[-1]}'
 
 
 def _plain(value: Any) -> Any:

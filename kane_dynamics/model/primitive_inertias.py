@@ -1,7 +1,9 @@
 """Matter of simple uniform shapes, as `Inertial`s; they add up with ``+``."""
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
-from kane_dynamics.model.inertial import Array, constant, Inertial
+from kane_dynamics.model.inertial import Inertial
 import numpy as np
 from numpy.typing import ArrayLike
 

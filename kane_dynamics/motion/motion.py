@@ -10,8 +10,10 @@ from bisect import bisect_right
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.text import short
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, short
 from kane_dynamics.motion.spline import segment_coefficients, spline_velocities
 import numpy as np
 from numpy.typing import ArrayLike
@@ -247,29 +249,13 @@ def _rows(values: Sequence[ArrayLike] | ArrayLike | None, what: str, count: int,
         return None
     if len(listed) != count:
         raise InputError(f'{what} has {len(listed)} rows; expected {count}, one a time')
-    return np.array([_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
-
-
-def _row(values: ArrayLike, what: str, names: tuple[str, ...]) -> Array:
-    """Return one finite number a joint, or raise InputError that names the joint."""
-    try:
-        row = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f'{what} is {values!r}; expected {len(names)} numbers '
-                         f'({", ".join(names)})') from None
-    if row.shape != (len(names),):
-        raise InputError(f'{what} has shape {row.shape}; expected {len(names)} numbers '
-                         f'({", ".join(names)})')
-    for name, value in zip(names, row.tolist(), strict=True):
-        if not math.isfinite(value):
-            raise InputError(f"{what} of joint '{name}' is {value}; expected a finite number")
-    return row
+    return np.array([finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
 
 
 def _start(start: Start, names: tuple[str, ...]) -> State:
     """Return the state before the first point as three (n,) arrays, or raise InputError."""
     q, u, udot = start
     rest = np.zeros(len(names))
-    return (_row(q, 'start: positions', names),
-            _row(rest if u is None else u, 'start: velocities', names),
-            _row(rest if udot is None else udot, 'start: accelerations', names))
+    return (finite_row(q, 'start: positions', names),
+            finite_row(rest if u is None else u, 'start: velocities', names),
+            finite_row(rest if udot is None else udot, 'start: accelerations', names))

@@ -1,6 +1,6 @@
 """Piecewise polynomials: cubic and quintic segments through points, and smooth velocities."""
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 # Coefficients in x = (t - t0) / h of the quintic that has q, h u, h^2 udot at x = 0 and x = 1.

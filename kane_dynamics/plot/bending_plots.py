@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.vibration import natural_vibration
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition.kinematics import configurations
-from kane_dynamics.model.model import Array, Model, WORLD
+from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.plot.style import BLUE, GREY, INK, ORANGE, Path, RED, SKY, styled
 from kane_dynamics.robot.robot import Robot
 from matplotlib.colors import LinearSegmentedColormap

@@ -2,8 +2,8 @@
 
 import copy
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
-from kane_dynamics.model.model import Array
 from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED,
                                       show_at_least, SKY, styled, time_axis, titled, zero_line)
 from kane_dynamics.robot.robot import Robot

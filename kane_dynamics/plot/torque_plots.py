@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK, legend_below,
                                       limit_lines, NOISE, ORANGE, Path, RED, rms, SKY, styled,
                                       THIN, time_axis, titled, unit, zero_line)

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (beside, BLUE, GREEN, hide_rounding, INK, legend_below, NOISE,
                                       Path, PINK, RED, rms, styled, time_axis, unit, zero_line)
 from kane_dynamics.plot.torque_plots import LABELS, stack

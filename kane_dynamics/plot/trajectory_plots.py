@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from itertools import cycle
 from typing import Any
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, hide_rounding, INK,
                                       legend_below, LINES, MARGIN, NEAR, NOISE, ORANGE, Path, RED,
                                       SKY, styled, THIN, time_axis, titled, unit)

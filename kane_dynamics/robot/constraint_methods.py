@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.dispatch import Dispatch
 import numpy as np

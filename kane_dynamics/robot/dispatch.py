@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import KernelSet
 import numpy as np

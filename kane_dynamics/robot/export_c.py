@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.resources import package_version
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.backends.c99 import (c_functions, comment, identifier, literal,
                                                prototype, string)
 from kane_dynamics.native.tracing.program import Program

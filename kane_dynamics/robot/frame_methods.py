@@ -1,6 +1,6 @@
 """Poses, velocities and accelerations of a robot's frames, each by a kernel of its own."""
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.dispatch import Dispatch
 from numpy.typing import ArrayLike
 

@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -23,7 +23,6 @@ LONG = 16  # and from which on a product with it is none of the compiler's busin
 OUTLINED = 40  # and from which on derivatives would
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
-FEEDBACK = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # arguments of computed torque before the gains
 
 
 class KernelSet:
@@ -115,50 +114,6 @@ class KernelSet:
             if name in SHARING and equations.n > OUTLINED:
                 method = partial(method, share=Subroutines())
         return self._traced(name, method, ALL[name])
-
-    def computed_torque(self) -> Kernel:
-        """
-        Return the kernel of computed torque.
-
-        Its arguments are q, u measured, q, u, udot desired, and the gains: kp, then kd, (2 n,).
-        """
-        def make() -> Kernel:
-            n = self.equations.n
-            arguments = [Argument(name, (n,), self.equations.model.coordinate_names)
-                         for name in FEEDBACK] + [Argument('gains', (2 * n,))]
-            if len(self.no_wrench):
-                arguments.append(Argument('wrench', self.no_wrench.shape,
-                                          default=self.no_wrench))
-            return Kernel('computed_torque', self.feedback_program, self.key, arguments,
-                          self._parameters, (n,))
-        return self._kept(('computed_torque', ''), make)
-
-    def feedback_program(self) -> Program:
-        """
-        Trace the law of computed torque, with friction at the desired speed.
-
-        ``tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)``: at the
-        measured speed, compensating friction would push a resting arm on.
-        """
-        equations = self.equations
-        if not isinstance(equations, TreeEquations):
-            raise InputError('computed torque follows a motion of all joints: it needs a robot '
-                             'whose speeds are the joint rates, without constraints')
-        n = equations.n
-
-        def function(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any,
-                     *rest: Any) -> Any:
-            kp, kd = gains[:n], gains[n:]
-            wrench = rest[0] if len(self.no_wrench) else None
-            wanted = udot_d + (kd * (u_d - u) + kp * (q_d - q))
-            return (np.array(equations.rigid_dynamics(q, u, wanted, wrench, rest[-1]))
-                    + equations.friction_force(u_d))
-        inputs: list[tuple[str, Shape]] = [(name, (n,)) for name in FEEDBACK]
-        inputs.append(('gains', (2 * n,)))
-        if len(self.no_wrench):
-            inputs.append(('wrench', self.no_wrench.shape))
-        return trace_program('computed_torque', function,
-                             [*inputs, ('parameters', self._parameters.shape)])
 
     def _large_inverse(self, equations: TreeEquations) -> Program:
         """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike

@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, Frame, Inertial, Model
+from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
 
 
@@ -37,13 +39,7 @@ class Parameters:
 
     @gravity.setter
     def gravity(self, value: Any) -> None:
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        if array.shape != (3,) or not np.isfinite(array).all():
-            raise InputError(f'gravity is {value!r}; expected three finite numbers, m/s^2')
-        self.block[:3] = array
+        self.block[:3] = constant(value, (3,), 'gravity (m/s^2)', InputError)
 
     @property
     def payload(self) -> Inertial | None:

@@ -6,12 +6,14 @@ import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.text import short
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
-from kane_dynamics.model.model import Array, Inertial, Model, short
+from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.attribute_hints import missing, refused
 from kane_dynamics.robot.configuration_methods import Configurations

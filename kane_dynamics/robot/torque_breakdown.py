@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
-from kane_dynamics.model.model import Array
 
 SOURCES = (*TORQUE_TERMS, 'external')
 

@@ -4,11 +4,12 @@ from copy import copy
 from dataclasses import replace
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError, InputError
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.definition import kane, nonholonomic
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.model.with_payload import with_payload
 import numpy as np
 

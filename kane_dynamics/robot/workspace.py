@@ -4,8 +4,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import ALL, KernelSet

@@ -6,8 +6,8 @@ from itertools import repeat
 from operator import itemgetter
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.simulation.trajectory import LimitEvent
 import numpy as np

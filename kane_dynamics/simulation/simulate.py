@@ -13,8 +13,9 @@ import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.checks import positive_time
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
@@ -99,8 +100,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = _starts(robot, q0, u0)
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
-    step = _positive('step', step)
-    count = _whole('duration', _positive('duration', duration), step, MOST_STEPS)
+    step = positive_time(step, 'step')
+    count = _whole('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
     doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator) if N else None
     if doubt is not None:
         warnings.warn(doubt, ModelWarning, stacklevel=2)
@@ -243,7 +244,7 @@ def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int
         rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
         every = max(1, -(-count // rows))
     else:
-        every = _whole('sample', _positive('sample', sample), step, MOST_STEPS)
+        every = _whole('sample', positive_time(sample, 'sample'), step, MOST_STEPS)
     rows = count // every + 1
     if N * (rows + 1) > MOST_SAMPLES:
         which = '' if single else f' for each of {N} initial states'
@@ -258,16 +259,6 @@ def _vector(robot: Robot, name: str, value: Any) -> Array:
     if array.ndim != 1:
         raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
     return array
-
-
-def _positive(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f'{name} is {value!r}; expected a positive, finite time in s')
-    return number
 
 
 def _whole(name: str, value: float, step: float, most: int) -> int:

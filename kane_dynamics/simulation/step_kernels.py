@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -17,8 +18,8 @@ import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
 # What `simulate` asks for all rows of its result at once.
-AFTERWARDS = ('forward_dynamics', 'inverse_dynamics', 'friction_force', 'kinetic_energy',
-              'potential_energy', 'constraint_forces', 'constraint_gap')
+AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
+              'constraint_gap')
 
 
 def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
@@ -37,6 +38,8 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
     robot.compile(*loop_kernels(robot))
     for feedback in (False, True)[:1 if robot.constraint_names else 2]:
         step_kernel(robot, feedback, integrator)
+        if feedback:
+            law_kernel(robot).compile_lanes()
     for name in loop_kernels(robot):
         if name in AFTERWARDS:
             robot.kernels.quantity(name).compile_lanes()
@@ -93,7 +96,7 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
     n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
     constrained = isinstance(equations, ConstrainedEquations)
     motion = _state_program(robot)
-    law = kernels.feedback_program() if feedback else None
+    law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
@@ -102,7 +105,7 @@ def _program(robot: Robot, name: str, feedback: bool) -> Program:
         def rates(x: Any, given: Any) -> Any:
             q, u, time = np.split(x, [n_q, n_q + n])
             tau = given
-            if law is not None:  # the law of control.Controller
+            if law is not None:
                 tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
             found = call(motion, q, u, tau, *wrench, *time, parameters)
             return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time)])
@@ -120,7 +123,7 @@ def _implicit_program(robot: Robot, name: str, feedback: bool) -> Program:
     assert isinstance(equations, TreeEquations)
     method = ImplicitStep(equations)
     motion = implicit_rates(robot, method)
-    law = kernels.feedback_program() if feedback else None
+    law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:

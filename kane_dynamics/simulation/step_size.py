@@ -4,8 +4,9 @@ from functools import cache
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -37,7 +38,7 @@ def longest_step(robot: Robot, q: Any) -> LongestStep:
     The equations are linearised about rest at a posture, x' = J x. A step h multiplies the part
     of x that belongs to an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
     the eigenvalue, and no R may be larger than 1 in size (Hairer & Wanner, Solving Ordinary
-    Differential TreeEquations II, section IV.2). Smoothed Coulomb friction decides most often: the
+    Differential Equations II, section IV.2). Smoothed Coulomb friction decides most often: the
     slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
     Parameters

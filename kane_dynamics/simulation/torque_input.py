@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
@@ -77,14 +78,15 @@ class TorqueInput:
         if abs(t[-1] - end) <= 1e-6 * self.step:
             t[-1] = np.nextafter(end, -np.inf)  # what acted until the end, not the rest after it
         q_d, u_d, udot_d = torque.motion.sample(t)
-        wanted = udot_d + torque.kd * (u_d - u) + torque.kp * (q_d - q)
-        rigid = [x.reshape(-1, self.robot.n) for x in (q, u, wanted)]
-        tau: Array = self.robot.inverse_dynamics(*rigid) - self.robot.friction_force(rigid[1])
-        return tau.reshape(q.shape) + self.robot.friction_force(u_d)
+        gains = np.concatenate([torque.kp, torque.kd])
+        desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
+        rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
+        tau: Array = law_kernel(self.robot)(*rows, np.tile(gains, (len(rows[0]), 1)))
+        return tau.reshape(q.shape)
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
-                  states: int | None, integrator: str) -> TorqueInput:
+                 states: int | None, integrator: str) -> TorqueInput:
     """
     Compile the step for a torque source and lay out its inputs.
 
@@ -119,9 +121,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
                              'or payload) than the simulated one; expected the same, or a '
                              'function that returns the torques of the other')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                            np.concatenate([torque.kp, torque.kd, [step], block]), torque)
+                           np.concatenate([torque.kp, torque.kd, [step], block]), torque)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                        np.concatenate([[step], block]), _table(robot, torque, count, states))
+                       np.concatenate([[step], block]), _table(robot, torque, count, states))
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:

@@ -1,48 +1,25 @@
 """`Trajectory`: what a simulation returns."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, field, replace
 from functools import partial
 import os
 from typing import Any, NamedTuple
-import zipfile
-import zlib
 
+from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.npz import npz_arrays
+from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.text import short
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, freeze, short
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import ArrayLike
 
 Path = str | os.PathLike[str]
 ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_gap')
 NAMES = ('joint_names', 'speed_names', 'constraint_names')
-
-
-def increasing(t: ArrayLike, count: int, what: str) -> Array:
-    """
-    Return the times of rows, (count,), s.
-
-    Raises
-    ------
-    InputError
-        They are not so many, not finite, or do not increase from row to row: says which.
-
-    """
-    times = np.asarray(t, dtype=np.float64)
-    if times.shape != (count,):
-        raise InputError(f'{what} has shape {times.shape}; expected ({count},), one time a row')
-    finite = np.isfinite(times)
-    if not finite.all():
-        k = int(np.argmin(finite))
-        raise InputError(f'{what} is {times[k]} in row {k + 1}; expected a finite time, s')
-    rises = np.diff(times) > 0.0
-    if not rises.all():
-        k = int(np.argmin(rises)) + 1
-        raise InputError(f'{what} is {times[k]} in row {k + 1}, after {times[k - 1]}; it must '
-                         'increase from row to row')
-    return times
 
 
 class LimitEvent(NamedTuple):
@@ -204,8 +181,7 @@ class Trajectory:
     def plot(self, path: Path | None = None) -> Any:
         """Draw a single motion's positions, speeds, torques and energy; needs matplotlib."""
         self._require_single('plot')
-        from kane_dynamics.plot import plot_trajectory
-        return plot_trajectory(self, path)
+        return extra('kane_dynamics.plot', 'plot', 'plot').plot_trajectory(self, path)
 
     def require(self, robot: Robot, what: str) -> None:
         """Raise InputError unless this is one motion, and of that robot; `what` asks for it."""
@@ -228,25 +204,3 @@ class Trajectory:
                           for row in self.constraint_names]
         return ['t', *(f'q.{joint}' for joint in self.joint_names), *of_speeds, 'kinetic_energy',
                 'potential_energy', *of_constraints]
-
-
-def npz_arrays(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, Any]:
-    """
-    Return the arrays of an npz file whose names are wanted, by name.
-
-    Raises
-    ------
-    InputError
-        It is no npz file, or a damaged one.
-    OSError
-        It cannot be read.
-
-    """
-    try:
-        with open(path, 'rb') as stream:  # NumPy leaves that of a damaged file open
-            file = np.load(stream, allow_pickle=False)
-            if isinstance(file, np.ndarray):
-                raise ValueError('a single array')
-            return {name: file[name] for name in file.files if wanted(name)}
-    except (EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f'{os.fspath(path)}: {error}; expected an npz file') from None

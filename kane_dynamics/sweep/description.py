@@ -8,10 +8,12 @@ import json
 import math
 from typing import Any
 
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.resources import package_version
+from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array, freeze, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.simulation.step_kernels import INTEGRATORS
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.trial import CONTROLLERS, PAYLOAD, PlantParameters
 import numpy as np
@@ -68,4 +68,4 @@ def plant(values: Values, joints: Sequence[str]) -> PlantParameters:
         payload[:, 4:] = mass[:, None] * second[:, upper[0], upper[1]]
         known[:, 0] = values.get('known_payload', 0.0)
     return PlantParameters(payload, known, friction, of_joints(values, 'kp', joints),
-                 of_joints(values, 'kd', joints))
+                           of_joints(values, 'kd', joints))

@@ -9,8 +9,8 @@ from functools import lru_cache
 import pickle
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import SweepError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_size import step_warning

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -118,7 +120,7 @@ class Trial:
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
-        """Return the kernel of a state's total energy, J, from state, row of `PlantParameters`, shared."""
+        """Return the kernel of a state's total energy, J."""
         return self._kernel('trial_energy', self._energy, ('state', 'plant', 'shared'), ())
 
     def shared(self, step: float) -> Array:
@@ -185,7 +187,7 @@ class Trial:
         """Return the controller's torque as a function of q, u and the desired q, u, udot."""
         kernels = self.robot.kernels
         if controller == Mode.COMPUTED_TORQUE:
-            computed = kernels.feedback_program()
+            computed = law_program(self.robot)
             return lambda q, u, wanted: np.array(
                 call(computed, q, u, *np.split(wanted, 3), gains, assumed))
         if controller == Mode.GRAVITY_COMPENSATION:

@@ -19,8 +19,8 @@ import math
 from reprlib import Repr
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 import numpy as np
 
 RANGES = ('uniform', 'loguniform', 'normal')

@@ -5,47 +5,29 @@ import heapq
 import math
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.text import listing
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.model.model import (Array, Body, constant, Frame, Inertial, Joint, Limits,
-                                       Model, WORLD)
+from kane_dynamics.model.inertial import principal_moments
+from kane_dynamics.model.joint_expansion import SingleJoint
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
 from kane_dynamics.urdf.limits import coordinate_limits, UNLIMITED
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.supplement import Supplement
-from kane_dynamics.urdf.tree import listing, Single, snapped, UrdfLink, UrdfTree
+from kane_dynamics.urdf.tree import UrdfLink, UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
-
-EYE = np.eye(3)
-EYE.flags.writeable = False
-
-
-@dataclass
-class Place:
-    """Where a link sits: in the axes of body `body` (or WORLD)."""
-
-    body: int
-    rotation: Array = field(default_factory=lambda: EYE)
-    translation: Array = field(default_factory=lambda: np.zeros(3))
-
-    def frame(self, rotation: Array, translation: Array) -> 'Place':
-        """Return the place of what sits at (rotation, translation) in this one's axes."""
-        if self.rotation is EYE and not self.translation.any():
-            return Place(self.body, rotation, translation)
-        offset = self.rotation @ translation
-        moved = self.translation + offset
-        size = np.abs(self.translation).max() + np.abs(offset).max()
-        moved[np.abs(moved) < 1e-15 * size] = 0.0  # what cancels leaves no residue
-        R = self.rotation if np.array_equal(rotation, EYE) else self.rotation @ rotation
-        return Place(self.body, snapped(R), moved)
 
 
 @dataclass
 class Moving:
     """A body in the making: the joint that carries it, its parent, and what rides on it."""
 
-    single: Single
-    place: Place
+    single: SingleJoint
+    place: Placement
     riders: list[Inertial] = field(default_factory=list)
 
 
@@ -87,15 +69,15 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
                  constant(gravity, (3,), 'gravity'), selection.base, _sum(base))
 
 
-def _place(selection: Selection) -> tuple[dict[str, Place], list[Moving]]:
+def _place(selection: Selection) -> tuple[dict[str, Placement], list[Moving]]:
     """
     Return where every link sits, and the moving bodies in topological order, ties as in the URDF.
 
     Joints that stand still are taken at once, so that they do not delay those behind them.
     """
-    places = {selection.base: Place(WORLD)}
+    places = {selection.base: Placement(WORLD)}
     moving: list[Moving] = []
-    ready: list[tuple[bool, tuple[int, int], Single]] = []
+    ready: list[tuple[bool, tuple[int, int], SingleJoint]] = []
 
     def reach(name: str) -> None:
         for single in selection.behind[name]:
@@ -108,7 +90,7 @@ def _place(selection: Selection) -> tuple[dict[str, Place], list[Moving]]:
         place = places[single.parent].frame(single.rotation, single.translation)
         if moves:
             moving.append(Moving(single, place))
-            places[single.child] = Place(len(moving) - 1)
+            places[single.child] = Placement(len(moving) - 1)
         else:
             position = selection.positions.get(single.name, 0.0)
             places[single.child] = place.frame(*_motion(single, position))
@@ -116,20 +98,17 @@ def _place(selection: Selection) -> tuple[dict[str, Place], list[Moving]]:
     return places, moving
 
 
-def _motion(single: Single, position: float) -> tuple[Array, Array]:
+def _motion(single: SingleJoint, position: float) -> tuple[Array, Array]:
     """Return the pose of a joint's child at a position, in the joint's frame."""
     if position == 0.0 or single.kind == 'fixed':
         return EYE, np.zeros(3)
-    a = single.axis / math.sqrt(single.axis @ single.axis)
+    axis = single.axis / math.sqrt(single.axis @ single.axis)
     if single.kind == 'prismatic':
-        return EYE, position * a
-    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-    R = math.cos(position) * EYE + math.sin(position) * cross + (
-        1.0 - math.cos(position)) * np.outer(a, a)  # Rodrigues
-    return snapped(R), np.zeros(3)
+        return EYE, position * axis
+    return snapped(rotation_about(axis, position)), np.zeros(3)
 
 
-def _load(inertial: Inertial, place: Place, moving: list[Moving],
+def _load(inertial: Inertial, place: Placement, moving: list[Moving],
           base: list[Inertial]) -> None:
     """Put the matter of a link on the body on which the link sits."""
     if place.rotation is not EYE or place.translation.any():
@@ -186,20 +165,17 @@ def check_inertials(links: list[UrdfLink], notices: Notices, strict: bool) -> No
         An inertia is indefinite, and `strict` is set; names the link and the moments.
 
     """
-    if not links:
-        return
-    moments = np.linalg.eigvalsh(np.array([x.inertial.inertia for x in links if x.inertial]))
-    for link, (a, b, c) in zip(links, moments.tolist(), strict=True):
+    for link in links:
         assert link.inertial is not None
-        # Rounding: of the largest moment, and what the mass has a micrometre off the axis.
-        noise = 1e-9 * max(abs(a), abs(c)) + 1e-12 * link.inertial.mass
-        if a < -noise:
+        found = principal_moments(link.inertial.inertia, mass=link.inertial.mass)
+        if found.indefinite:
             if strict:
                 raise ModelError(
-                    f"link '{link.name}': <inertia> has principal moments {a:g}, {b:g}, {c:g} "
-                    'kg m^2; none may be negative. Correct it, or load with strict=False')
+                    f"link '{link.name}': <inertia> has principal moments {found}; none may be "
+                    'negative. Correct it, or load with strict=False')
             notices.indefinite.append(link.name)
-        elif link.inertial.mass > 0.0 and a <= noise:
+            continue
+        if link.inertial.mass > 0.0 and found.singular:
             notices.singular.append(link.name)
-        if c > (a + b) * (1.0 + 1e-6) + noise and a >= -noise:
+        if found.triangle:
             notices.triangle.append(link.name)

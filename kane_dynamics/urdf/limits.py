@@ -3,17 +3,17 @@
 from collections.abc import Iterable
 import math
 
+from kane_dynamics.model.joint_expansion import Mimic, SingleJoint, StatedLimits
 from kane_dynamics.model.model import Limits
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
-from kane_dynamics.urdf.tree import Mimic, Single, StatedLimits
 
 UNLIMITED = Limits()
 DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
 ROUNDING = 1e-9  # relative: a follower's bound so near its master's says the same
 
 
-def coordinate_limits(singles: Iterable[Single], selection: Selection,
+def coordinate_limits(singles: Iterable[SingleJoint], selection: Selection,
                       notices: Notices) -> dict[str, Limits]:
     """
     Return the limits of the free joints among those that move, by name.
@@ -36,7 +36,7 @@ def coordinate_limits(singles: Iterable[Single], selection: Selection,
     return limits
 
 
-def _limits(single: Single, notices: Notices) -> Limits:
+def _limits(single: SingleJoint, notices: Notices) -> Limits:
     """Return a joint's limits, infinite where nothing sensible is stated; note what is not."""
     name, stated = single.name, single.source.limits
     continuous = single.source.kind == 'continuous'
@@ -74,7 +74,7 @@ def _sensible(single: Single, stated: StatedLimits, notices: Notices) -> Limits:
     return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
 
 
-def _led(master: Limits, single: Single, mimic: Mimic, notices: Notices) -> Limits:
+def _led(master: Limits, single: SingleJoint, mimic: Mimic, notices: Notices) -> Limits:
     """Return the limits of a master that keep those of its follower too."""
     if single.source.limits is None:
         return master

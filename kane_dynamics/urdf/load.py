@@ -5,17 +5,19 @@ import io
 import os
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.flexible_model import with_beam
-from kane_dynamics.model.model import Array, GRAVITY, Inertial, Model
+from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
+from kane_dynamics.model.model import GRAVITY, Inertial, Model
+from kane_dynamics.model.placement import snapped
 from kane_dynamics.urdf.assembly import assemble
 from kane_dynamics.urdf.document import Element, parse, read_source, rebuilt
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
-from kane_dynamics.urdf.tree import (build_tree, Mimic, snapped, StatedLimits, UrdfJoint, UrdfLink,
-                                     UrdfTree)
+from kane_dynamics.urdf.tree import build_tree, UrdfLink, UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -148,7 +150,7 @@ def _link(link: Any) -> UrdfLink:
     return UrdfLink(link.name, Inertial(link.inertial.mass, com, inertia))
 
 
-def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:
+def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
     """Return a joint; note what about its axis is doubtful and what of it is not used."""
     what = f"joint '{joint.name}'"
     moves = joint.type in ('revolute', 'continuous', 'prismatic', 'planar')
@@ -168,7 +170,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:
         for tag in ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics'):
             if stated.first(tag) is not None:
                 notices.not_used(f'<{tag}> of a {joint.type} joint', joint.name)
-        return UrdfJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
+        return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
     friction = {name: float(getattr(joint.dynamics, name, None) or 0.0)
                 for name in ('damping', 'friction')}
     limit, mimic = joint.limit, joint.mimic
@@ -179,7 +181,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> UrdfJoint:
         for name, value in values.items():
             if value is not None and value < 0.0:
                 raise ModelError(f'{what}: <{tag}> {name} is {value}; it must not be negative')
-    return UrdfJoint(
+    return StatedJoint(
         joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
         friction['damping'], friction['friction'],
         None if mimic is None else Mimic(mimic.joint, mimic.multiplier, mimic.offset))

@@ -4,11 +4,11 @@ from collections.abc import Collection, Mapping
 import os
 from xml.etree import ElementTree
 
+from kane_dynamics._util.text import listing
 from kane_dynamics.errors import UrdfError
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.urdf.document import parse, read_source
 from kane_dynamics.urdf.supplement import INERTIA_KEYS
-from kane_dynamics.urdf.tree import listing
 
 
 def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, Inertial],

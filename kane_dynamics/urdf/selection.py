@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from kane_dynamics._util.text import listing
 from kane_dynamics.errors import InputError, UrdfError
-from kane_dynamics.urdf.tree import check_mimics, expanded, listing, Mimic, Single, UrdfTree
+from kane_dynamics.model.joint_expansion import expand_joint, Mimic, SingleJoint
+from kane_dynamics.urdf.tree import check_mimics, UrdfTree
 
 
 @dataclass(frozen=True)
@@ -37,13 +39,13 @@ class Selection:
     """
 
     base: str
-    behind: dict[str, list[Single]]
+    behind: dict[str, list[SingleJoint]]
     free: frozenset[str]
     followers: dict[str, Mimic]
     positions: dict[str, float]
     order: tuple[str, ...] | None
     drop: frozenset[str]
-    singles: dict[str, Single]
+    singles: dict[str, SingleJoint]
 
 
 def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
@@ -83,12 +85,12 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
     return Selection(start, behind, free, followers, positions, order, dropped, singles)
 
 
-def _singles(tree: UrdfTree) -> dict[str, Single]:
-    """Return all joints expanded, by name; the names that expanding makes must be new."""
-    singles: dict[str, Single] = {}
+def _singles(tree: UrdfTree) -> dict[str, SingleJoint]:
+    """Return all joints expand_joint, by name; the names that expanding makes must be new."""
+    singles: dict[str, SingleJoint] = {}
     taken = {joint.name for joint in tree.joints} | tree.links.keys()
     for index, joint in enumerate(tree.joints):
-        parts = expanded(joint, index)
+        parts = expand_joint(joint, index)
         for single in parts:
             if len(parts) > 1 and single.name in taken:
                 raise UrdfError(f"joint '{joint.name}' is {joint.kind} and expands to "
@@ -98,12 +100,12 @@ def _singles(tree: UrdfTree) -> dict[str, Single]:
     return singles
 
 
-def _kept(singles: Iterable[Single], base: str) -> dict[str, list[Single]]:
+def _kept(singles: Iterable[SingleJoint], base: str) -> dict[str, list[SingleJoint]]:
     """Return, for the base and all that is behind it, the joints that go outward from it."""
-    outward: dict[str, list[Single]] = {}
+    outward: dict[str, list[SingleJoint]] = {}
     for single in singles:
         outward.setdefault(single.parent, []).append(single)
-    kept: dict[str, list[Single]] = {}
+    kept: dict[str, list[SingleJoint]] = {}
     waiting = [base]
     while waiting:
         name = waiting.pop()
@@ -112,7 +114,7 @@ def _kept(singles: Iterable[Single], base: str) -> dict[str, list[Single]]:
     return kept
 
 
-def _path(singles: Iterable[Single], base: str, tip: str) -> set[str]:
+def _path(singles: Iterable[SingleJoint], base: str, tip: str) -> set[str]:
     """Return the names of the joints between two links."""
     above = {single.child: single for single in singles}
     path, link = set(), tip
@@ -140,7 +142,7 @@ def _names(given: Any, argument: str) -> list[Any]:
     return list(given)
 
 
-def _joints(joints: Any, candidates: list[str], singles: Mapping[str, Single],
+def _joints(joints: Any, candidates: list[str], singles: Mapping[str, SingleJoint],
             mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
     """Return the names in `joints`, checked."""
     names = _names(joints, 'joints')
@@ -158,7 +160,7 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, Single],
     return tuple(names)
 
 
-def _locked(locked: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mimic],
+def _locked(locked: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic],
             free: Collection[str]) -> dict[str, float]:
     """Return the positions in `locked`, checked."""
     if not isinstance(locked, Mapping):
@@ -182,7 +184,7 @@ def _locked(locked: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mim
     return positions
 
 
-def _fault(name: Any, singles: Mapping[str, Single], mimics: Mapping[str, Mimic]) -> str:
+def _fault(name: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic]) -> str:
     """Return why a name is not one of a joint that may move or be locked."""
     if not isinstance(name, str) or name not in singles:
         return f'{name!r} is no joint of one freedom'

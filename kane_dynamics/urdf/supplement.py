@@ -37,23 +37,20 @@ Schema, every key optional::
 What is said of a joint that is locked, or on a branch that was cut off, has no effect.
 """
 
-from collections import Counter
 from collections.abc import Collection, Mapping
 import contextlib
 from dataclasses import dataclass, field
 import math
 import os
-from pathlib import Path
-from reprlib import Repr
 from typing import Any
 
-from kane_dynamics.errors import KaneError, ModelError, UrdfError
+from kane_dynamics._util.text import listing
+from kane_dynamics._util.yaml_io import mapping, read_yaml, SHORT
+from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.flexible_link import FlexibleLink
+from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.mode_shapes import Bending, Torsion
-from kane_dynamics.model.model import Inertial
-from kane_dynamics.urdf.tree import listing
 import numpy as np
-import yaml
 
 JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
               'friction_offset')
@@ -62,8 +59,6 @@ BEAM_KEYS = ('length', 'density', 'stiffness', 'modes', 'direction', 'up', 'damp
              'torsion')
 TORSION_KEYS = ('stiffness', 'inertia', 'modes', 'tip_inertia')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
-SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
-SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
@@ -111,66 +106,6 @@ def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
         if name not in valid:
             raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; valid: "
                             f'{listing(valid)}')
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML that refuses a key given twice, which plain YAML settles in silence."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping after checking that its scalar keys differ."""
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        twice = [key for key, count in Counter(keys).items() if count > 1]
-        if twice:
-            raise yaml.YAMLError(f'given more than once: {listing(twice)} '
-                                 f'(line {node.start_mark.line + 1})')
-        return super().construct_mapping(node, deep)
-
-
-def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any:
-    """
-    Return what a YAML file holds; no key of it may be given twice.
-
-    Parameters
-    ----------
-    source : path
-        The file.
-    what : str
-        It is called in messages.
-    error : type
-        Raised where it cannot be read.
-
-    """
-    if not isinstance(source, (str, os.PathLike)):
-        raise error(f'{what} is {SHORT.repr(source)}; valid: the path of a YAML file, or a dict')
-    try:
-        # `ros2 topic echo` ends what it prints with ---: an empty document, which counts for none.
-        documents = [each for each in yaml.load_all(Path(source).read_bytes(), _Loader)
-                     if each is not None]
-    except (OSError, ValueError) as fault:
-        if isinstance(fault, FileNotFoundError):
-            raise error(f'no such file: {os.fspath(source)!r}; expected the path of a YAML file '
-                        f'({what}), or a dict') from None
-        reason = fault.strerror if isinstance(fault, OSError) else fault
-        raise error(f'{what} {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
-                    'file, or a dict') from None
-    except (yaml.YAMLError, RecursionError) as fault:
-        raise error(f"{what} '{source}' is not valid YAML: {fault}") from None
-    if len(documents) > 1:
-        raise error(f"{what} '{source}' holds {len(documents)} YAML documents; expected one")
-    return documents[0] if documents else {}
-
-
-def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,
-            error: type[KaneError] = UrdfError) -> Mapping[str, Any]:
-    """Return a mapping with string keys, all of them among `valid`; else raise `error`."""
-    expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of names'
-    if not isinstance(data, Mapping):
-        raise error(f'{what} is {SHORT.repr(data)}; expected {expected}')
-    for key in data:
-        if not isinstance(key, str) or (valid and key not in valid):
-            raise error(f'{what}: unknown key {SHORT.repr(key)}; valid: '
-                        f'{listing(valid or ["names"])}')
-    return data
 
 
 def _number(value: Any, what: str, *, signed: bool = False, positive: bool = False) -> float:
@@ -238,10 +173,10 @@ def _payload(data: Any) -> tuple[str, Inertial]:
         moments[key] = _number(value, f'{what}: inertia: {key}', signed=True)
     xx, xy, xz, yy, yz, zz = moments.values()
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    lowest = float(np.linalg.eigvalsh(inertia)[0])
-    if lowest < -1e-9 * float(np.abs(inertia).max()):
-        raise ModelError(f'{what}: inertia has the principal moment {lowest:g} kg m^2; none may '
-                         'be negative')
+    found = principal_moments(inertia)
+    if found.indefinite:
+        raise ModelError(f'{what}: inertia has the principal moment {found.moments[0]:g} kg m^2; '
+                         'none may be negative')
     return entry['link'], Inertial(
         _number(entry['mass'], f'{what}: mass'),
         np.array([_number(x, f'{what}: com', signed=True) for x in com]), inertia)

@@ -6,17 +6,16 @@ freedoms, and nothing has been chosen, locked or merged yet.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.model.model import Array, Inertial
-import numpy as np
+from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.joint_expansion import Mimic, StatedJoint
 
 MOVING = ('revolute', 'continuous', 'prismatic')
 TYPES = (*MOVING, 'fixed', 'floating', 'planar')
-SNAP = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,99 +27,16 @@ class UrdfLink:
 
 
 @dataclass(frozen=True)
-class Mimic:
-    """Position = multiplier * position of joint `master` + offset."""
-
-    master: str
-    multiplier: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class StatedLimits:
-    """What <limit> says; None where it is silent."""
-
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-    effort: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfJoint:
-    """
-    A joint of a URDF; (rotation, translation) place its frame in the parent link.
-
-    `turns` are the axes of the successive turns of a floating, spherical or universal joint; the
-    last two kinds are not URDF's, but `build` has them.
-    """
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    rotation: Array
-    translation: Array
-    axis: Array
-    limits: StatedLimits | None = None
-    damping: float = 0.0
-    friction: float = 0.0
-    mimic: Mimic | None = None
-    turns: str = 'xyz'
-
-
-@dataclass(frozen=True)
-class Single:
-    """
-    A joint of one freedom (or none: kind 'fixed'), as `expanded` makes them of any joint.
-
-    `child_name` names the body behind it: a link, or one that stands between the freedoms of a
-    floating or planar joint. `order` sorts by place in the URDF.
-    """
-
-    name: str
-    kind: str
-    axis: Array
-    rotation: Array
-    translation: Array
-    parent: str
-    child: str
-    order: tuple[int, int]
-    source: UrdfJoint
-
-
-@dataclass(frozen=True)
 class UrdfTree:
     """A checked tree: links by name, joints in URDF order, and the one root."""
 
     name: str
     links: dict[str, UrdfLink]
-    joints: tuple[UrdfJoint, ...]
+    joints: tuple[StatedJoint, ...]
     root: str
 
 
-def listing(names: Iterable[str], most: int = 40) -> str:
-    """Return names for an error message, cut where there are very many."""
-    found = list(names)
-    text = ', '.join(found[:most]) or 'none'
-    return text if len(found) <= most else f'{text}, ... and {len(found) - most} more'
-
-
-def snapped(values: Any) -> Array:
-    """
-    Return an array with entries within `SNAP` of 0, 1 or -1 made exact.
-
-    Rotations by multiples of pi/2 then fold away. The bound is far below any angle that was
-    rounded in decimal (3.14159265359 misses pi by 2e-13): what a file says stays.
-    """
-    array = np.array(values, dtype=np.float64)
-    whole = np.rint(array)
-    exact = (np.abs(array - whole) < SNAP) & (np.abs(whole) <= 1.0)
-    array[exact] = whole[exact] + 0.0  # + 0.0 turns -0.0 into 0.0
-    return array
-
-
-def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> UrdfTree:
+def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[StatedJoint]) -> UrdfTree:
     """
     Return links and joints as a tree.
 
@@ -138,7 +54,7 @@ def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
             raise UrdfError(f'{what} names must be unique; given more than once: '
                             f'{listing(twice)}')
     by_name = {link.name: link for link in links}
-    above: dict[str, UrdfJoint] = {}
+    above: dict[str, StatedJoint] = {}
     for joint in joints:
         for what, link in (('parent', joint.parent), ('child', joint.child)):
             if link not in by_name:
@@ -156,7 +72,7 @@ def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
     return UrdfTree(name, by_name, tuple(joints), roots[0])
 
 
-def _check_connected(links: dict[str, UrdfLink], above: dict[str, UrdfJoint]) -> None:
+def _check_connected(links: dict[str, UrdfLink], above: dict[str, StatedJoint]) -> None:
     """Raise ModelError if going up from some link never ends."""
     sound: set[str] = set()
     for link in links:
@@ -174,7 +90,7 @@ def _check_connected(links: dict[str, UrdfLink], above: dict[str, UrdfJoint]) ->
         sound.update(trail)
 
 
-def check_mimics(joints: Sequence[UrdfJoint]) -> dict[str, Mimic]:
+def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
     """
     Return for every mimic joint its root master, with composed multiplier and offset.
 
@@ -216,46 +132,3 @@ def check_mimics(joints: Sequence[UrdfJoint]) -> dict[str, Mimic]:
                                      f'{getattr(resolved[follower], key):g} through its chain of '
                                      'masters; valid: below 1e60')
     return resolved
-
-
-def expanded(joint: UrdfJoint, index: int) -> list[Single]:
-    """
-    Return a joint as joints of at most one freedom, outward.
-
-    floating becomes <joint>/x /y /z, prismatic along the axes of the joint's frame in the parent,
-    then <joint>/rx /ry /rz, revolute, each about an axis of the frame that the one before has
-    turned; spherical and universal have turns only, and a second turn about z is <joint>/rz2.
-    planar becomes <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and
-    <joint>/rz about it; x is the direction of the joint frame's x axis in that plane (of its y
-    axis, where the axis lies along x), and y completes the right-handed (x, y, axis).
-    """
-    eye = np.eye(3)
-    if joint.kind == 'floating':
-        parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')] + _turns(joint.turns)
-    elif joint.kind in ('spherical', 'universal'):
-        parts = _turns(joint.turns)
-    elif joint.kind == 'planar':
-        normal = joint.axis / np.sqrt(joint.axis @ joint.axis)
-        seed = eye[0] if abs(normal[0]) < 1.0 - 1e-9 else eye[1]
-        x = seed - (seed @ normal) * normal
-        x = snapped(x / np.sqrt(x @ x))
-        parts = [('/x', 'prismatic', x), ('/y', 'prismatic', snapped(np.cross(normal, x))),
-                 ('/rz', 'revolute', normal)]
-    else:
-        kind = {'continuous': 'revolute'}.get(joint.kind, joint.kind)
-        parts = [('', kind, joint.axis)]
-    singles, parent = [], joint.parent
-    for k, (suffix, kind, axis) in enumerate(parts):
-        name = joint.name + suffix
-        child = name if k < len(parts) - 1 else joint.child
-        pose = (joint.rotation, joint.translation) if k == 0 else (eye, np.zeros(3))
-        singles.append(Single(name, kind, axis, *pose, parent, child, (index, k), joint))
-        parent = child
-    return singles
-
-
-def _turns(axes: str) -> list[tuple[str, str, Array]]:
-    """Return suffix, kind and axis of successive turns."""
-    again = [axes[:k].count(s) for k, s in enumerate(axes)]
-    return [(f'/r{s}{count + 1 if count else ""}', 'revolute', np.eye(3)['xyz'.index(s)])
-            for s, count in zip(axes, again)]

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Literal
 import warnings
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelWarning
-from kane_dynamics.model.model import Array
 from kane_dynamics.urdf.document import parse, read_source
 from kane_dynamics.urdf.load import read_robot
 from kane_dynamics.urdf.schema import CHILDREN

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.definition.kinematics import configurations
-from kane_dynamics.model.model import Array, Model, WORLD
+from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 
@@ -44,8 +45,8 @@ def size(model: Model, q: Array) -> float:
     return float(np.linalg.norm(high - low)) or 1.0
 
 
-def link_shapes(model: Model, visuals: Sequence[Visual], thickness: float
-          ) -> list[tuple[int, Visual]]:
+def link_shapes(model: Model, visuals: Sequence[Visual],
+                thickness: float) -> list[tuple[int, Visual]]:
     """
     Return (body, shape in its axes) pairs; rods stand for bodies that look like nothing.
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.definition.kinematics import configurations
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -38,7 +38,8 @@ class LoadArrows:
     reactions: Array
 
     @classmethod
-    def along(cls, robot: Robot, q: Array, u: Array, udot: Array, tau: Array, t: Array) -> 'LoadArrows':
+    def along(cls, robot: Robot, q: Array, u: Array, udot: Array, tau: Array,
+              t: Array) -> 'LoadArrows':
         """Return the loads of a motion, (K, ...) arrays, tau dual to u."""
         # One state at a time: batches have kernels of their own, which take seconds to compile.
         shared = [robot.joint_torques(tau[k], q[k], t=t[k]) for k in range(len(q))]

@@ -8,8 +8,8 @@ import threading
 import time
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.urdf.visuals import Visual

@@ -17,7 +17,7 @@ import pytest
 ARM = resource_path('urdf', 'fr3.urdf')
 JOINTS = tuple(name for name in load_urdf(ARM).joint_names if 'finger' not in name)
 HOME = [0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8]
-HERE = Path(__file__).parent
+HELPERS = Path(__file__).resolve().parents[1] / 'helpers'
 QUEUED = 5  # states that wait for the node before the oldest is lost
 
 
@@ -41,8 +41,9 @@ def node(module_node, client):
 
 def drive(seconds, meanwhile=lambda: None):
     """Let a driver send states at 500 Hz; return the share unanswered, and how it was held up."""
-    path = os.pathsep.join([str(HERE), str(HERE.parents[1]), os.environ.get('PYTHONPATH', '')])
-    process = subprocess.Popen([sys.executable, str(HERE / 'driver.py'), str(seconds),
+    path = os.pathsep.join([str(HELPERS), str(HELPERS.parents[1]),
+                            os.environ.get('PYTHONPATH', '')])
+    process = subprocess.Popen([sys.executable, str(HELPERS / 'driver.py'), str(seconds),
                                 ','.join(JOINTS)], stdout=subprocess.PIPE, text=True,
                                env=dict(os.environ, PYTHONPATH=path))
     assert process.stdout.readline() == 'ready\n'

@@ -8,8 +8,7 @@ from builtin_interfaces.msg import Duration
 from graph import JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,
-                                          InverseDynamics, Simulate)
+from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
 import numpy as np
 import pytest
 from rclpy.action import ActionClient

@@ -79,7 +79,8 @@ def test_compiled_road_is_kanes_definition_on_a_chain_welded_at_both_ends():
 
 def test_compiled_road_is_kanes_definition_on_a_rolling_disc():
     for speeds in (None, body_angular_velocity('disc')):
-        mechanism = choose_independent(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
+        mechanism = choose_independent(rolling_disc(), speeds,
+                                       (Rolling('disc', 0.3, axis=(0, 1, 0)),))
         assert mechanism.n == 3
         check_roads(mechanism, 2)
 

@@ -130,7 +130,7 @@ def branched():
     model = random_model(8, 6, branching=0.5, mimics=2)
     kinds = tree_constraints(model.frames[-1].name, model.frames[2].name)
     return choose_independent(model, wavy(6, 3), (kinds['a point seen from a body'],
-                                          kinds['a prescribed joint']))
+                                                  kinds['a prescribed joint']))
 
 
 def test_energy_road_is_kanes_on_a_branched_tree_with_mimics_and_two_constraints():
@@ -161,7 +161,8 @@ def test_each_term_may_be_varied_in_any_frame(seed):
     count = len(mechanism.model.bodies)
     frames = np.random.default_rng(seed).integers(WORLD, count, (2, count))
     expected = EnergyForm(mechanism, HamiltonByVariations()).inverse_dynamics(*state, T)
-    close(EnergyForm(mechanism, HamiltonByVariations(*frames)).inverse_dynamics(*state, T), expected)
+    form = EnergyForm(mechanism, HamiltonByVariations(*frames))
+    close(form.inverse_dynamics(*state, T), expected)
 
 
 def test_singular_speeds_and_constraints_are_named():

@@ -22,7 +22,8 @@ from kane_dynamics.errors import InputError, KaneError  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.services import services  # noqa: E402
-from kane_dynamics.ros.services.simulation_request import Bounds, ServedRobot, SimulationRequest  # noqa: E402
+from kane_dynamics.ros.services.simulation_request import (Bounds,  # noqa: E402
+                                                           ServedRobot, SimulationRequest)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory  # noqa: E402
@@ -271,8 +272,8 @@ def requests(chance):
 
 def test_a_mutated_request_is_answered_or_refused_in_words():
     chance = random.Random(7)
-    served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2), np.ones(2),
-                    Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
+    served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2),
+                         np.ones(2), Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
     seeds = requests(chance)
     outcomes = Counter()
     for _ in range(REQUESTS):

@@ -8,8 +8,10 @@ import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis import model_checks
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
@@ -22,10 +24,9 @@ from kane_dynamics.cli.tables import (read_motion, read_rows, read_states, read_
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.simulation.simulate import simulate
-from kane_dynamics.simulation.trajectory import increasing
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.document import read_source
 import numpy as np
@@ -167,7 +168,8 @@ def identify(options: Namespace) -> None:
     if options.base_parameters:
         data, printed = identify_command.run_base(options, model), identify_command.print_base
     elif options.payload:
-        data, printed = identify_command.run_payload(options, model), identify_command.print_payload
+        data = identify_command.run_payload(options, model)
+        printed = identify_command.print_payload
     else:
         data = identify_command.run(options, source_of(options), model)
         printed = identify_command.print_data

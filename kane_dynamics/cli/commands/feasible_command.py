@@ -4,6 +4,7 @@ from argparse import Namespace
 import math
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
@@ -11,7 +12,6 @@ from kane_dynamics.feasibility import Demand, demand, fastest, largest_payload
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LEAST, TimeScale
 from kane_dynamics.feasibility.torque_demand import demand_at
-from kane_dynamics.model.model import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np

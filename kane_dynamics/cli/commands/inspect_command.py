@@ -6,9 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.model_checks import examine_masses
 from kane_dynamics.errors import InputError, ModelError
-from kane_dynamics.model.model import Array, Joint, Model, WORLD
+from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

@@ -3,10 +3,10 @@
 from argparse import Namespace
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

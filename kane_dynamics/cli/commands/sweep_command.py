@@ -8,13 +8,13 @@ from pathlib import Path
 import time
 from typing import Any
 
+from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import load, told
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import GRAVITY
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
-from kane_dynamics.urdf.supplement import read_yaml
 import numpy as np
 
 FILES = ('urdf', 'supplement', 'motion')  # relative to the sweep's own folder

@@ -17,12 +17,14 @@ states are linear in the coefficients.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.control.torque_limiter import per_joint
+from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_parameters
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.regression import FRICTION, without_losses
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,7 +95,7 @@ class DesignCriterion:
         whole = self.columns[self.columns < inertial]
         W = np.zeros((len(q), n, len(self.columns)))
         W[:, :, :len(whole)] = self.rigid.regressor(q, u, udot)[:, :, whole]
-        losses = np.stack([u, np.tanh(u / self.speeds), udot, np.ones_like(u)], axis=2)
+        losses = np.stack([u, coulomb(u, self.speeds), udot, np.ones_like(u)], axis=2)
         for column in range(len(whole), len(self.columns)):
             j, kind = divmod(int(self.columns[column]) - inertial, len(FRICTION))
             W[:, j, column] = losses[:, j, kind]

@@ -12,7 +12,7 @@ acceleration: a_1 and b_1 follow from the others, which are free, as is the cent
 
 from dataclasses import dataclass
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 

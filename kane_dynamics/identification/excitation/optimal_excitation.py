@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.solvers import scientific
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,7 +114,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     """
     _check(duration, harmonics, periods, seed, starts, share)
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share, velocity,
-                    acceleration, floor, floor_frames)
+                             acceleration, floor, floor_frames)
     rng = np.random.default_rng(seed)
     found = []
     for k in range(starts):

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_fit import (covariance_of, load_deviations,
                                                               PayloadRegressor)
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, checked
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,7 +89,7 @@ class PayloadEstimator:
                 raise InputError(f'{argument.name} has shape {value.shape}; expected one sample, '
                                  f'{argument.shape}')
         # A joint at rest may hold by friction what the model says it must hold by torque.
-        slip = np.abs(np.tanh(state[1] / self._friction_speed))
+        slip = np.abs(coulomb(state[1], self._friction_speed))
         sigma = self._sigma + (1.0 - slip) * self._friction
         Y = self._regressor(*state[:3]) / sigma[:, None]
         known = self._regressor.robot.inverse_dynamics(*state[:3])

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
                                                                prior_metric, pseudo_inertia_of)
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
-from kane_dynamics.model.model import Array, Frame, Inertial, Model, WORLD
+from kane_dynamics.model.model import Frame, Inertial, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike

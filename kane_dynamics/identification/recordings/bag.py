@@ -5,8 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 import numpy as np
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'

@@ -6,11 +6,12 @@ from pathlib import Path
 import re
 from typing import Any
 
+from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.npz import npz_arrays
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.bag import is_bag, read_bag
 from kane_dynamics.identification.recordings.recording import NAMES, real, Recording
-from kane_dynamics.model.model import Array
-from kane_dynamics.simulation.trajectory import increasing, npz_arrays
 import numpy as np
 
 # What a column may be called: `<word>.<joint>`, or `<word><number>` counted from the base.

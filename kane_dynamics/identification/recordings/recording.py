@@ -3,10 +3,11 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.solvers import scientific
-from kane_dynamics.model.model import Array, freeze
-from kane_dynamics.simulation.trajectory import increasing
 import numpy as np
 
 NAMES = ('q', 'u', 'udot', 'tau')

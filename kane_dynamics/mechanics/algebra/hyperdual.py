@@ -10,7 +10,7 @@ Source: Fike & Alonso, AIAA 2011-886; here one of the two infinitesimals is a ve
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 

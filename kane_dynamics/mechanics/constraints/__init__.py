@@ -2,7 +2,7 @@
 Constraints on the motion of a mechanism, each stated as a velocity that vanishes or is given.
 
 Every constraint is rows J(q, t) q' = b(q, t). A row is a component of partial velocities, so
-nothing is differentiated by hand (Kane & Levinson, sections 2.13 and 2.14). ConstraintRows that come from
+nothing is differentiated by hand (Kane & Levinson, sections 2.13 and 2.14). Rows that come from
 a condition on positions (a closed loop, a wheel on the ground) also tell the gap by which that
 condition is missed, whose rate the row is.
 

@@ -41,8 +41,8 @@ class ConstrainedEquations:
 
     Notes
     -----
-    Methods are those of `TreeEquations` with q (n_q,) and the independent speeds u (n,), and take the
-    time t, s, besides.
+    Methods are those of `TreeEquations` with q (n_q,) and the independent speeds u (n,), and take
+    the time t, s, besides.
 
     """
 

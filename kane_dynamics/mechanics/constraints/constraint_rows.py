@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, ModelError
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.model.model import Array, constant
 import numpy as np
 
 

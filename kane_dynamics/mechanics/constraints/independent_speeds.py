@@ -8,10 +8,11 @@ and carries no force; one that contradicts others is an error.
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
-from kane_dynamics.model.model import Array, Model
+from kane_dynamics.model.model import Model
 import numpy as np
 
 CLOSED = 1e-11  # m or rad: a gap this small is closed
@@ -23,7 +24,7 @@ SAMPLES = 4  # closed postures at which the structure is looked at
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
-               independent: Sequence[str] | None = None) -> Mechanism:
+                       independent: Sequence[str] | None = None) -> Mechanism:
     """
     Return the mechanism with its independent speeds and rows chosen.
 

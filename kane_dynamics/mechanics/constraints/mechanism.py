@@ -159,9 +159,9 @@ class Mechanism:
     def rows(self, here: MechanismState) -> ConstraintRows:
         """Return the rows of all constraints, in the order of `labels`."""
         parts = [constraint.rows(here) for constraint in self.constraints]
-        return ConstraintRows(np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)]),
-                    np.concatenate([np.zeros(0), *(part.b for part in parts)]),
-                    tuple(gap for part in parts for gap in part.gap))
+        J = np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)])
+        b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
+        return ConstraintRows(J, b, tuple(gap for part in parts for gap in part.gap))
 
     def system(self, here: MechanismState) -> tuple[Any, Any]:
         """Return S, (n_q, n_q), and s at u_I = 0, (n_q,)."""

@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_rows import (across, ConstraintRows, Geometry,
                                                                  unit)
-from kane_dynamics.model.model import freeze
 import numpy as np
 
 

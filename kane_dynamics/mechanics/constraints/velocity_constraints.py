@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_rows import (across, ConstraintRows, Geometry,
                                                                  relative_partials, unit)
-from kane_dynamics.model.model import constant, freeze
 import numpy as np
 
 
@@ -60,7 +61,8 @@ class PointVelocity:
         d = self.direction if self.axes is None else here.pose(self.axes)[0] @ self.direction
         J = relative_partials(here, self.frame, self.relative_to)
         b = self.value(here.t) if callable(self.value) else self.value
-        return ConstraintRows(np.array([d @ (J[3:] if self.angular else J[:3])]), np.array([b]), (None,))
+        row = d @ (J[3:] if self.angular else J[:3])
+        return ConstraintRows(np.array([row]), np.array([b]), (None,))
 
 
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
@@ -124,7 +126,8 @@ class Rolling:
         v = J[:3] + np.array([cross(column, r) for column in J[3:].T]).T
         directions = (*across(self.normal), self.normal)
         gap = self.normal @ (centre + r) - self.height
-        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3), (None, None, gap))
+        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
+                              (None, None, gap))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,10 +22,10 @@ from collections.abc import Callable, Mapping
 import os
 from typing import Any
 
+from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling, knife_edge,
                                                  PointVelocity, Rolling)
-from kane_dynamics.urdf.supplement import mapping, read_yaml
 
 FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame')
 # Of each kind: what makes it, what must be given, and what may be.

@@ -22,6 +22,7 @@ from kane_dynamics.mechanics.definition import beams
 from kane_dynamics.mechanics.definition.kinematics import (Configuration, configurations,
                                                            frame_partial_velocities, motions,
                                                            position, rate)
+from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 
@@ -106,7 +107,8 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
         force = force + here.partial_velocity @ (body.inertial.mass * g)
         force = force - on_coordinate(model, body.joint, spring_torque(body.joint, q))
         if friction:
-            force = force - on_coordinate(model, body.joint, friction_torque(body.joint, u))
+            force = force - on_coordinate(
+                model, body.joint, friction_torque(body.joint, rate(body.joint, u)))
         if body.beam is not None:
             force = force + beams.weight(body.beam, here, q, g)
             force = force + beams.modal_force(body.beam, q, u, friction)
@@ -177,13 +179,6 @@ def rotor_torque(joint: Joint, udot: Any) -> Any:
 def spring_torque(joint: Joint, q: Any) -> Any:
     """Return what holds the joint's spring, N m or N."""
     return joint.stiffness * (position(joint, q) - joint.rest)
-
-
-def friction_torque(joint: Joint, u: Any) -> Any:
-    """Return what overcomes damping, smoothed Coulomb friction and its offset, N m or N."""
-    speed = rate(joint, u)
-    return (joint.damping * speed + joint.friction * np.tanh(speed / joint.friction_speed)
-            + joint.friction_offset)
 
 
 def on_coordinate(model: Model, joint: Joint, torque: Any) -> Any:

@@ -9,13 +9,15 @@ The reference beside `constrained`, for numbers: with q' = W u + X and u_D = A u
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import kane
-from kane_dynamics.model.model import Array
 import numpy as np
+
+if TYPE_CHECKING:  # the type alone: the definition stands on its own
+    from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class Reduction:
     B: Array
 
 
-def reduction(mechanism: Mechanism, q: Array, t: float = 0.0) -> Reduction:
+def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
     """Return W, X, A and B, numbers only."""
     here = mechanism.posture(q, t)
     Y, Z = _numbers(*mechanism.speeds.of(q, t))
@@ -51,12 +53,12 @@ def reduction(mechanism: Mechanism, q: Array, t: float = 0.0) -> Reduction:
     return Reduction(W, -W @ Z, A, B)
 
 
-def dependent_places(mechanism: Mechanism) -> list[int]:
+def dependent_places(mechanism: 'Mechanism') -> list[int]:
     """Return the numbers of the dependent speeds."""
     return [r for r in range(mechanism.model.n) if r not in mechanism.free]
 
 
-def all_speeds(mechanism: Mechanism, parts: Reduction, u: Array) -> Array:
+def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Array) -> Array:
     """Return every speed, (n_q,), from the independent ones."""
     result = np.empty(mechanism.model.n)
     result[mechanism.free] = u
@@ -64,7 +66,7 @@ def all_speeds(mechanism: Mechanism, parts: Reduction, u: Array) -> Array:
     return result
 
 
-def joint_motion(mechanism: Mechanism, q: Array, u: Array, udot: Array,
+def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
                  t: float = 0.0) -> tuple[Array, Array]:
     """Return q' and q'', (n_q,), from the rates of A, B, Y and Z along the motion."""
     parts = reduction(mechanism, q, t)
@@ -87,7 +89,7 @@ def joint_motion(mechanism: Mechanism, q: Array, u: Array, udot: Array,
     return qdot, parts.W @ (u_rate - Y_rate @ qdot - Z_rate)
 
 
-def reduced(mechanism: Mechanism, q: Array, force: Array, t: float = 0.0) -> Array:
+def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> Array:
     """
     Return F~_r, (n,), from generalized forces of the joint rates, (n_q,).
 
@@ -99,7 +101,7 @@ def reduced(mechanism: Mechanism, q: Array, force: Array, t: float = 0.0) -> Arr
             + parts.A.T @ of_speeds[dependent_places(mechanism)])
 
 
-def inverse_dynamics(mechanism: Mechanism, q: Array, u: Array, udot: Array, t: float = 0.0,
+def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array, t: float = 0.0,
                      **forces: Any) -> Array:
     """Return the tau, (n,), that makes F~_r + F~_r* zero; `forces` as for `kane`."""
     qdot, qddot = joint_motion(mechanism, q, u, udot, t)

@@ -11,11 +11,12 @@ and exact differentiation gives the numbers. No function is shared with `kane`, 
 `recursive`: what agrees with them agrees for a reason.
 """
 
-import math
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
-from kane_dynamics.model.model import Array, Joint, Model, WORLD
+from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.model.model import Joint, Model, WORLD
 import numpy as np
 
 
@@ -197,9 +198,7 @@ def friction_force(model: Model, u: Array) -> Array:
     for body in model.bodies:
         joint = body.joint
         rate = joint.multiplier * u[joint.coordinate]
-        held = (joint.damping * rate + joint.friction * math.tanh(rate / joint.friction_speed)
-                + joint.friction_offset)
-        force[joint.coordinate] -= held * joint.multiplier
+        force[joint.coordinate] -= friction_torque(joint, rate) * joint.multiplier
         if body.beam is not None:
             modes = list(body.beam.coordinates)
             force[modes] -= body.beam.damping @ u[modes]

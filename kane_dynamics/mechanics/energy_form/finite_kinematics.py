@@ -10,10 +10,11 @@ displacements and rotations of a frame are read off its derivatives. No function
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics.mechanics.algebra.hyperdual import joined, parts, Parts, seeded
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MechanismState
 from kane_dynamics.mechanics.energy_form.energies import poses
-from kane_dynamics.model.model import Array, WORLD
+from kane_dynamics.model.model import WORLD
 import numpy as np
 
 

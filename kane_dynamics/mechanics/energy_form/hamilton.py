@@ -14,13 +14,14 @@ Source: vector variations, Journal of Robotic Systems 5 (1988) 553.
 
 from collections.abc import Sequence
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.energy_form.admissible_motion import Admissible
 from kane_dynamics.mechanics.energy_form.finite_kinematics import PossibleMotion
 from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
                                                                  angular_velocity_variation,
                                                                  relative, turned)
-from kane_dynamics.model.model import Array, WORLD
+from kane_dynamics.model.model import WORLD
 import numpy as np
 
 

@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.energy_form.admissible_motion import Admissible, admissible
-from kane_dynamics.model.model import Array
 import numpy as np
 
 Wrenches = Mapping[str, tuple[Any, Any]]
@@ -160,7 +160,7 @@ class EnergyForm:
                  + self.form.conservative_force(motion, variations))
         if self.friction:
             force = force + variations.T @ energies.friction_force(motion.posture.model,
-                                                                 motion.qdot)
+                                                                   motion.qdot)
         for name, (push, moment) in (wrenches or {}).items():
             here = motion.posture.possible_motion(*motion.posture.pose(name)).along(variations)
             force = force + here.displacement @ push + here.rotation @ moment

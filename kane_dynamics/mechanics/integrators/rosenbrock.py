@@ -16,6 +16,7 @@ import math
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
+from kane_dynamics.mechanics.friction import friction_over_rate
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -59,11 +60,8 @@ class ImplicitStep:
         """
         total: list[Any] = [0.0] * self.equations.n
         for joint in (body.joint for body in self.equations.model.bodies):
-            ratio: Any = joint.damping
-            if joint.friction:
-                rate = joint.multiplier * u[joint.coordinate]
-                ratio = ratio + joint.friction / np.sqrt(rate * rate + joint.friction_speed**2)
             if self.equations.friction:
+                ratio = friction_over_rate(joint, joint.multiplier * u[joint.coordinate])
                 total[joint.coordinate] = total[joint.coordinate] + joint.multiplier**2 * ratio
         return np.array(total)
 

@@ -19,7 +19,8 @@ import numpy as np
 
 # Coefficients of the speeds, and the force and the moment about the link's origin that it takes.
 JointAxisMotion = tuple[dict[int, Any], Any, Any]
-CompositeForce = list[tuple[dict[int, Any], Any]]  # moves' coefficients, and what is along a joint's axis
+# Moves' coefficients, and what is along a joint's axis.
+CompositeForce = list[tuple[dict[int, Any], Any]]
 
 
 def mass_matrix(links: Sequence[Link], q: Any) -> Any:
@@ -27,7 +28,8 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
     links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
     composite = [(link.mass, link.first_moment, link.second_moment) for link in links]
-    pending: list[list[JointAxisMotion]] = [[] for _ in links]  # by what is beyond a beam, at its root
+    # By what is beyond a beam, at its root.
+    pending: list[list[JointAxisMotion]] = [[] for _ in links]
     seen: list[CompositeForce] = [[] for _ in links]
     M = [[0.0] * len(q) for _ in q]
     for i in reversed(range(len(links))):
@@ -108,7 +110,8 @@ def _project(rates: dict[int, Any], seen: CompositeForce, M: list[list[Any]]) ->
                 M[low][high] = M[low][high] + product * value
 
 
-def _by_modes(moves: list[JointAxisMotion], modes: Modes, M: list[list[Any]]) -> list[JointAxisMotion]:
+def _by_modes(moves: list[JointAxisMotion], modes: Modes,
+              M: list[list[Any]]) -> list[JointAxisMotion]:
     """Return moves with those of a beam's modes made one a mode; the modes' own mass goes to M."""
     own = dict(zip(modes.coordinates, zip(modes.momentum, modes.spin)))
     rest = []

@@ -67,8 +67,8 @@ class JointStep:
         return symmetric(self.rotation @ turned @ self.rotation.T)
 
 
-def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: Any, u: Any, udot: Any,
-                gravity: Any) -> LinkMotion:
+def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: Any, u: Any,
+                udot: Any, gravity: Any) -> LinkMotion:
     """Return the motion of a link, given those of the links `before` it; see `LinkMotion`."""
     rate, acceleration = link.rate(q, u), link.growth(q, u, udot)
     omega, alpha, a, U = (REST, REST, -gravity, AT_REST) if link.parent == WORLD else (

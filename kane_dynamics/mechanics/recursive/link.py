@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.model.beam import Beam, Deflection
-from kane_dynamics.model.model import Array
 import numpy as np
 
 

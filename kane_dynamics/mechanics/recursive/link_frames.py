@@ -23,9 +23,10 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.recursive.link import homogeneous, inverse, Link
 from kane_dynamics.model.beam import Deflection
-from kane_dynamics.model.model import Array, Model, WORLD
+from kane_dynamics.model.model import Model, WORLD
 import numpy as np
 
 SNAP = 1e-14  # entries this close to 0, 1 or -1 are rounding; coarser would cost accuracy

@@ -14,12 +14,13 @@ body's origin make generalized forces of both.
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.recursive.inverse_dynamics import (JointStep, link_motion, LinkMotion,
                                                                 REST, Z)
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
-from kane_dynamics.model.model import Array, Model, WORLD
+from kane_dynamics.model.model import Model, WORLD
 import numpy as np
 
 PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Iyy', 'Ixz', 'Iyz', 'Izz')

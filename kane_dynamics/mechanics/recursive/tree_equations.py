@@ -12,6 +12,7 @@ from typing import Any
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
                                                inverse_dynamics, joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
@@ -95,7 +96,7 @@ class TreeEquations:
     def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return inverse dynamics without friction, (n,)."""
         rigid = inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, u, udot,
-                                           parameters[:3])
+                                                  parameters[:3])
         return (rigid + self.armature(udot) + self.spring_force(q)
                 - self.external_force(q, wrench))
 
@@ -105,8 +106,8 @@ class TreeEquations:
 
     def gravity_force(self, q: Any, parameters: Any) -> Any:
         """Return the torque that holds gravity alone, (n,)."""
-        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros, self.zeros,
-                                          parameters[:3])
+        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros,
+                                                 self.zeros, parameters[:3])
 
     def mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return M with armature, (n, n)."""
@@ -168,8 +169,8 @@ class TreeEquations:
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
         pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        found = joint_reactions.joint_reactions(self._loaded(self._raw_links, parameters), q, u, udot,
-                                          parameters[:3], pushes)
+        links = self._loaded(self._raw_links, parameters)
+        found = joint_reactions.joint_reactions(links, q, u, udot, parameters[:3], pushes)
         return np.array(found).reshape(len(found), 6)
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
@@ -201,7 +202,8 @@ class TreeEquations:
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
-        return inverse_dynamics.potential_energy(self.links(parameters), q, parameters[:3]) + springs
+        links = self.links(parameters)
+        return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
 
     def center_of_mass(self, q: Any, parameters: Any) -> Any:
         """Return the center of mass of the moving bodies and the payload, (3,), m, world axes."""
@@ -261,10 +263,7 @@ class TreeEquations:
 
         def force(joint: Joint) -> Any:
             rate = joint.multiplier * u[joint.coordinate]
-            total = joint.damping * rate
-            if joint.friction:
-                total = total + joint.friction * np.tanh(rate * (1.0 / joint.friction_speed))
-            return joint.multiplier * (total + joint.friction_offset)
+            return joint.multiplier * friction_torque(joint, rate)
         return self._of_beams(self._by_coordinate(force),
                               lambda beam: beam.damping @ u[list(beam.coordinates)])
 
@@ -274,12 +273,8 @@ class TreeEquations:
             return self.zeros
 
         def slope(joint: Joint) -> Any:
-            total: Any = joint.damping
-            if joint.friction:
-                rate = joint.multiplier * u[joint.coordinate]
-                y = np.tanh(rate * (1.0 / joint.friction_speed))
-                total = total + (joint.friction / joint.friction_speed) * (1.0 - y * y)
-            return joint.multiplier**2 * total
+            rate = joint.multiplier * u[joint.coordinate]
+            return joint.multiplier**2 * friction_slope(joint, rate)
         return self._by_coordinate(slope)
 
     def spring_force(self, q: Any) -> Any:
@@ -302,7 +297,8 @@ class TreeEquations:
         total = self.zeros
         if wrench is not None:
             for frame, pushed in zip(self.wrench_frames, wrench):
-                total = total + frame_kinematics.partial_velocities(self._links, frame, q).T @ pushed
+                partials = frame_kinematics.partial_velocities(self._links, frame, q)
+                total = total + partials.T @ pushed
         return total
 
     @property

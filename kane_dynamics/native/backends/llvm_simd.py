@@ -12,7 +12,7 @@ import math
 
 from kane_dynamics.native.backends.llvm_math import largest, scale, Vector, vector_type
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program, size_of
 
@@ -24,7 +24,7 @@ LINE = 8  # doubles that memory delivers together
 @cache
 def width() -> int:
     """Return how many doubles this processor takes at once."""
-    features = llvm_assembler.features()
+    features = llvm.features()
     return 8 if features.get('avx512f') else 4 if features.get('avx2') else 2
 
 
@@ -99,7 +99,7 @@ class RowFunction(Function):
             for row, vector in zip(rows, transposed(v, tile)):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {c}')
                 v.lines.append(
-                    f'  call void @llvm_assembler.masked.store.v{v.width}f64.p0({v.type} {vector}, '
+                    f'  call void @llvm.masked.store.v{v.width}f64.p0({v.type} {vector}, '
                     f'ptr {at}, i32 8, {mask})')
         self.lines += ['  ret void', '}']
 
@@ -141,7 +141,7 @@ class RowFunction(Function):
             at = v.new(f'getelementptr double, ptr {row}, i64 {place}')
             halves.append(v.new(
                 f'load {kind}, ptr {at}, align 8' if half <= size - place else
-                f'call {kind} @llvm_assembler.masked.load.v{half}f64.p0(ptr {at}, i32 8, '
+                f'call {kind} @llvm.masked.load.v{half}f64.p0(ptr {at}, i32 8, '
                 f'{_mask(half, size - place)}, {kind} zeroinitializer)'))
         if half == 1:
             one = v.new(f'insertelement {v.type} poison, double {halves[0]}, i32 0')
@@ -176,7 +176,7 @@ class RowFunction(Function):
         for row in rows:
             for k in range(0, size, LINE):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {distance + k}')
-                v.lines.append(f'  call void @llvm_assembler.prefetch.p0(ptr {at}, i32 {int(writing)}, '
+                v.lines.append(f'  call void @llvm.prefetch.p0(ptr {at}, i32 {int(writing)}, '
                                'i32 3, i32 1)')
 
 
@@ -192,6 +192,6 @@ def lane_text(program: Program, symbol: str, lanes: int) -> str:
     half = max(lanes // 2, 2)
     v, part = vector_type(lanes), vector_type(half)
     return with_callees(main, [
-        'declare void @llvm_assembler.prefetch.p0(ptr, i32, i32, i32)',
-        f'declare {part} @llvm_assembler.masked.load.v{half}f64.p0(ptr, i32, <{half} x i1>, {part})',
-        f'declare void @llvm_assembler.masked.store.v{lanes}f64.p0({v}, ptr, i32, <{lanes} x i1>)'])
+        'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)',
+        f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, <{half} x i1>, {part})',
+        f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, <{lanes} x i1>)'])

@@ -16,10 +16,12 @@ from pathlib import Path
 import stat
 import tempfile
 
-from kane_dynamics.native.machine_code import llvm_assembler
+from kane_dynamics.native.machine_code import llvm
 
 MAGIC = b'kane_dynamics object 1\n'
 MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB
+# The packages whose code makes programs and machine code.
+SOURCES = ('model', 'mechanics', 'native', 'robot', 'control', 'simulation', 'sweep')
 KEPT_SHARE = 0.75  # of that, after files were removed: not every new kernel shall remove some
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
@@ -45,9 +47,8 @@ def directory() -> Path | None:
 @cache
 def _source_stamp() -> str:
     """Identify the version of the code that makes kernels, edits to a checkout included."""
-    package = Path(__file__).resolve().parent.parent
-    files = sorted(path for part in ('native', 'mechanics', 'sweep', '.')
-                   for path in (package / part).glob('*.py'))
+    package = Path(__file__).resolve().parents[2]
+    files = sorted(path for part in SOURCES for path in (package / part).rglob('*.py'))
     status = [(str(path.relative_to(package)), path.stat()) for path in files]
     return repr([(name, s.st_size, s.st_mtime_ns) for name, s in status])
 
@@ -55,7 +56,7 @@ def _source_stamp() -> str:
 def key(*parts: str) -> str:
     """Return the name under which code made from these parts, by this version, here, is kept."""
     digest = hashlib.sha256()
-    for part in (*parts, _source_stamp(), llvm_assembler.fingerprint()):
+    for part in (*parts, _source_stamp(), llvm.fingerprint()):
         digest.update(f'{len(part)}:{part}'.encode())
     return digest.hexdigest()
 

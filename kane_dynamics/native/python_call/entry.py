@@ -17,7 +17,7 @@ import sys
 import sysconfig
 from typing import Any
 
-from kane_dynamics.native.machine_code import llvm_assembler, object_cache
+from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call.entry_ir import (bound_code, entry_code, method_code,
                                                        stand_in_code)
 from kane_dynamics.native.python_call.object_layout import (ALL_FINITE, DATA, DTYPE, FLAGS, FRESH,
@@ -75,7 +75,7 @@ def _table(words: Mapping[str, int], blocks: Sequence[np.ndarray],
     return table
 
 
-def _built_in(name: str, doc: str, address: llvm_assembler.Address, flags: int,
+def _built_in(name: str, doc: str, address: llvm.Address, flags: int,
               table: EntryTable) -> Callable[..., Any]:
     """Make a built-in function of machine code that reads a table."""
     at = table.ctypes.data + 8 * (len(table) - DEFINITION)
@@ -89,7 +89,7 @@ def _built_in(name: str, doc: str, address: llvm_assembler.Address, flags: int,
     return function
 
 
-def _entry(name: str, doc: str, code: llvm_assembler.Code, defaults: Sequence[np.ndarray], shape: Shape,
+def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray], shape: Shape,
            fallback: Callable[..., Any]) -> Callable[..., Any]:
     lengths = np.array(shape, dtype=np.int64)
     ring = np.array([None, None])  # of references, released with it
@@ -100,13 +100,13 @@ def _entry(name: str, doc: str, code: llvm_assembler.Code, defaults: Sequence[np
                      _table(words, defaults, (lengths, ring, fallback, code)))
 
 
-def _bound(name: str, doc: str, code: llvm_assembler.Code, blocks: Sequence[np.ndarray],
+def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
            fallback: Callable[..., Any]) -> Callable[..., Any]:
     return _built_in(name, doc, code.address('bound'), METH_FASTCALL,
                      bound_table(code, blocks, fallback))
 
 
-def bound_table(code: llvm_assembler.Code, blocks: Sequence[np.ndarray],
+def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
                 fallback: Callable[..., Any]) -> EntryTable:
     """Return what a method reads for one object, to stay alive; arguments as `bound` has them."""
     if any(block.size == 0 for block in blocks):
@@ -144,8 +144,9 @@ def supported() -> bool:
 
 
 @cache
-def _assembled(name: str, text: str) -> llvm_assembler.Code:
-    return llvm_assembler.Code(object_cache.fetch(object_cache.key(name, text), lambda: llvm_assembler.assemble(text)))
+def _assembled(name: str, text: str) -> llvm.Code:
+    return llvm.Code(object_cache.fetch(object_cache.key(name, text),
+                                        lambda: llvm.assemble(text)))
 
 
 def _self_test(probe: np.ndarray) -> bool:
@@ -182,7 +183,7 @@ def _self_test(probe: np.ndarray) -> bool:
             and twice(np.full(3, 1e308))[0][0].shape == (3,) and bound(1) == (1,))
 
 
-def entry(name: str, doc: str, code: llvm_assembler.Code, lengths: Sequence[int],
+def entry(name: str, doc: str, code: llvm.Code, lengths: Sequence[int],
           defaults: Sequence[np.ndarray], shape: Shape,
           fallback: Callable[..., Any]) -> Callable[..., Any]:
     """
@@ -209,7 +210,7 @@ def entry(name: str, doc: str, code: llvm_assembler.Code, lengths: Sequence[int]
     return _entry(name, doc, code, defaults, shape, fallback)
 
 
-def bound(name: str, doc: str, code: llvm_assembler.Code, blocks: Sequence[np.ndarray],
+def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
           fallback: Callable[[], Any]) -> Callable[[], Any]:
     """
     Return a function without arguments that calls a kernel on blocks of memory.

@@ -10,10 +10,10 @@ import ctypes
 from dataclasses import dataclass
 from functools import cache
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.backends import llvm_simd
-from kane_dynamics.native.machine_code import llvm_assembler, object_cache
+from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
 from kane_dynamics.native.runtime.threads import shared
 import numpy as np
@@ -45,7 +45,7 @@ block:
   %b.lane = insertelement <W x i64> poison, i64 %b, i32 0
   %b.lanes = shufflevector <W x i64> %b.lane, <W x i64> poison, <W x i32> zeroinitializer
   %open = add <W x i64> %b.lanes, COUNTING
-  %state = call <W x i64> @llvm_assembler.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
+  %state = call <W x i64> @llvm.smin.vWi64(<W x i64> %open, <W x i64> %last.lanes)
   store <W x i64> %state, ptr %states
   br label %place
 place:
@@ -122,8 +122,8 @@ judge:
   %of.input = load <W x i64>, ptr %bad
   %of.result.at = getelementptr <W x i64>, ptr %bad, i64 1
   %of.result = load <W x i64>, ptr %of.result.at
-  %input.bits = call i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64> %of.input)
-  %result.bits = call i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64> %of.result)
+  %input.bits = call i64 @llvm.vector.reduce.or.vWi64(<W x i64> %of.input)
+  %result.bits = call i64 @llvm.vector.reduce.or.vWi64(<W x i64> %of.result)
   %input.bad = icmp ne i64 %input.bits, 0
   %result.bad = icmp ne i64 %result.bits, 0
   %input.flag = select i1 %input.bad, i64 1, i64 0
@@ -131,8 +131,8 @@ judge:
   %flags = or i64 %input.flag, %result.flag
   ret i64 %flags
 }
-declare <W x i64> @llvm_assembler.smin.vWi64(<W x i64>, <W x i64>)
-declare i64 @llvm_assembler.vector.reduce.or.vWi64(<W x i64>)
+declare <W x i64> @llvm.smin.vWi64(<W x i64>, <W x i64>)
+declare i64 @llvm.vector.reduce.or.vWi64(<W x i64>)
 """
 
 
@@ -156,27 +156,27 @@ class Strided:
 
 
 @cache
-def driver(width: int) -> llvm_assembler.Code:
+def driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH`, from the cache if it is there."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
     text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS))
     text = text.replace('<W x', f'<{width} x').replace('vWi64', f'v{width}i64')
     text = text.replace(', W\n', f', {width}\n')
-    return llvm_assembler.Code(object_cache.fetch(object_cache.key('march', text),
-                                        lambda: llvm_assembler.assemble(text, 2, optimise=True)))
+    return llvm.Code(object_cache.fetch(object_cache.key('run_batch', text),
+                                        lambda: llvm.assemble(text, 2, optimise=True)))
 
 
 @cache
-def _march(width: int) -> Callable[..., int]:
+def _driver_function(width: int) -> Callable[..., int]:
     """Return the driver as a function that releases the GIL."""
     arguments = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 2
-    function: Callable[..., int] = driver(width).function('march', ctypes.CFUNCTYPE(
+    function: Callable[..., int] = driver(width).function('run_batch', ctypes.CFUNCTYPE(
         ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3))
     return function
 
 
-def run_batch(kernel: llvm_assembler.Address, rows: Sequence[Strided], count: int, *, steps: int = 1,
-          extremes: tuple[Array, Array] | None = None, width: int | None = None) -> int:
+def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: int = 1,
+              extremes: tuple[Array, Array] | None = None, width: int | None = None) -> int:
     """
     Call a lane kernel for `count` states, through one step or several, without the GIL.
 
@@ -204,7 +204,7 @@ def run_batch(kernel: llvm_assembler.Address, rows: Sequence[Strided], count: in
         raise CompileError(f'a kernel has {len(rows)} arguments; at most {POINTER_SLOTS - 1}')
     table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
     width = width or llvm_simd.width()
-    function, address = _march(width), table.ctypes.data
+    function, address = _driver_function(width), table.ctypes.data
     low, high = (array.ctypes.data for array in extremes) if extremes else (None, None)
     size = extremes[0].shape[1] if extremes else 0
 

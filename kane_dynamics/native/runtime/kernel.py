@@ -7,12 +7,12 @@ import sys
 from threading import Lock
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.native.backends.llvm_math import largest
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
-from kane_dynamics.native.machine_code import llvm_assembler, object_cache
+from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import EntryTable
 from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
@@ -128,25 +128,25 @@ class Kernel:
         self.parameters = parameters
         self._program, self._key = program, key
         self._compiling = Lock()
-        self._lanes: tuple[llvm_assembler.Code, llvm_assembler.Address] | None = None  # set once: others hold it
+        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once: others hold it
         self.code = self._made('', lambda: '\n'.join([module_text(program(), SYMBOL),
                                                       self._ways_in()]))
         self.address = self.code.address(SYMBOL)
 
-    def _made(self, kind: str, text: Callable[[], str]) -> llvm_assembler.Code:
+    def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
         key = self._key
         with gc_paused():
             if key is None:
                 key = text()
                 text = partial(str, key)
-            return llvm_assembler.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
-                                         lambda: llvm_assembler.assemble(text())))
+            return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
+                                                lambda: llvm.assemble(text())))
 
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],
                              [largest(a.name) for a in self.arguments], self.shape)
 
-    def compile_lanes(self) -> llvm_assembler.Address:
+    def compile_lanes(self) -> llvm.Address:
         """Compile what a batch needs now instead of at the first batch; return its address."""
         lanes = self._lanes
         if lanes is None:
@@ -160,7 +160,7 @@ class Kernel:
         return lanes[1]
 
     @property
-    def lane_address(self) -> llvm_assembler.Address:
+    def lane_address(self) -> llvm.Address:
         """Address of the kernel for `lanes.width()` states, which compiles at the first use."""
         return self.compile_lanes()
 
@@ -228,9 +228,9 @@ class Kernel:
         parameters = self.parameters.copy()  # without the GIL, others may change them
         rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
                 for array, a in zip(arrays, self.arguments)]
-        flags = run_batch(self.lane_address, [*rows, Strided(parameters.ctypes.data),
-                                          Strided(result.ctypes.data, 8 * size_of(self.shape))],
-                      count)
+        rows += [Strided(parameters.ctypes.data),
+                 Strided(result.ctypes.data, 8 * size_of(self.shape))]
+        flags = run_batch(self.lane_address, rows, count)
         if flags & BAD_INPUT:
             for argument, array in zip(self.arguments, arrays):
                 _require_finite(argument, array)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import ctypes
 from functools import cache
 
-from kane_dynamics.native.machine_code import llvm_assembler, object_cache
+from kane_dynamics.native.machine_code import llvm, object_cache
 import numpy as np
 
 POINTER_SLOTS = 16  # most arguments, defaults and result together, of one kernel
@@ -20,7 +20,7 @@ define void @repeat(ptr %kernel, ptr %pointers, ptr %strides, i64 %slots, i64 %N
 start:
   %own = alloca [SLOTS x ptr]
   %size = mul i64 %slots, 8
-  call void @llvm_assembler.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
+  call void @llvm.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
   %any = icmp sgt i64 %N, 0
   br i1 %any, label %state, label %done
 state:
@@ -46,16 +46,16 @@ done:
   ret void
 }
 
-declare void @llvm_assembler.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 """
 
 
 @cache
-def support() -> llvm_assembler.Code:
+def support() -> llvm.Code:
     """Return the machine code of `SUPPORT`, from the cache if it is there."""
     text = SUPPORT.replace('SLOTS', str(POINTER_SLOTS))
-    return llvm_assembler.Code(object_cache.fetch(object_cache.key('support', text),
-                                        lambda: llvm_assembler.assemble(text, 2, optimise=True)))
+    return llvm.Code(object_cache.fetch(object_cache.key('support', text),
+                                        lambda: llvm.assemble(text, 2, optimise=True)))
 
 
 @cache
@@ -66,7 +66,7 @@ def _repeat(release_gil: bool) -> Callable[..., None]:
     return function
 
 
-def repeat(kernel: llvm_assembler.Address, pointers: Sequence[int], strides: Sequence[int],
+def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int],
            count: int) -> None:
     """
     Call a kernel `count` times, each pointer moving by its stride (bytes) after every call.

@@ -115,7 +115,7 @@ class ConfiguredRobot:
             self._now, values['state_timeout'], self._statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
         self.surroundings = OptionalTopics(node, server, self.path, values, self._now,
-                                         self._reject, publisher, opened)
+                                           self._reject, publisher, opened)
         self._distribute()
         self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT, raw=True)
@@ -229,5 +229,5 @@ class ConfiguredRobot:
         self.path.set_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot.from_values(self._for_requests, self._for_simulations,
-                                                 self.loads, self.values,
-                                                 self._request_frames)
+                                                      self.loads, self.values,
+                                                      self._request_frames)

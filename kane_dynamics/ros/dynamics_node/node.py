@@ -177,7 +177,8 @@ class DynamicsNode(LifecycleNode):
         log = self.get_logger()
         model = load(source, self.values, log.warning)
         self.statistics = Statistics()
-        self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics, self._warn)
+        self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics,
+                                   self._warn)
         # What lives until cleanup need not be looked through by every collection.
         gc.collect()
         gc.freeze()

@@ -85,7 +85,7 @@ class OptionalTopics:
             path.add_watch(self.contact, need_effort=True)
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
-                                     lambda reason, detail: reject(f'wrench: {reason}', detail))
+                                        lambda reason, detail: reject(f'wrench: {reason}', detail))
             opened.callback(node.destroy_subscription, node.create_subscription(
                 WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True))
         if values['estimator.enabled']:

@@ -1,6 +1,6 @@
 """Joint stops as rigid, inelastic, frictionless obstacles."""
 
-from kane_dynamics.model.model import Array
+from kane_dynamics._util.typing import Array
 import numpy as np
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint

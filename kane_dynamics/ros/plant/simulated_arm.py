@@ -1,7 +1,7 @@
 """The simulated arm: its equations of motion, its stops, its motors, and what pushes on it."""
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.model.model import Array
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.plant.joint_stops import pushed_back
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames

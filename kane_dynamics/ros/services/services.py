@@ -114,7 +114,8 @@ class Services(Node):
             self.log.error(response.message)
         return response
 
-    def _answering(self, call: Callable[[ServedRobot, Any, Any], None]) -> Callable[[Any, Any], Any]:
+    def _answering(self,
+                   call: Callable[[ServedRobot, Any, Any], None]) -> Callable[[Any, Any], Any]:
         """Return a service callback around `call`."""
         def callback(request: Any, response: Any) -> Any:
             try:

@@ -6,6 +6,7 @@ import math
 import time
 from typing import Any
 
+from kane_dynamics._util.checks import positive_time
 from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -201,10 +202,7 @@ def _seconds(request: Any, field: str, default: float | None = None) -> float:
     value = float(getattr(request, field))
     if value == 0.0 and default is not None:
         return default
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f'{field} is {value:g} s; valid: positive and finite'
-                         + (', or 0 for a default' if default is not None else ''))
-    return value
+    return positive_time(value, field, '' if default is None else ', or 0 for a default')
 
 
 def _times(request: Any, bounds: Bounds) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
@@ -98,14 +98,14 @@ def _check_inertia(tensor: Array, most: float) -> None:
     """Raise unless matter within bounds can have this central inertia."""
     if not np.isfinite(tensor).all():
         raise InputError(f'the inertia is {tensor.tolist()}; valid: finite numbers')
-    a, b, c = np.linalg.eigvalsh(tensor).tolist()
-    noise = 1e-6 * abs(c)  # of numbers that were printed and read
-    if a < -noise or c > a + b + noise:
-        raise InputError(f'the inertia has the principal moments {a:g}, {b:g}, {c:g} kg m^2; '
-                         'valid: none negative, none larger than the sum of the other two')
-    if c > most:
-        raise InputError(f'the inertia has the principal moment {c:g} kg m^2; valid: at most '
-                         f'{most:g} kg m^2, mass times the square of parameter '
+    found = principal_moments(tensor, rounding=1e-6)  # of numbers that were printed and read
+    if not found.possible:
+        raise InputError(f'the inertia has the principal moments {found}; expected none '
+                         'negative, none larger than the sum of the other two')
+    largest = found.moments[2]
+    if largest > most:
+        raise InputError(f'the inertia has the principal moment {largest:g} kg m^2; expected at '
+                         f'most {most:g} kg m^2, mass times the square of parameter '
                          'payload.max_distance')
 
 

@@ -1,5 +1,5 @@
 """
-WrenchInput that the environment is known to exert on the robot: from messages to joint torques.
+Wrenches that the environment is known to exert on the robot: from messages to joint torques.
 
 A geometry_msgs/WrenchStamped says what the environment does to the robot (not the reaction to it):
 force and torque in the axes of the frame `header.frame_id`, the force acting at its origin. A

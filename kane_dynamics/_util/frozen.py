@@ -1,0 +1,8 @@
+"""Fields of frozen dataclasses."""
+
+from typing import Any
+
+
+def freeze(record: Any, name: str, value: Any) -> None:
+    """Set a field of a frozen dataclass while it is being made."""
+    object.__setattr__(record, name, value)

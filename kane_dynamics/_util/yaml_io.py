@@ -1,0 +1,75 @@
+"""YAML files: read whole or refused, no key given twice."""
+
+from collections import Counter
+from collections.abc import Mapping
+import os
+from pathlib import Path
+from reprlib import Repr
+from typing import Any
+
+from kane_dynamics._util.text import listing
+from kane_dynamics.errors import KaneError, UrdfError
+import yaml
+
+SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
+SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML that refuses a key given twice, which plain YAML settles in silence."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping after checking that its scalar keys differ."""
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        twice = [key for key, count in Counter(keys).items() if count > 1]
+        if twice:
+            raise yaml.YAMLError(f'given more than once: {listing(twice)} '
+                                 f'(line {node.start_mark.line + 1})')
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any:
+    """
+    Return what a YAML file holds; no key of it may be given twice.
+
+    Parameters
+    ----------
+    source : path
+        The file.
+    what : str
+        It is called in messages.
+    error : type
+        Raised where it cannot be read.
+
+    """
+    if not isinstance(source, (str, os.PathLike)):
+        raise error(f'{what} is {SHORT.repr(source)}; valid: the path of a YAML file, or a dict')
+    try:
+        # `ros2 topic echo` ends what it prints with ---: an empty document, which counts for none.
+        documents = [each for each in yaml.load_all(Path(source).read_bytes(), _Loader)
+                     if each is not None]
+    except (OSError, ValueError) as fault:
+        if isinstance(fault, FileNotFoundError):
+            raise error(f'no such file: {os.fspath(source)!r}; expected the path of a YAML file '
+                        f'({what}), or a dict') from None
+        reason = fault.strerror if isinstance(fault, OSError) else fault
+        raise error(f'{what} {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
+                    'file, or a dict') from None
+    except (yaml.YAMLError, RecursionError) as fault:
+        raise error(f"{what} '{source}' is not valid YAML: {fault}") from None
+    if len(documents) > 1:
+        raise error(f"{what} '{source}' holds {len(documents)} YAML documents; expected one")
+    return documents[0] if documents else {}
+
+
+def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,
+            error: type[KaneError] = UrdfError) -> Mapping[str, Any]:
+    """Return a mapping with string keys, all of them among `valid`; else raise `error`."""
+    expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of names'
+    if not isinstance(data, Mapping):
+        raise error(f'{what} is {SHORT.repr(data)}; expected {expected}')
+    for key in data:
+        if not isinstance(key, str) or (valid and key not in valid):
+            raise error(f'{what}: unknown key {SHORT.repr(key)}; valid: '
+                        f'{listing(valid or ["names"])}')
+    return data

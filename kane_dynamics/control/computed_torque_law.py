@@ -1,0 +1,70 @@
+"""
+The computed-torque law, written once and traced into one program for all of its uses.
+
+    tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)
+
+`Controller` calls it as a kernel; native simulation and sweeps call it as a subroutine of their
+steps. Friction is that of the desired speed: at the measured speed, its compensation would push an
+arm at rest.
+"""
+
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+NAME = 'computed_torque'
+STATES = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # measured, then desired; the gains follow
+
+
+def corrected_acceleration(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, kp: Any,
+                           kd: Any) -> Any:
+    """Return the acceleration that computed torque asks of the model, (n,) or (N, n)."""
+    return udot_d + (kd * (u_d - u) + kp * (q_d - q))
+
+
+def law_program(robot: Robot) -> Program:
+    """
+    Trace the law; arguments as those of `law_kernel`, then the robot's parameters.
+
+    Raises
+    ------
+    InputError
+        The robot has chosen speeds or constraints.
+
+    """
+    equations = robot.equations
+    if not isinstance(equations, TreeEquations):
+        raise InputError('computed torque follows a motion of all joints: it needs a robot '
+                         'whose speeds are the joint rates, without constraints')
+    n, pushed = equations.n, len(robot.kernels.no_wrench) > 0
+
+    def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, *rest: Any) -> Any:
+        wanted = corrected_acceleration(q, u, q_d, u_d, udot_d, gains[:n], gains[n:])
+        rigid = equations.rigid_dynamics(q, u, wanted, rest[0] if pushed else None, rest[-1])
+        return np.array(rigid) + equations.friction_force(u_d)
+    inputs: list[tuple[str, Shape]] = [*((name, (n,)) for name in STATES), ('gains', (2 * n,))]
+    if pushed:
+        inputs.append(('wrench', robot.kernels.no_wrench.shape))
+    return trace_program(NAME, law, [*inputs, ('parameters', robot.parameters.block.shape)])
+
+
+def law_kernel(robot: Robot) -> Kernel:
+    """
+    Return the law as a kernel of the robot.
+
+    Its arguments are q, u measured, q, u, udot desired, (n,) each, and the gains: kp, then kd,
+    (2 n,); then the wrenches where frames for them are declared.
+    """
+    n = robot.n
+    arguments = [Argument(name, (n,), robot.coordinate_names) for name in STATES]
+    arguments.append(Argument('gains', (2 * n,)))
+    none = robot.kernels.no_wrench
+    if len(none):
+        arguments.append(Argument('wrench', none.shape, default=none))
+    return robot.kernels.extra(NAME, lambda: law_program(robot), arguments,
+                               robot.parameters.block, (n,))

@@ -1,0 +1,141 @@
+"""Promises of exciting motions: better than random ones, within limits, from rest to rest."""
+
+from dataclasses import replace
+from functools import cache
+import math
+from pathlib import Path
+
+from kane_dynamics import ComputedTorque, InputError, load_urdf, Robot, simulate
+from kane_dynamics.identification import excite, fit_base, Recording, rows
+from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
+from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
+from kane_dynamics.identification.excitation.optimal_excitation import random_motion, within
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[3] / 'urdf'
+FLOOR, SHARE = 0.05, 0.8
+
+
+@cache
+def arm():
+    """Return a six-axis arm with friction and armature."""
+    urdf = FOLDER / 'ur10e.urdf'
+    return load_urdf(urdf, supplement={'joints': {joint: {
+        'armature': 0.2, 'damping': 3.0, 'friction': 4.0}
+        for joint in load_urdf(urdf).joint_names}})
+
+
+@cache
+def found():
+    """Return a motion for the arm."""
+    return excite(arm(), starts=1, share=SHARE, floor=FLOOR)
+
+
+def design(model, floor=None):
+    """Return what motions of ten seconds are judged by."""
+    return DesignCriterion(model, FourierBasis(10.0, 5), SHARE, math.inf, math.inf, floor, None)
+
+
+def test_condition_number_is_less_than_half_of_that_of_random_motions_within_the_limits():
+    judge, rng = design(arm()), np.random.default_rng(1)
+    others = [within(judge, random_motion(judge, rng))[0] for _ in range(30)]
+    conditions = [judge.condition(p) for p in others]
+    assert found().condition == pytest.approx(judge.condition(found().coefficients))
+    assert found().condition < 0.5 * np.median(conditions)
+    assert found().condition < min(conditions)
+    assert judge.cost(found().coefficients, 0.0)[0] < min(judge.cost(p, 0.0)[0] for p in others)
+
+
+def test_limits_are_kept_between_the_samples_of_the_search():
+    t = np.random.default_rng(0).uniform(0.0, 10.0, 20_000)
+    q, u, udot = found().sample(t)
+    robot = Robot(arm())
+    limits = robot.limits
+    tau = robot.inverse_dynamics(q, u, udot)
+    for values, bound in ((q, limits.upper), (-q, -limits.lower), (np.abs(u), limits.velocity),
+                          (np.abs(tau), limits.effort)):
+        assert (values.max(axis=0) <= SHARE * bound).all()
+    assert (np.abs(u).max(axis=0) > 0.5 * SHARE * limits.velocity).all()
+    assert min(robot.frame_pose(frame, q)[:, 2, 3].min()
+               for frame in ('forearm_link', 'wrist_1_link', 'wrist_3_link')) >= FLOOR
+
+
+def test_motion_starts_and_ends_at_rest_at_one_place():
+    q, u, udot = found().sample(np.array([0.0, 10.0]))
+    assert np.abs(u).max() < 1e-12 and np.abs(udot).max() < 1e-12
+    assert np.allclose(q[0], q[1], atol=1e-12)
+    t = np.linspace(0.0, 10.0, 777)
+    for sampled, exact in zip(found().motion().sample(t), found().sample(t)):
+        assert np.abs(sampled - exact)[:-1].max() < 2e-4
+
+
+def test_series_is_its_own_derivatives():
+    basis, t, h = FourierBasis(3.0, 4), np.linspace(0.1, 2.9, 50), 1e-5
+    ahead, behind, at = (basis.at(t + d) for d in (h, -h, 0.0))
+    assert np.allclose((ahead[0] - behind[0]) / (2 * h), at[1], atol=1e-7)
+    assert np.allclose((ahead[1] - behind[1]) / (2 * h), at[2], atol=1e-6)
+
+
+@pytest.mark.parametrize('weight', [0.0, 100.0])
+def test_slope_of_the_cost_is_that_of_its_differences(weight):
+    judge, rng = design(arm(), 0.3), np.random.default_rng(2)
+    judge.effort = 0.2 * judge.effort  # so that every kind of limit is passed
+    p = 1.5 * random_motion(judge, rng)
+    way = rng.normal(size=p.shape)
+    rise = (judge.cost(p + 1e-5 * way, weight)[0] - judge.cost(p - 1e-5 * way, weight)[0]) / 2e-5
+    assert np.sum(judge.cost(p, weight)[1] * way) == pytest.approx(rise, rel=1e-3)
+
+
+def test_recording_of_the_motion_gives_the_parameters_within_three_deviations():
+    robot, course = Robot(arm()), found().motion(200.0)
+    q, u, _ = found().sample(np.zeros(1))
+    run = simulate(robot, q[0], u[0], 10.0, step=1e-3, sample=5e-3,
+                   torque=ComputedTorque(robot, course, 400.0, 40.0))
+    noise = 0.5 * np.random.default_rng(3).normal(size=run.tau.shape)
+    fit = fit_base(rows(arm(), Recording(run.t, run.q, run.u, run.udot, run.tau + noise)), arm(),
+                   np.full(6, 0.05))
+    off = (fit.values - fit.base.B @ true_unknowns(arm())) / fit.deviations
+    assert np.abs(off).max() < 3.0
+    assert 0.7 < off.std() < 1.3
+
+
+@cache
+def small():
+    """Return an arm of two joints."""
+    return load_urdf(FOLDER / 'two_link.urdf')
+
+
+def test_same_seed_gives_the_same_motion_and_another_does_not():
+    again = [excite(small(), seed=seed, velocity=2.0, harmonics=2).coefficients
+             for seed in (1, 1, 2)]
+    assert np.array_equal(again[0], again[1]) and not np.allclose(again[0], again[2])
+
+
+def test_further_limits_of_speed_and_acceleration_are_kept():
+    got = excite(small(), velocity=[1.0, 2.0], acceleration=1.5, periods=2, starts=1, share=1.0)
+    _, u, udot = got.sample(np.linspace(0.0, 10.0, 5000))
+    assert (np.abs(u).max(axis=0) <= [1.0, 2.0]).all() and np.abs(udot).max() <= 1.5
+    assert np.abs(udot).max() > 1.3
+    assert got.motion().duration == 10.0 and got.basis.period == 5.0
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'duration': 0.0}, 'duration is 0'), ({'harmonics': 1}, 'harmonics is 1; expected two'),
+    ({'floor': float('nan')}, 'floor is nan; expected a finite height'),
+    ({'share': 1.1}, 'share is 1.1'), ({'starts': 0}, 'starts is 0; expected one'),
+    ({'seed': -1}, 'seed is -1; expected'),
+    ({'velocity': 0.0}, 'has the limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
+    ({'velocity': 1.0, 'floor': 100.0}, "no motion keeps frame '.*' above 100 m"),
+    ({'velocity': 1.0, 'floor': 0.0, 'floor_frames': ['none']}, "no frame 'none'")])
+def test_what_cannot_be_searched_is_refused(change, words):
+    with pytest.raises(InputError, match=words):
+        excite(small(), **{'starts': 1, **change})
+
+
+def test_arm_that_cannot_hold_itself_is_refused_by_joint():
+    weak = replace(small(), bodies=tuple(replace(body, joint=replace(body.joint, limits=replace(
+        body.joint.limits, effort=1e-3))) for body in small().bodies))
+    with pytest.raises(InputError, match="no motion keeps the effort limit of joint '"):
+        excite(weak, starts=1, velocity=1.0)

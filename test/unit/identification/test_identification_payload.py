@@ -1,0 +1,134 @@
+"""Promises of payload identification, on a simulated arm that carries 2 kg."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from kane_dynamics import Inertial, InputError, load_urdf
+from kane_dynamics.identification import identify_payload, PayloadEstimator, Recording
+import numpy as np
+import pytest
+from recordings import simulated
+
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
+LOAD = Inertial(2.0, np.array([0.03, -0.02, 0.08]), np.diag([0.02, 0.015, 0.01]))
+FRICTION = {joint: {'damping': 3.0, 'friction': 4.0} for joint in load_urdf(URDF).joint_names}
+PAYLOAD = {'link': 'tool0', 'mass': LOAD.mass, 'com': LOAD.com.tolist(), 'inertia': dict(
+    zip(('ixx', 'iyy', 'izz'), np.diag(LOAD.inertia).tolist()))}
+
+
+@cache
+def bare():
+    """Return the arm without its load."""
+    return load_urdf(URDF, supplement={'joints': FRICTION})
+
+
+@cache
+def recording():
+    """Return ten seconds of the arm with its load, torques with noise of 0.5 N m."""
+    return simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2, 0.5,
+                     duration=10.0)
+
+
+def test_payload_is_found_to_2_percent_and_5_mm_within_three_deviations():
+    found = identify_payload(bare(), recording(), 'tool0')
+    assert abs(found.inertial.mass - LOAD.mass) < min(0.04, 3.0 * found.mass_deviation)
+    off = np.abs(found.inertial.com - LOAD.com)
+    assert np.linalg.norm(off) < 0.005
+    assert (off < 3.0 * found.com_deviation).all()
+    assert np.abs(found.inertial.inertia - LOAD.inertia).max() < 0.01
+    assert (np.abs(found.inertial.inertia - LOAD.inertia) < 3.0 * found.inertia_deviation).all()
+    assert np.allclose(found.held_out, 0.5, rtol=0.15) and 1.0 < found.condition < 1e3
+    assert np.linalg.eigvalsh(found.inertial.pseudo_inertia)[0] > 0.0
+    assert np.allclose(found.residual, 0.5, rtol=0.1)
+
+
+def test_payload_is_exact_without_noise():
+    clean = simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2,
+                      duration=4.0)
+    found = identify_payload(bare(), clean, 'tool0').inertial
+    assert found.mass == pytest.approx(LOAD.mass, rel=1e-4)
+    assert np.abs(found.com - LOAD.com).max() < 1e-4
+    assert np.abs(found.inertia - LOAD.inertia).max() < 1e-4
+
+
+def test_deviations_of_the_inertia_are_the_spread_over_noises():
+    clean = simulated(load_urdf(URDF, supplement={'joints': FRICTION, 'payload': PAYLOAD}), 2,
+                      duration=2.0)
+    found = []
+    for seed in range(12):
+        noise = 0.05 * np.random.default_rng(seed).normal(size=clean.tau.shape)
+        found.append(identify_payload(bare(), replace(clean, tau=clean.tau + noise), 'tool0'))
+    for spread, told in ((np.std([f.inertial.mass for f in found]), found[0].mass_deviation),
+                         (np.std([f.inertial.com for f in found], axis=0),
+                          found[0].com_deviation),
+                         (np.std([f.inertial.inertia for f in found], axis=0),
+                          found[0].inertia_deviation)):
+        assert 0.6 < np.median(spread / told) < 1.4
+
+
+def test_motion_that_cannot_tell_the_payload_does_not_look_sure_of_it():
+    still = recording().rows(slice(0, 200))
+    still = replace(still, q=np.zeros_like(still.q), u=np.zeros_like(still.u),
+                    udot=np.zeros_like(still.udot))
+    found = identify_payload(bare(), still, 'tool0')
+    assert found.condition > 1e6
+    assert found.inertia_deviation.max() > 0.1
+
+
+def test_payload_is_known_within_ten_seconds_of_motion_and_its_loss_is_noticed():
+    estimator = PayloadEstimator(bare(), 'tool0', np.full(6, 0.5), memory=500.0)
+    assert np.isnan(estimator.com).all()
+    given = recording()
+    for k in range(len(given)):
+        estimator.update(given.q[k], given.u[k], given.udot[k], given.tau[k])
+    assert abs(estimator.mass - 2.0) < min(0.04, 3.0 * estimator.mass_deviation)
+    assert np.linalg.norm(estimator.com - LOAD.com) < 0.005
+    assert (np.abs(estimator.com - LOAD.com) < 3.0 * estimator.com_deviation).all()
+    empty = simulated(bare(), 2, 0.5, duration=20.0)
+    for k in range(len(empty)):
+        estimator.update(empty.q[k], empty.u[k], empty.udot[k], empty.tau[k])
+    assert abs(estimator.mass) < 0.1
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'tau': np.array([np.nan, *np.zeros(5)])}, r"tau\[0\] \(joint 'shoulder_pan_joint'\) is nan"),
+    ({'tau': 3.0}, r'tau has shape \(\)'), ({'tau': np.zeros(5)}, r'tau has shape \(5,\)'),
+    ({'tau': ['a'] * 6}, 'tau has dtype'), ({'u': np.full(6, np.inf)}, r'u\[0\] .* is inf'),
+    ({'tau': np.full(6, 1e308)}, 'too large'),
+    ({name: np.zeros((2, 6)) for name in ('q', 'u', 'udot', 'tau')}, 'expected one sample')])
+def test_sample_that_is_none_is_refused_and_leaves_the_estimate_as_it_was(change, words):
+    estimator, given = PayloadEstimator(bare(), 'tool0', np.full(6, 0.5)), recording()
+    sample = {name: getattr(given, name)[7] for name in ('q', 'u', 'udot', 'tau')}
+    estimator.update(**sample)
+    before = estimator.mass, estimator.covariance
+    with pytest.raises(InputError, match=words):
+        estimator.update(**{**sample, **change})
+    assert estimator.mass == before[0] > 0.0
+    assert np.array_equal(estimator.covariance, before[1])
+
+
+def test_recording_that_does_not_tell_the_mass_is_refused():
+    for count in (0, 3, 19):
+        with pytest.raises(InputError, match=f'has {count} rows; a payload needs 20'):
+            identify_payload(bare(), recording().rows(slice(0, count)), 'tool0')
+    small = load_urdf(URDF.with_name('two_link.urdf'))
+    hanging = Recording(np.arange(30.0), np.tile([np.pi / 2, 0.0], (30, 1)),
+                        *np.zeros((2, 30, 2)), 0.1 * np.random.default_rng(0).normal(size=(30, 2)))
+    with pytest.raises(InputError, match=r"not tell the mass at 'tip': .* is 31\.6 kg"):
+        identify_payload(small, hanging, 'tip')
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'frame': 'base_link'}, 'fixed in the world'), ({'frame': 'none'}, 'no frame'),
+    ({'sigma': [1.0]}, 'expected 6 positive numbers'), ({'memory': 0.5}, 'more than 1 sample')])
+def test_estimator_refuses_what_cannot_be(change, words):
+    with pytest.raises(InputError, match=words):
+        PayloadEstimator(**{'model': bare(), 'frame': 'tool0', 'sigma': np.ones(6), **change})
+
+
+def test_recording_of_other_joints_is_refused():
+    other = replace(recording(), **{name: getattr(recording(), name)[:, :5]
+                                    for name in ('q', 'u', 'udot', 'tau')})
+    with pytest.raises(InputError, match='of 5 joints, the model has 6'):
+        identify_payload(bare(), other, 'tool0')

@@ -1,0 +1,157 @@
+"""Promises of recordings: every column is of the joint that it is taken for, or is refused."""
+
+from functools import cache
+import json
+from pathlib import Path
+
+from kane_dynamics import InputError, load_urdf, Robot, simulate, Trajectory
+from kane_dynamics.cli import main
+from kane_dynamics.cli.tables import read_states
+from kane_dynamics.identification import read_recording, Recording
+import numpy as np
+import pytest
+from recordings import simulated
+
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'two_link.urdf'
+NAMES = ('joint1', 'joint2')
+
+
+@cache
+def recording():
+    """Return half a second of a two-link arm."""
+    return simulated(load_urdf(URDF), 1, duration=0.5)
+
+
+def table(path, header, rows):
+    """Write a CSV file and return its path."""
+    np.savetxt(path, rows, delimiter=',', header=','.join(header), comments='')
+    return path
+
+
+@cache
+def counted(n, rows=4):
+    """Return rows t, q1 ... qn, tau1 ... taun in which every q and tau is its own number."""
+    columns = np.tile(np.arange(1.0, n + 1.0), (rows, 2))
+    return ['t', *(f'{word}{k + 1}' for word in ('q', 'tau') for k in range(n))], np.column_stack(
+        [np.arange(float(rows)), columns])
+
+
+def test_recording_reads_alike_from_csv_and_npz(tmp_path):
+    given = recording()
+    arrays = {name: getattr(given, name) for name in ('q', 'u', 'udot', 'tau')}
+    np.savez(tmp_path / 'a.npz', t=given.t, **arrays)
+    header = ['t', *(f'{name}.{joint}' for name in arrays for joint in NAMES)]
+    np.savetxt(tmp_path / 'a.csv', np.column_stack([given.t, *arrays.values()]), fmt='%.17g',
+               delimiter=',', header=','.join(header), comments='')
+    for path in (tmp_path / 'a.npz', tmp_path / 'a.csv'):
+        read = read_recording(path, NAMES)
+        for name in ('t', *arrays):
+            assert np.array_equal(getattr(read, name), getattr(given, name))
+
+
+@pytest.mark.parametrize(('wanted', 'numbers'), [
+    ('abcd', [1, 2, 3, 4]), ('dcba', [4, 3, 2, 1]), ('db', [4, 2]), ('c', [3])])
+def test_numbers_count_the_joints_of_the_robot_whichever_are_wanted(tmp_path, wanted, numbers):
+    path = table(tmp_path / 'a.csv', *counted(4))
+    read = read_recording(path, list(wanted), numbered='abcd')
+    assert read.q[0].tolist() == read.tau[-1].tolist() == numbers
+    rows = counted(4)[1]
+    np.savez(tmp_path / 'a.npz', t=rows[:, 0], q=rows[:, 1:5], tau=rows[:, 5:])
+    read = read_recording(tmp_path / 'a.npz', list(wanted), numbered='abcd')
+    assert read.q[0].tolist() == numbers
+
+
+def test_numbers_as_many_as_the_wanted_joints_count_these_from_the_base(tmp_path):
+    path = table(tmp_path / 'a.csv', *counted(2))
+    assert read_recording(path, ['d', 'b'], numbered='abcd').q[0].tolist() == [2.0, 1.0]
+    for wanted in ('bcd', 'b'):
+        with pytest.raises(InputError, match=r"'q' is numbered to 2; expected .* all 4 of"):
+            read_recording(path, list(wanted), numbered='abcd')
+    with pytest.raises(InputError, match="'q' is numbered to 2; expected numbers of the 1 joints"):
+        read_recording(path, ['a'])
+
+
+def test_replay_of_chosen_joints_compares_each_with_its_own_column(tmp_path, capsys):
+    given = recording()
+    path = table(tmp_path / 'a.csv', ['t', *(f'{w}{k}' for w in ('q', 'v', 'a', 'tau')
+                                             for k in (1, 2))],
+                 np.column_stack([given.t, given.q, given.u, given.udot, given.tau]))
+    assert main(['replay', str(URDF), str(path), '--json', '--joints', 'joint2', 'joint1']) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert np.allclose(data['measured'], given.tau[:, ::-1])
+    assert max(data['rms_error']) < 1e-12
+
+
+def test_saved_simulation_is_a_recording_in_any_order_of_joints(tmp_path):
+    robot = Robot(load_urdf(URDF))
+    motion = simulate(robot, [0.1, 0.2], [0.0, 0.0], 0.05, step=0.01)
+    motion.save_npz(tmp_path / 'a.npz')
+    read = read_recording(tmp_path / 'a.npz', NAMES[::-1])
+    for name in ('q', 'u', 'udot', 'tau'):
+        assert np.array_equal(getattr(read, name), getattr(motion, name)[:, ::-1])
+    with pytest.raises(InputError, match=r"of the joints \['joint1', 'joint2'\]; lacks \['j3'\]"):
+        read_recording(tmp_path / 'a.npz', ['joint1', 'j3'])
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('q1,tau1\n1,2\n', "no column 't'"),
+    ('t,q1\n1,2\n2,3\n3,4\n', "no 'tau'"),
+    ('t,q1,tau1\n1,2,x\n', 'expected named columns of numbers'),
+    ('t,q1,tau1\n1,2,0\n1,2,0\n2,1,0\n', 'must increase from row to row'),
+    ('t,q1,tau1\n1,2,0\n2,nan,0\n3,1,0\n', 'not finite in row 2'),
+    ('t,q1,tau1\n1,2,0\n2,2,0\ninf,1,0\n', 't is inf in row 3; expected a finite time'),
+    ('t,q1,tau1\n', 'has 0 rows; expected 3'),
+    ('t,q1,q1,tau1\n1,2,3,0\n', r"several columns are called \['q1'\]"),
+    ('t,time,q1,tau1\n1,2,3,0\n', "'t' and 'time'"),
+    ('t,q1,q3,tau1,tau2\n1,2,3,0,0\n2,2,3,0,0\n3,2,3,0,0\n', r"no columns \['q2'\]"),
+])
+def test_bad_recording_is_named(tmp_path, text, words):
+    path = tmp_path / 'bad.csv'
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        read_recording(path, ['joint', 'other'] if 'q3' in text else ['joint'])
+    assert 'bad.csv' in str(caught.value)
+
+
+def test_columns_of_one_name_are_refused_where_states_are_read_too(tmp_path):
+    path = table(tmp_path / 'a.csv', ['t', 'q.j', 'q.j'], np.zeros((2, 3)))
+    with pytest.raises(InputError, match=r"a.csv: several columns are called \['q.j'\]"):
+        read_states(path, ['j'])
+
+
+@pytest.mark.parametrize('damage', ['empty', 'single', 'short', 'objects'])
+def test_damaged_npz_is_named_by_all_who_read_one(tmp_path, damage):
+    path = tmp_path / 'bad.npz'
+    np.savez(path, t=np.arange(3.0), q=np.array([{}]) if damage == 'objects' else np.zeros(300))
+    content = path.read_bytes()
+    if damage == 'single':
+        with path.open('wb') as stream:
+            np.save(stream, np.zeros(3))
+    elif damage != 'objects':
+        path.write_bytes(content[:0 if damage == 'empty' else len(content) // 2])
+    for reader in (lambda: read_recording(path, NAMES), lambda: Trajectory.load_npz(path)):
+        with pytest.raises(InputError, match=r'bad\.npz.*expected an npz file'):
+            reader()
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'t': np.arange(4.0)}, "'q' has 3 rows, the time has 4"),
+    ({'t': np.arange(3.0)[:, None]}, r"'t' has shape \(3, 1\)"),
+    ({'t': np.arange(3.0) + 1j}, "'t' has dtype complex128"),
+    ({'q': np.zeros((1, 3, 2))}, r"'q' has shape \(1, 3, 2\); expected \(N, n\)"),
+    ({'joint_names': np.array(['joint1'])}, r"lacks \['joint2'\]"),
+    ({'joint_names': np.array(NAMES), 'speed_names': np.array(['w1', 'w2'])}, 'its speeds')])
+def test_arrays_that_do_not_fit_together_are_refused_in_words(tmp_path, change, words):
+    np.savez(tmp_path / 'a.npz', **{'t': np.arange(3.0), 'q': np.zeros((3, 2)),
+                                    'tau': np.zeros((3, 2)), **change})
+    with pytest.raises(InputError, match=words):
+        read_recording(tmp_path / 'a.npz', NAMES)
+
+
+def test_recording_takes_lists_and_refuses_what_is_no_real_number():
+    zeros = [[0.0]] * 3
+    assert Recording([0, 1, 2], *[zeros] * 4).tau.shape == (3, 1)
+    for part, words in (([[0.0], [1.0], []], 'rectangular'), ([[1j]] * 3, 'dtype complex'),
+                        ([['a']] * 3, 'dtype <U1'), ([0.0] * 3, r'shapes \(3,\) and \(3,\)')):
+        with pytest.raises(InputError, match=words):
+            Recording([0, 1, 2], zeros, zeros, zeros, part)

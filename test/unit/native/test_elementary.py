@@ -1,0 +1,99 @@
+"""Promises of sine, cosine and hyperbolic tangent in native code."""
+
+from kane_dynamics import InputError
+from kane_dynamics.native.backends.llvm_math import LARGEST
+from kane_dynamics.native.backends.llvm_scalar import module_text
+from kane_dynamics.native.backends.llvm_simd import lane_text, width
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.tracing.program import trace_program
+import mpmath
+import numpy as np
+import pytest
+
+N = 1000
+
+
+@pytest.fixture(scope='module', params=[1, 2, 4, 8])
+def functions(request):
+    """Evaluate (sin, cos, tanh) of an array, in lanes of every width."""
+    width = request.param
+    program = trace_program('f', lambda x, none: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
+                            [('x', (1,)), ('none', (1,))])
+    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
+                                   else lane_text(program, 'f', width)))
+
+    def run(x):
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        none, out = np.zeros(1), np.empty((len(x), 3))
+        rows = [Strided(x.ctypes.data, 8), Strided(none.ctypes.data),
+                Strided(out.ctypes.data, 24)]
+        if width == 1:
+            repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
+                   len(x))
+        else:
+            run_batch(code.address('f'), rows, len(x), width=width)
+        return out
+    return run
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e-8, 1e-3, 0.3, 1.0, 3.0, 100.0, 1e4, 1e6])
+def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, size):
+    x = np.random.default_rng(1).uniform(-size, size, N)
+    got = functions(x)
+    with mpmath.workprec(200):
+        for k, exact in enumerate((mpmath.sin, mpmath.cos, mpmath.tanh)):
+            true = [exact(mpmath.mpf(v)) for v in x]
+            ulp = np.spacing(np.abs(np.array([float(v) for v in true])))
+            error = np.array([float(abs(mpmath.mpf(g) - v)) for g, v in zip(got[:, k], true)])
+            assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
+
+
+@pytest.mark.parametrize('size', [1e9, LARGEST, 1e3 * LARGEST])
+def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
+    x = np.random.default_rng(2).uniform(-size, size, N)
+    got = functions(x)
+    with mpmath.workprec(200):
+        exact = np.array([[float(mpmath.sin(mpmath.mpf(v))), float(mpmath.cos(mpmath.mpf(v)))]
+                          for v in x])
+    np.testing.assert_allclose(got[:, :2], exact, rtol=0.0, atol=1e-15)
+
+
+def test_near_multiples_of_a_quarter_turn_the_relative_error_stays_small(functions):
+    x = np.arange(-2000, 2000) * (np.pi / 2)
+    got = functions(x)
+    with mpmath.workprec(300):
+        exact = np.array([[float(mpmath.sin(mpmath.mpf(v))), float(mpmath.cos(mpmath.mpf(v)))]
+                          for v in x])
+    np.testing.assert_allclose(got[:, :2], exact, rtol=1e-12, atol=0.0)
+
+
+def test_nan_and_infinity_never_become_plausible_numbers(functions):
+    got = functions([np.nan, np.inf, -np.inf])
+    assert np.isnan(got[:, :2]).all()
+    assert np.isnan(got[0, 2])
+    assert got[1, 2] == 1.0 and got[2, 2] == -1.0
+
+
+def test_zero_and_saturation_are_exact(functions):
+    got = functions([0.0, -0.0, 50.0, -1e300])
+    assert (got[:2, 0] == 0.0).all() and (got[:2, 1] == 1.0).all() and np.signbit(got[1, 2])
+    assert got[2, 2] == 1.0 and got[3, 2] == -1.0
+
+
+@pytest.mark.parametrize('size', [3, 300])
+def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(size):
+    kernel = Kernel('f', lambda: trace_program('f', lambda q, none: [np.sin(q[1])], [
+        ('q', (size,)), ('none', (1,))]), None, [Argument('q', (size,))], np.zeros(1), (1,))
+    q, result = np.full(size, -1e12), np.empty(1)
+    ways = [kernel.entry('', kernel), kernel.bind([q], result, ''), kernel, kernel]
+    given = [(q,), (), (list(q),), (np.tile(q, (width() + 1, 1)),)]
+    for way, arguments in zip(ways, given):
+        np.testing.assert_allclose(way(*arguments).ravel(), np.sin(-1e12), atol=1e-15)
+    q[1] = given[2][0][1] = given[3][0][1, 1] = -1.001e12
+    for way, arguments in zip(ways, given):
+        with pytest.raises(InputError, match=r'q\[(1|1, 1)\] is -1001000000000.0; expected a '
+                           r'finite number of at most 1e\+12 rad or m'):
+            way(*arguments)

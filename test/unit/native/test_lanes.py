@@ -1,0 +1,295 @@
+"""Promises of batches: the numbers of single states, whatever batch, lanes and threads."""
+
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+
+from kane_dynamics import InputError, Robot
+from kane_dynamics.native.backends import llvm_simd
+from kane_dynamics.native.backends.llvm_simd import lane_text
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.runtime import threads
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, BAD_RESULT, run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+MODEL = random_model(3, 5, mimics=1)
+FRAME = MODEL.frames[-1].name
+W = llvm_simd.width()
+COUNTS = (0, 1, W - 1, W, W + 1, 3 * W + 2, 1000)
+
+
+@pytest.fixture(scope='module')
+def robot():
+    """Return a robot that may be pushed at its last frame."""
+    return Robot(MODEL, wrench_frames=(FRAME,))
+
+
+def batch(count, n=5, seed=1):
+    """Return (3, count, n) numbers."""
+    return np.random.default_rng(seed).normal(size=(3, count, n))
+
+
+def close(batched, single):
+    """Assert agreement to rounding, relative to the largest entry of a state's result."""
+    batched, single = np.asarray(batched), np.asarray(single)
+    assert batched.shape == single.shape
+    entries = tuple(range(1, single.ndim))
+    size = np.abs(single).max(axis=entries) if single.size else 0.0
+    error = np.abs(batched - single).max(axis=entries) if single.size else 0.0
+    assert np.all(error <= 1e-13 * size), (error / size).max()
+
+
+@pytest.mark.parametrize('name', QUANTITIES)
+@pytest.mark.parametrize('count', COUNTS)
+def test_a_batch_is_its_states_one_by_one(robot, name, count):
+    given = batch(count)[:len(QUANTITIES[name].arguments)]
+
+    def method(*state):
+        result = getattr(robot, name)(*state)
+        return np.stack(result, axis=-3) if isinstance(result, tuple) else result
+    single = [method(*np.ascontiguousarray(row)) for row in given.transpose(1, 0, 2)]
+    shape = QUANTITIES[name].shape(Sizes(5, 5, len(robot.model.bodies), 0))
+    close(method(*given), np.array(single).reshape(count, *shape))
+
+
+@pytest.mark.parametrize('name', FRAME_QUANTITIES)
+def test_a_batch_of_frames_is_its_states_one_by_one(robot, name):
+    given = batch(W + 3)[:len(FRAME_QUANTITIES[name].arguments)]
+    method = getattr(robot, name)
+    close(method(FRAME, *given), [method(FRAME, *row) for row in given.transpose(1, 0, 2)])
+
+
+def test_a_wrench_may_be_each_states_own_or_none(robot):
+    q, u, udot = batch(W + 3)
+    push = np.random.default_rng(2).normal(size=(W + 3, 1, 6))
+    close(robot.inverse_dynamics(q, u, udot, wrench=push),
+          [robot.inverse_dynamics(*row, wrench=w) for *row, w in zip(q, u, udot, push)])
+    close(robot.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot, wrench=0 * push))
+
+
+def test_parameters_are_those_of_the_moment():
+    robot = Robot(MODEL, payload_frame=FRAME)
+    q, u, udot = batch(W + 3)
+    before = robot.inverse_dynamics(q, u, udot)
+    robot.parameters.gravity = (1.0, 2.0, 3.0)
+    robot.parameters.payload = MODEL.bodies[0].inertial
+    after = robot.inverse_dynamics(q, u, udot)
+    assert np.abs(after - before).max() > 0.1
+    close(after, [robot.inverse_dynamics(*row) for row in zip(q, u, udot)])
+
+
+@pytest.mark.parametrize('convert', [
+    list, lambda x: x.astype(np.float32), lambda x: np.repeat(x, 2, axis=0)[::2],
+    lambda x: np.asfortranarray(x), lambda x: x.astype('>f8'), lambda x: x[::-1].copy()[::-1]])
+def test_anything_convertible_is_converted(robot, convert):
+    given = [convert(x) for x in batch(W + 3)]
+    expected = robot.inverse_dynamics(*[np.array(x, dtype=np.float64) for x in given])
+    assert np.array_equal(robot.inverse_dynamics(*given), expected)
+
+
+def test_an_answer_does_not_depend_on_its_place_its_batch_or_the_threads(robot, monkeypatch):
+    q, u, udot = batch(20_000)
+    monkeypatch.setenv(threads.VARIABLE, '1')
+    whole = robot.forward_dynamics(q, u, udot)
+    for first, last in ((0, 1), (1, W + 3), (777, 1800), (19_999, 20_000)):
+        part = slice(first, last)
+        assert np.array_equal(robot.forward_dynamics(q[part], u[part], udot[part]), whole[part])
+    monkeypatch.setattr(threads, 'WORTH', 1e-9)  # any work is worth a thread
+    for count in (2, 3, 7):
+        monkeypatch.setenv(threads.VARIABLE, str(count))
+        assert np.array_equal(robot.forward_dynamics(q, u, udot), whole)
+
+
+def test_out_is_written_to_and_may_overlay_an_argument(robot):
+    q, u, udot = batch(3 * W + 1)
+    expected = robot.inverse_dynamics(q, u, udot)
+    out = np.empty_like(q)
+    assert robot.inverse_dynamics(q, u, udot, out=out) is out
+    assert np.array_equal(out, expected)
+    strided = np.empty((3 * W + 1, 10))[:, ::2]
+    assert robot.inverse_dynamics(q, u, udot, out=strided) is strided
+    assert np.array_equal(strided, expected)
+    overlaid = udot.copy()
+    assert np.array_equal(robot.inverse_dynamics(q, u, overlaid, out=overlaid), expected)
+
+
+def test_an_out_that_overlaps_other_states_changes_no_answer(robot):
+    q, u, udot = batch(3 * W + 1)
+    expected = robot.inverse_dynamics(q[:-1], u[:-1], udot[:-1])
+    moved = udot.copy()
+    robot.inverse_dynamics(q[:-1], u[:-1], moved[:-1], out=moved[1:])
+    assert np.array_equal(moved[1:], expected)
+    memory = np.zeros(5 * 5 * W)
+    matrices = memory.reshape(W, 5, 5)
+    memory[:5 * W] = q[:W].ravel()
+    robot.mass_matrix(memory[:5 * W].reshape(W, 5), out=matrices)
+    assert np.array_equal(matrices, robot.mass_matrix(q[:W]))
+
+
+@pytest.mark.parametrize('place', [0, W - 1, W, 3 * W])
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('argument', range(3))
+def test_a_number_that_is_not_finite_is_named_with_row_and_joint(robot, place, value, argument):
+    given = batch(3 * W + 1)
+    given[argument, place, 2] = value
+    name = ('q', 'u', 'udot')[argument]
+    words = re.escape(f"{name}[{place}, 2] (joint 'joint2') is {value}; expected a finite number")
+    with pytest.raises(InputError, match=words):
+        robot.inverse_dynamics(*given)
+
+
+def test_what_a_quantity_does_not_use_must_be_finite_as_well():
+    slide = Robot(random_model(0, 1, prismatic=1.0, passive=False))  # M does not depend on q
+    with pytest.raises(InputError, match=re.escape('q[1, 0]')):
+        slide.mass_matrix([[0.0], [np.nan]])
+
+
+def test_a_result_that_is_not_finite_is_named_with_its_state(robot):
+    q, u, udot = batch(3 * W + 1)
+    udot[W + 1] = 1e308
+    with pytest.raises(InputError, match=f'result of state {W + 1} is not finite'):
+        robot.inverse_dynamics(q, u, udot)
+
+
+@pytest.mark.parametrize('width', [2, 4, 8])
+def test_lanes_of_every_width_compute_the_same(width):
+    inner = trace_program('inner', lambda x: [np.sin(x[0]), x[0] / x[1]], [('x', (2,))])
+
+    def outer(x, y, block):
+        first = call(inner, x[:2])
+        second = call(inner, [first[0], x[2]])
+        return [*second, np.tanh(y[0]) * block[1], np.sqrt(y[1] * y[1]), 4.0, *first]
+    program = trace_program('outer', outer, [('x', (3,)), ('y', (2,)), ('block', (2,))])
+    code = llvm.Code(llvm.assemble(lane_text(program, 'f', width)))
+    rng = np.random.default_rng(0)
+    x, y, block = rng.normal(size=(13, 3)), rng.normal(size=(13, 2)), np.array([9.0, 3.0])
+    out = np.full((14, 7), -7.0)
+    rows = [Strided(x.ctypes.data, 24), Strided(y.ctypes.data, 16), Strided(block.ctypes.data),
+            Strided(out.ctypes.data, 56)]
+    assert run_batch(code.address('f'), rows, 13, width=width) == 0
+    first = np.stack([np.sin(x[:, 0]), x[:, 0] / x[:, 1]], axis=1)
+    expected = np.column_stack([np.sin(first[:, 0]), first[:, 0] / x[:, 2],
+                                3.0 * np.tanh(y[:, 0]), np.abs(y[:, 1]), np.full(13, 4.0), first])
+    np.testing.assert_allclose(out[:13], expected, rtol=1e-15)
+    assert (out[13] == -7.0).all()  # nothing is written past the last state
+    y[12, 0] = np.nan
+    assert run_batch(code.address('f'), rows, 13, width=width) == BAD_INPUT | BAD_RESULT
+    y[12, 0], x[3, 1] = 0.0, 0.0
+    assert run_batch(code.address('f'), rows, 13, width=width) == BAD_RESULT
+
+
+def test_long_rows_that_fill_no_whole_tiles_arrive_in_order():
+    def square(x, block):
+        return [[a * b + block[0] for a in x] for b in x]
+    kernel = Kernel('square', lambda: trace_program('square', square,
+                                                    [('x', (33,)), ('block', (1,))]),
+                    None, [Argument('x', (33,))], np.ones(1), (33, 33))
+    x = np.random.default_rng(0).normal(size=(W + 1, 33))
+    np.testing.assert_allclose(kernel(x), x[:, :, None] * x[:, None, :] + 1.0, rtol=0.0,
+                               atol=1e-14)
+
+
+def test_batches_leave_the_interpreter_free(robot, monkeypatch):
+    monkeypatch.setenv(threads.VARIABLE, '1')
+    q, u, udot = batch(400_000)
+    robot.forward_dynamics(q[:1], u[:1], udot[:1])
+    ticks, stop = [], threading.Event()
+
+    def tick():
+        while not stop.is_set():
+            ticks.append(time.perf_counter())
+            time.sleep(5e-4)
+    thread = threading.Thread(target=tick)
+    thread.start()
+    try:
+        began = time.perf_counter()
+        robot.forward_dynamics(q, u, udot)
+        ended = time.perf_counter()
+    finally:
+        stop.set()
+        thread.join()
+    assert sum(began < t < ended for t in ticks) >= 2
+
+
+@pytest.mark.parametrize('value', ['0', '-1', 'two', '1.5', '', '257'])
+def test_a_bad_number_of_threads_is_refused_by_name(robot, monkeypatch, value):
+    monkeypatch.setenv(threads.VARIABLE, value)
+    words = re.escape(f'KANE_DYNAMICS_THREADS is {value!r}; expected a whole number from 1 to 256')
+    with pytest.raises(InputError, match=words):
+        robot.inverse_dynamics(*batch(2))
+    assert robot.inverse_dynamics(*batch(2)[:, 0]).shape == (5,)
+
+
+def test_threads_share_every_state_once(monkeypatch):
+    monkeypatch.setenv(threads.VARIABLE, '5')
+    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    for count in (1, 8, 9, 63, 64, 65, 1000):
+        ranges = []
+
+        def work(begin, end, ranges=ranges):
+            ranges.append((begin, end))
+            return 1 << (begin % 3)
+        flags = threads.shared(work, count, 8, 2)
+        assert [k for begin, end in sorted(ranges) for k in range(begin, end)] == [*range(count)]
+        assert all(begin % 8 == 0 and begin < end for begin, end in ranges)
+        assert flags == np.bitwise_or.reduce([1 << (begin % 3) for begin, _ in ranges])
+
+
+def test_compile_leaves_nothing_for_the_first_batch(monkeypatch):
+    robot = Robot(random_model(21, 2))
+    robot.compile(batches=True)
+
+    def refuse(*_, **__):
+        raise AssertionError('compiled in a call')
+    monkeypatch.setattr(llvm, 'assemble', refuse)
+    monkeypatch.setattr(llvm, 'Code', refuse)
+    given = np.ones((3, 4, 2))
+    for name, quantity in QUANTITIES.items():
+        getattr(robot, name)(*given[:len(quantity.arguments)])
+
+
+def test_first_batches_of_many_threads_at_once_are_right():
+    robot = Robot(random_model(23, 3))
+    given = batch(100, 3)
+    results = []
+
+    def work():
+        results.append(robot.inverse_dynamics(*given))
+    workers = [threading.Thread(target=work) for _ in range(6)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(results) == 6
+    close(results[0], [robot.inverse_dynamics(*row) for row in given.transpose(1, 0, 2)])
+    assert all(np.array_equal(result, results[0]) for result in results)
+
+
+FORK = """
+import os, time, warnings
+warnings.simplefilter('ignore')
+from kane_dynamics.native import threads
+threads.WORTH = 1e-12
+work = lambda begin, end: 1
+threads.shared(work, 100, 1, 1)
+time.sleep(0.1)  # the threads wait for more
+child = os.fork()
+if not child:
+    os._exit(threads.shared(work, 100, 1, 1))
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
+def test_a_forked_process_has_threads_of_its_own():
+    subprocess.run([sys.executable, '-c', FORK], check=True, timeout=20,
+                   env={**os.environ, threads.VARIABLE: '2'})

@@ -1,0 +1,137 @@
+"""The launch file: what it starts, and with which parameters."""
+
+import importlib.util
+from pathlib import Path
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+PLANT = ROOT / 'config' / 'plant.yaml'
+LAUNCH = ROOT / 'launch' / 'kane_dynamics.launch.py'
+
+
+class Recorder:
+    """Stands in for a class of launch: keeps its arguments."""
+
+    def __init__(self, *arguments, **keywords):
+        self.arguments, self.keywords = arguments, keywords
+
+
+class Configuration(Recorder):
+    """Stands in for LaunchConfiguration; the context is a dict."""
+
+    def perform(self, context):
+        return context[self.arguments[0]]
+
+
+def load():
+    spec = importlib.util.spec_from_file_location('launch_file', LAUNCH)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def launch_file(monkeypatch):
+    """Return the launch file as loaded where small recorders stand in for launch."""
+    made = {'launch': {'LaunchDescription': Recorder},
+            'launch.actions': {'DeclareLaunchArgument': Recorder, 'OpaqueFunction': Recorder},
+            'launch.substitutions': {'LaunchConfiguration': Configuration},
+            'launch_ros': {}, 'launch_ros.actions': {'Node': Recorder},
+            'ament_index_python': {},
+            'ament_index_python.packages': {
+                'get_package_share_directory': lambda package: str(ROOT)}}
+    for name, members in made.items():
+        module = ModuleType(name)
+        vars(module).update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    return load()
+
+
+def start(launch_file, **arguments):
+    """Return what starts with some arguments."""
+    description = launch_file.generate_launch_description().arguments[0]
+    context = {each.arguments[0]: each.keywords['default_value'] for each in description[:-1]}
+    assert set(arguments) <= set(context)
+    started = description[-1].keywords['function'](context | arguments)
+    return [SimpleNamespace(**each.keywords) for each in started]
+
+
+def test_alone_it_starts_the_node_and_nothing_else(launch_file):
+    node, = start(launch_file)
+    assert (node.package, node.executable) == ('kane_dynamics', 'dynamics_node')
+    assert node.parameters == []
+    assert node.remappings == []
+
+
+@pytest.mark.parametrize('path', sorted(set((ROOT / 'config').glob('*.yaml')) - {PLANT}),
+                         ids=lambda path: path.stem)
+def test_every_shipped_configuration_is_found_by_its_name(launch_file, path):
+    node, = start(launch_file, config=path.name)
+    assert Path(node.parameters[0]) == path
+
+
+def test_a_urdf_wins_over_the_configuration(launch_file):
+    node, = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
+    assert node.parameters[1:] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
+
+
+def test_topics_are_remapped_and_namespaced(launch_file):
+    node, = start(launch_file, commands='effort/commands', namespace='left')
+    assert node.remappings == [('commands', 'effort/commands')]
+    assert node.namespace == 'left'
+
+
+def test_the_state_publisher_gets_the_same_urdf(launch_file):
+    urdf = ROOT / 'urdf' / 'two_link.urdf'
+    _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left',
+                         joint_states='arm/joint_states')
+    assert publisher.package == 'robot_state_publisher'
+    assert publisher.parameters == [{'robot_description': urdf.read_text()}]
+    assert publisher.namespace == 'left'
+    assert ('joint_states', 'arm/joint_states') in publisher.remappings
+
+
+@pytest.mark.parametrize('sim_time', ['true', 'false'])
+def test_a_simulated_robot_shares_names_and_keeps_the_clock_that_is_asked_for(launch_file,
+                                                                              sim_time):
+    node, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
+                        commands='effort/commands', use_sim_time=sim_time, prefix='left_')
+    assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
+    assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
+    path, prefix, clock = plant.parameters
+    assert prefix == {'prefix': 'left_'}
+    assert prefix in node.parameters
+    assert Path(path) == PLANT
+    assert clock == {'publish_clock': sim_time == 'true'}
+
+
+def test_what_is_not_given_is_left_to_the_parameter_files(launch_file):
+    node, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
+                                   urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
+                                   state_publisher='true')
+    for started in (node, plant, publisher):
+        assert not any('clock' in name or 'use_sim_time' in name
+                       for given in started.parameters if isinstance(given, dict)
+                       for name in given)
+
+
+def test_what_cannot_be_started_is_refused_in_words(launch_file):
+    with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
+        start(launch_file, config='nowhere.yaml')
+    with pytest.raises(FileNotFoundError, match=r"plant is '/nowhere/p\.yaml'"):
+        start(launch_file, plant='/nowhere/p.yaml')
+    with pytest.raises(ValueError, match="use_sim_time is 'maybe'; valid: true or false"):
+        start(launch_file, use_sim_time='maybe')
+    with pytest.raises(ValueError, match='needs urdf'):
+        start(launch_file, state_publisher='true')
+    with pytest.raises(ValueError, match='knows no prefix'):
+        start(launch_file, state_publisher='true', urdf='arm.urdf', prefix='left_')
+
+
+def test_it_loads_where_launch_is_installed():
+    pytest.importorskip('launch')
+    pytest.importorskip('launch_ros')
+    assert load().generate_launch_description().entities

@@ -1,0 +1,126 @@
+"""The payload of the demo's arm, found by the watch on the torque path while the arm moves."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('kane_dynamics_interfaces')
+pytest.importorskip('mujoco')
+
+from kane_dynamics import Controller, Inertial, load_urdf, Robot  # noqa: E402, I100
+from kane_dynamics.demo.demo_settings import (desired_motion, JOINTS,  # noqa: E402
+                                              KD, KP, RATE, URDF)
+from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
+from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.monitors.payload_monitor import (estimator_settings,  # noqa: E402
+                                                        PayloadMonitor)
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+
+FRAME, MASS, COM = 'fr3_link8', 2.0, np.array([0.03, -0.02, 0.08])
+CARRIED = f"""<link name="load"><inertial><origin xyz="{' '.join(map(str, COM))}"/>
+  <mass value="{MASS}"/><inertia ixx="0.02" iyy="0.015" izz="0.01" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link><joint name="carried" type="fixed"><parent link="{FRAME}"/>
+  <child link="load"/></joint></robot>"""
+MODEL = load_urdf(URDF, joints=list(JOINTS))
+NANO = 10**9
+NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good encoders
+
+
+def settings(**changes):
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    given = {'payload.frame': FRAME, 'estimator.enabled': True, 'mode': 'gravity_compensation'}
+    return values | given | {f'estimator.{name}': read(BY_NAME[f'estimator.{name}'], value)
+                             for name, value in changes.items()}
+
+
+class Rig:
+    """The demo's arm, carrying, under a servo of its own; the node's path looks on."""
+
+    def __init__(self, carrying=True, **changes):
+        with open(URDF, encoding='utf-8') as file:
+            text = file.read()
+        self.arm = MujocoArm(text.replace('</robot>', CARRIED) if carrying else text)
+        self.heard, self.rejected, self.time = [], [], 100 * NANO
+        self.chance = np.random.default_rng(0)
+        self.robot = Robot(MODEL, payload_frame=FRAME)
+        silent = SimpleNamespace(publish=lambda message: None)
+        self.path = TorquePath(Controller(self.robot, mode='gravity_compensation'), silent, silent,
+                               lambda: self.time, 0.1, Statistics(), lambda *words: None)
+        timers = SimpleNamespace(create_timer=self.timer)
+        self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
+                                        SimpleNamespace(publish=self.heard.append),
+                                        lambda *words: self.rejected.append(words))
+        self.path.add_watch(self.estimator, need_effort=True)
+        self.path.start()
+
+    def timer(self, period, callback, clock):
+        self.period, self.publish = period, callback
+
+    def run(self, seconds, motion=None, effort=True):
+        """Let time pass; the servo holds or follows the motion."""
+        for k in range(round(seconds * RATE)):
+            q, u = self.arm.state
+            t = k / RATE
+            q_d, u_d, udot_d = (motion or desired_motion()).sample(t if motion else 0.0)
+            tau = self.robot.inverse_dynamics(q_d, u_d, udot_d) + KP * (q_d - q) + KD * (u_d - u)
+            message = JointState(name=list(JOINTS),
+                                 position=(q + NOISE[0] * self.chance.normal(size=7)).tolist(),
+                                 velocity=(u + NOISE[1] * self.chance.normal(size=7)).tolist(),
+                                 effort=tau.tolist() if effort else [])
+            self.time += round(NANO / RATE)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.time, NANO)
+            self.path.on_state(serialize_message(message))
+            self.arm.step(tau)
+            if (k + 1) % round(self.period * RATE) == 0:
+                self.publish()
+
+
+@pytest.mark.parametrize('told', [None, Inertial(MASS, COM, 0.01 * np.eye(3))],
+                         ids=['not told', 'told to carry it'])
+def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(told):
+    rig = Rig()
+    rig.path.set_loads(GravityAndPayload(MODEL.gravity, told))
+    rig.run(8.0, desired_motion())
+    found = rig.heard[-1]
+    assert len(rig.heard) == 16
+    assert found.header.frame_id == FRAME
+    assert abs(found.mass - MASS) < min(0.02 * MASS, 3.0 * found.mass_deviation)
+    off = np.array([found.com.x, found.com.y, found.com.z]) - COM
+    assert np.linalg.norm(off) < 0.005
+    deviation = found.com_deviation
+    assert (np.abs(off) < 3.0 * np.array([deviation.x, deviation.y, deviation.z])).all()
+    assert rig.rejected == []
+    assert [message.mass_deviation for message in rig.heard] == sorted(
+        (message.mass_deviation for message in rig.heard), reverse=True), 'confidence grows'
+
+
+def test_an_empty_hand_is_found_empty_and_its_mass_centre_unknown():
+    rig = Rig(carrying=False)
+    rig.run(4.0, desired_motion())
+    assert abs(rig.heard[-1].mass) < 0.1
+    assert np.isnan(rig.heard[-1].com.x)
+
+
+def test_without_efforts_where_they_are_asked_for_nothing_is_estimated():
+    rig = Rig()
+    rig.estimator._acting._source = 'effort'
+    rig.run(0.1, effort=False)
+    rig.publish()
+    assert rig.heard == []
+    assert rig.rejected[0][0] == 'no effort'
+
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    ({'payload.frame': ''}, 'payload.frame is empty'),
+    ({'estimator.torque_deviation': np.array([1.0, 2.0])}, 'has 2 entries for 7 joints')])
+def test_settings_that_do_not_fit_are_refused_by_name(changes, words):
+    with pytest.raises(InputError, match=words):
+        estimator_settings(settings() | changes, Robot(MODEL))

@@ -1,0 +1,97 @@
+"""The node's parameters: what is accepted, what is refused, and what the shipped files say."""
+
+import math
+from pathlib import Path
+import re
+
+from kane_dynamics import load_urdf
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.common.configuration_files import located
+from kane_dynamics.ros.parameters.parameter_checks import misspelt, per_joint, read
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
+from kane_dynamics.ros.plant import plant_parameters as plant_specs
+import numpy as np
+import pytest
+from ros_lines import flat
+import yaml
+
+FOLDER = Path(__file__).parents[3] / 'config'
+TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
+          for path in sorted(FOLDER.glob('*.yaml'))}
+# What a file says about its own arm; everything else stands there with its default.
+OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
+       'wrench.frames', 'compensate.gravity', 'limits.rate'}
+FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
+
+
+def given(path):
+    return dict(flat(yaml.safe_load(path.read_text())['/**']['ros__parameters']))
+
+
+@FILES
+def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
+    specs = {spec.name: spec for spec in TABLES[path]}
+    values = {name: read(specs[name], value) for name, value in given(path).items()}
+    assert set(values) == set(specs) - {'robot_description'}
+    model = load_urdf(located('urdf', values['urdf']), joints=list(values['joints']))
+    assert model.joint_names == values['joints']
+    for name, value in values.items():
+        if specs[name].kind == 'per_joint':
+            assert per_joint(values, name, model.joint_names, math.inf).shape == (model.n,)
+        if name not in OWN:
+            np.testing.assert_array_equal(value, read(specs[name], specs[name].default), name)
+
+
+@FILES
+def test_a_shipped_file_says_of_every_parameter_what_its_table_says(path):
+    text = path.read_text().replace('# robot_description:', 'robot_description:')
+    said = [' '.join(block.replace('# ', '').split())
+            for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
+    assert said == [f'{spec.description}{" (live)" * spec.live}; valid: {spec.constraint}'
+                    for spec in TABLES[path]]
+
+
+@pytest.mark.parametrize(('name', 'value'), [
+    ('mode', 'fly'), ('mode', 3), ('state_timeout', 0), ('state_timeout', -0.1),
+    ('state_timeout', math.nan), ('state_timeout', math.inf), ('state_timeout', True),
+    ('state_timeout', '1'), ('state_timeout', None), ('autostart', 1), ('urdf', 5),
+    ('gravity', [0.0, 0.0]), ('gravity', [0.0, 0.0, math.nan]), ('gravity', 9.81),
+    ('gains.kp', -1.0), ('gains.kp', [1.0, -1.0]), ('gains.kp', math.inf), ('gains.kp', 'high'),
+    ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'), ('joints', ['a', 'a']),
+    ('joints', ['']), ('joints', [1]), ('simulation.max_steps', 0),
+    ('simulation.max_steps', 1.5), ('simulation.max_points', 10**9),
+])
+def test_a_bad_value_is_refused_by_name(name, value):
+    with pytest.raises(InputError, match=rf"parameter '{name}' is .*; valid: "):
+        read(BY_NAME[name], value)
+
+
+@pytest.mark.parametrize(('name', 'value', 'expected'), [
+    ('state_timeout', 1, 1.0), ('gains.kp', 5, np.array(5.0)), ('limits.effort', [], np.zeros(0)),
+    ('limits.rate', math.inf, np.array(math.inf)), ('joints', ['b', 'a'], ('b', 'a')),
+    ('joints', [], ()), ('gravity', [0, 0, -1], np.array([0.0, 0.0, -1.0])),
+])
+def test_whole_numbers_and_single_numbers_do(name, value, expected):
+    result = read(BY_NAME[name], value)
+    assert np.array_equal(result, expected)
+    assert type(result) is type(expected)
+
+
+def test_a_list_of_the_wrong_length_names_the_joints():
+    with pytest.raises(InputError, match=r'has 2 entries for 3 joints \(a, b, c\)'):
+        per_joint({'gains.kp': np.ones(2)}, 'gains.kp', ('a', 'b', 'c'), 0.0)
+
+
+def test_a_misspelt_name_is_told_its_neighbour():
+    assert misspelt(['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth'], BY_NAME) == []
+    remark, = misspelt(['gains.pk'], BY_NAME)
+    assert "did you mean 'gains.kp'" in remark
+
+
+def test_a_package_that_is_not_installed_is_named():
+    with pytest.raises(InputError, match="package 'no_such_package' is not installed"):
+        located('urdf', 'package://no_such_package/a.urdf')
+    with pytest.raises(InputError, match=r"no file 'nothing\.urdf' in urdf"):
+        located('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
+    with pytest.raises(InputError, match="parameter 'urdf' is '/no/file'"):
+        located('urdf', '/no/file')

@@ -1,0 +1,315 @@
+"""Wrenches on a topic: sign, axes, what is dropped and why; and the observer beside them."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
+                                                        Outputs, settings)
+from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
+from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
+from kane_dynamics.ros.torque_path import wrench_input  # noqa: E402
+from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
+                                                              FUTURE, GARBLED, NOT_FINITE)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import (FRAME, LARGE,  # noqa: E402
+                                                        OLD, SILENT, WrenchInput)
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
+FIRST, TIP = (body.name for body in MODEL.bodies)
+ROBOT = Robot(MODEL, wrench_frames=(TIP, FIRST))
+Q = np.array([0.7, -0.4])
+NANO = 10**9
+
+
+class Sink:
+    """Keeps what is published."""
+
+    def __init__(self, kind):
+        self.sent, self.kind = [], kind
+
+    def publish(self, message):
+        self.sent.append(deserialize_message(message, self.kind) if isinstance(message, bytes)
+                         else message)
+
+
+class Log:
+    """Keeps what is logged."""
+
+    def __init__(self):
+        self.lines = []
+        self.info = self.warning = self.lines.append
+
+
+class Rig:
+    """A torque path with wrenches and observer, and a clock to set by hand."""
+
+    def __init__(self, mode='inverse_dynamics', compensate_gravity=True, **changes):
+        self.time, self.rejected, self.log = 100 * NANO, [], Log()
+        self.values = {spec.name: read(spec, spec.default) for spec in SPECS}
+        self.values |= {'compensate.gravity': compensate_gravity} | {
+            f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
+            for name, value in changes.items()}
+        self.commands = Sink(Float64MultiArray)
+        self.outputs = Outputs(Sink(JointState), Sink(WrenchStamped), Sink(None))
+        self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
+                               lambda: self.time, 0.1, Statistics(), lambda *words: None)
+        self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
+                                                         self.reject)
+        self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)
+        self.path.add_watch(self.contact, need_effort=True)
+        self.path.start()
+
+    def reject(self, reason, detail):
+        self.rejected.append(reason)
+
+    def wrench(self, numbers, frame=TIP, age=0.0):
+        message = WrenchStamped()
+        message.header.frame_id = frame
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, numbers)
+        self.wrenches.take(serialize_message(message))
+
+    def state(self, effort=(), after=0.01, q=Q):
+        """Advance the clock and give the path a state; return the command."""
+        self.time += round(after * NANO)
+        message = JointState(name=list(ROBOT.joint_names), position=list(q), velocity=[0.0, 0.0],
+                             effort=list(effort))
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.time, NANO)
+        self.path.on_state(serialize_message(message))
+        return np.array(self.commands.sent[-1].data)
+
+
+def load(numbers, frame=TIP):
+    """Return the joint torques of a wrench in axes of its frame, by partial velocities."""
+    R = ROBOT.frame_pose(frame, Q)[:3, :3]
+    world = np.concatenate([R @ numbers[:3], R @ numbers[3:]])
+    return ROBOT.partial_velocities(frame, Q).T @ world
+
+
+PUSH = np.array([3.0, -2.0, 5.0, 0.5, 1.5, -0.2])
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
+def test_the_command_makes_up_for_what_the_environment_exerts(mode):
+    rig = Rig(mode)
+    gravity = rig.state()
+    rig.wrench(PUSH)
+    rig.wrench(2.0 * PUSH, FIRST)
+    np.testing.assert_allclose(rig.state(), gravity - load(PUSH) - load(2.0 * PUSH, FIRST),
+                               rtol=1e-12)
+
+
+def test_gravity_compensation_does_not_resist_the_hand_that_guides():
+    rig = Rig('gravity_compensation')
+    gravity = rig.state()
+    rig.wrench(PUSH)
+    np.testing.assert_array_equal(rig.state(), gravity)
+
+
+def test_a_frame_that_falls_silent_counts_as_unloaded_and_the_other_stays():
+    rig = Rig()
+    gravity = rig.state()
+    rig.wrench(PUSH, FIRST)
+    rig.state(after=0.06)
+    rig.wrench(PUSH)
+    np.testing.assert_allclose(rig.state(after=0.06), gravity - load(PUSH), rtol=1e-12)
+    assert rig.rejected == [SILENT]
+    np.testing.assert_array_equal(rig.state(after=0.06), gravity)
+    assert rig.rejected == [SILENT, SILENT]
+
+
+@pytest.mark.parametrize(('reason', 'given'), [
+    (OLD, {'age': 0.2}), (FUTURE, {'age': -0.2}), (DISORDER, {'age': 0.05}),
+    (FRAME, {'frame': 'claw'}), (FRAME, {'frame': ''}),
+    (NOT_FINITE, {'numbers': [0, 0, 0, 0, math.nan, 0]}),
+    (NOT_FINITE, {'numbers': [math.inf, 0, 0, 0, 0, 0]}),
+    (LARGE, {'numbers': [0, 0, 1e308, 0, 0, 0]}), (LARGE, {'numbers': [0, 0, 0, -301, 0, 0]})])
+def test_a_bad_wrench_is_dropped_with_the_reason_and_the_last_one_stays(reason, given):
+    rig = Rig()
+    rig.wrench(PUSH)
+    before = rig.state(after=0.0)
+    rig.wrench(**{'numbers': 9.0 * PUSH, **given})
+    assert rig.rejected == [reason]
+    np.testing.assert_array_equal(rig.state(after=0.001), before)
+
+
+def test_cut_and_foreign_bytes_are_dropped_and_what_rclpy_reads_is_read():
+    rig = Rig()
+    gravity = rig.state()
+    message = WrenchStamped()
+    message.header.frame_id, message.wrench.force.x = TIP, 4.0
+    data = serialize_message(message)
+    for end in range(len(data)):
+        rig.wrenches.take(data[:end])
+    assert set(rig.rejected) == {GARBLED}
+    np.testing.assert_array_equal(rig.state(), gravity)
+    rig.wrenches.take(data)  # without a stamp: that of its receipt
+    np.testing.assert_allclose(rig.state(), gravity - load(np.eye(6)[0] * 4.0), rtol=1e-12)
+
+
+def test_frames_that_cannot_carry_a_wrench_are_refused_by_name():
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    for name, words in (('claw', "no frame 'claw'"), (MODEL.base_name, 'does not move')):
+        with pytest.raises(InputError, match=words):
+            wrench_input.check_frames(MODEL, [name])
+    with pytest.raises(InputError, match="no frame 'claw'"):
+        check_optional_topics(values | {'observer.enabled': True, 'observer.frame': 'claw'}, ROBOT)
+
+
+def gravity():
+    return ROBOT.gravity_force(Q)
+
+
+def test_measured_efforts_betray_a_push_its_wrench_and_its_end():
+    rig, push = Rig(threshold=[1.0, 0.5], rate=1e4), np.array([2.5, -0.8])
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False]
+    for _ in range(50):
+        rig.state(gravity() - push)
+    found = np.array(rig.outputs.torques.sent[-1].effort)
+    np.testing.assert_allclose(found, push, rtol=1e-6)
+    message = rig.outputs.wrench.sent[-1]
+    assert message.header.frame_id == TIP
+    w = message.wrench
+    recovered = np.array([w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z])
+    np.testing.assert_allclose(load(recovered), push, rtol=1e-6)
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False, True]
+    assert rig.contact.figures()['collision'] in ROBOT.joint_names
+    assert any("collision at joint '" in line for line in rig.log.lines)
+    for _ in range(50):
+        rig.state(gravity())
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False, True, False]
+    assert rig.contact.figures()['collision'] == 'none'
+
+
+def test_a_wrench_that_is_announced_is_no_collision():
+    rig = Rig(threshold=0.1)
+    for _ in range(100):
+        rig.wrench(PUSH)
+        rig.state(gravity() - load(PUSH))
+    assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
+    assert not rig.contact.detector.collision
+
+
+@pytest.mark.parametrize('gravity_by_arm', [False, True])
+def test_without_efforts_the_own_command_counts_with_what_the_arm_adds(gravity_by_arm):
+    rig = Rig(compensate_gravity=not gravity_by_arm, threshold=0.1)
+    if gravity_by_arm:
+        rig.path.controller.update(compensate=rig.path.controller.compensate.__class__(
+            gravity=False))
+    for _ in range(100):
+        rig.state(effort=(math.nan, math.nan))  # as drivers without torque sensors have it
+    assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
+
+
+def test_a_source_that_is_asked_for_but_missing_gives_no_estimate_but_a_reason():
+    rig = Rig(torque='effort')
+    rig.state(gravity())
+    sent = len(rig.outputs.torques.sent)
+    rig.state()
+    assert rig.rejected == ['no effort']
+    assert len(rig.outputs.torques.sent) == sent
+
+
+def test_a_change_of_source_does_not_look_like_a_push():
+    rig = Rig(threshold=0.1)
+    for k in range(60):
+        rig.state(gravity() if k < 30 else ())
+        assert not rig.contact.detector.beyond
+    # The command said nothing of the push; the efforts do, and only from now on.
+    rig.state(gravity() - 5.0)
+    assert not rig.contact.detector.beyond
+
+
+def test_a_change_of_gravity_is_handed_to_the_observer_before_the_next_state():
+    rig, before = Rig(), ROBOT.parameters.gravity
+    seen = []
+    rig.contact.refresh = lambda: seen.append((ROBOT.parameters.gravity[2], rig.time))
+    try:
+        rig.state()
+        rig.path.set_loads(GravityAndPayload(np.array([0.0, 0.0, -3.0])))
+        rig.state()
+        rig.state()
+    finally:
+        ROBOT.parameters.gravity = before
+    assert seen == [(-3.0, 100 * NANO + 2 * NANO // 100)]
+
+
+def test_a_clock_that_jumps_back_forgets_the_wrenches():
+    rig = Rig()
+    unloaded = rig.state()
+    rig.wrench(PUSH)
+    np.testing.assert_array_equal(rig.state(after=-50.0), unloaded)
+    rig.wrench(PUSH)  # and takes the next, whose stamp lies before the last
+    np.testing.assert_allclose(rig.state(), unloaded - load(PUSH), rtol=1e-12)
+    assert rig.rejected == []
+
+
+MOTION = Motion.from_points([0.0, 2.0], [[0.0, 0.0], [1.0, -1.0]], joint_names=ROBOT.joint_names)
+DESIRED = MOTION.sample(0.8)
+U = np.array([0.3, -0.5])
+
+
+@pytest.mark.parametrize(('mode', 'motion', 'point'), [
+    ('inverse_dynamics', MOTION, DESIRED), ('inverse_dynamics', None, (Q, 0.0 * U, 0.0 * U)),
+    ('computed_torque', MOTION, (Q, U, DESIRED[2])), ('computed_torque', None, (Q, U, 0.0 * U)),
+    ('gravity_compensation', MOTION, (Q, 0.0 * U, 0.0 * U))])
+def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, motion, point):
+    served = SimpleNamespace(robot=ROBOT, loads=GravityAndPayload(ROBOT.parameters.gravity))
+    publish, sent = [], []
+    server = SimpleNamespace(served=served, create_timer=lambda period, call, clock:
+                             publish.append(call))
+    rig = Rig()
+    explainer = TorqueBreakdownTopic(server, SimpleNamespace(publish=sent.append), 10.0,
+                                     Controller(ROBOT, mode=mode), rig.wrenches, rig.reject)
+    rig.wrench(PUSH)
+    state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
+    external = rig.wrenches.torques(Q, rig.time)
+    explainer.take(Cycle(0, state, motion, 0.8, Q, external))
+    state.q[:], state.u[:] = 9.0, 9.0  # the next state overwrites them
+    publish[0]()
+    publish[0]()
+    message, = sent
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 9)
+    total = np.reshape(message.by_source, (-1, 2)).sum(axis=0)
+    np.testing.assert_allclose(
+        total, ROBOT.inverse_dynamics(*point, wrench=rig.wrenches.world), rtol=1e-12)
+
+
+def test_the_rate_bounds_the_messages_but_not_the_flag():
+    rig = Rig(threshold=[0.1, 0.1], rate=10.0, confirm=0.0)
+    for k in range(101):
+        rig.state(gravity() - (1.0 if k == 55 else 0.0), after=0.01)
+    assert 10 <= len(rig.outputs.torques.sent) <= 12
+    assert len(rig.outputs.wrench.sent) == len(rig.outputs.torques.sent)
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False, True, False]
+
+
+def test_thresholds_come_from_the_effort_limits_or_must_be_given():
+    rig = Rig()
+    robot = SimpleNamespace(joint_names=('a', 'b'), limits=SimpleNamespace(
+        effort=np.array([100.0, math.inf])))
+    with pytest.raises(InputError, match="joint 'b' has no effort limit"):
+        settings(rig.values, robot)
+    limited = settings(rig.values | {'limits.effort': np.array([50.0, 10.0])}, robot)
+    assert limited['threshold'].tolist() == [1.0, 0.2]
+    given = settings(rig.values | {'observer.threshold': np.array(3.0)}, robot)
+    assert given['threshold'].tolist() == [3.0, 3.0]

@@ -1,0 +1,160 @@
+"""Promises of the longest step: within it a robot stands still, beyond it that is said."""
+
+from dataclasses import replace
+import math
+import warnings
+
+from kane_dynamics import (Closure, FlexibleLink, InputError, load_urdf, longest_step,
+                           ModelBuilder, ModelWarning, natural_vibration, point_mass, Robot, rod,
+                           simulate)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli import main
+from kane_dynamics.simulation.step_size import step_warning
+from kane_dynamics.sweep import run_sweep, Sweep
+import numpy as np
+import pytest
+
+POSTURE = np.array([0.0, -1.0, 1.0, 0.0, 0.3, 0.0])
+RUB = {'friction': 2.0, 'friction_speed': 0.04}
+
+
+def growth(z):
+    """Return what a Runge-Kutta step multiplies by."""
+    return abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0)
+
+
+def wheel(**joint):
+    """Return a wheel of 1 kg m^2."""
+    b = ModelBuilder('wheel')
+    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
+    return Robot(b.model())
+
+
+@pytest.fixture(scope='module')
+def arm():
+    """Return a UR10e without rotors, whose joints rub as identified ones do."""
+    path = resource_path('urdf', 'ur10e.urdf')
+    joint = {'damping': 1.0, 'friction': 3.0, 'friction_speed': 0.02}
+    joints = dict.fromkeys(load_urdf(path).joint_names, joint)
+    return Robot(load_urdf(path, supplement={'joints': joints}))
+
+
+@pytest.mark.parametrize(('joint', 'rate'), [
+    (RUB, -50.0), ({'damping': 8.0}, -8.0), ({'stiffness': 400.0}, 20.0j),
+    ({**RUB, 'damping': 8.0, 'armature': 3.0}, -14.5)])
+def test_a_step_grows_beyond_the_longest_and_not_before(joint, rate):
+    step, name = longest_step(wheel(**joint), [0.0])
+    assert name == 'wheel'
+    assert growth(rate * step * (1.0 - 1e-4)) <= 1.0 + 1e-9
+    assert growth(rate * step * (1.0 + 1e-3)) > 1.0
+
+
+def test_nothing_but_weight_sets_no_step():
+    assert longest_step(wheel(), [0.0]).step == math.inf
+    assert longest_step(Robot(wheel(**RUB).model, friction=False), [0.0]).step == math.inf
+
+
+def test_an_arm_stands_still_within_the_step_and_creeps_or_trembles_beyond(arm):
+    step, name = longest_step(arm, POSTURE)
+    assert name == 'wrist_3_joint'
+    tau = arm.gravity_force(POSTURE)
+
+    def speeds(h):
+        count = round(0.05 / h)
+        return simulate(arm, POSTURE, np.full(6, 1e-4), count * h, step=h, torque=tau).u[-1]
+    assert abs(speeds(0.98 * step)[5]) < 1e-5
+    with pytest.warns(ModelWarning, match=r"too long for 'wrist_3_joint'.*at most 6.*'implicit'"):
+        assert abs(speeds(4.0 * step)[5]) > 1e-3
+
+
+def test_a_stiffer_beam_takes_a_shorter_step_that_follows_its_highest_vibration():
+    b = ModelBuilder('beam')
+    b.beam('arm', 'world', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(3, 0)),
+           axis=(0, -1, 0))
+    b.load('arm/tip', point_mass(0.5))
+    robot = Robot(b.model())
+    highest = natural_vibration(robot, np.zeros(robot.n)).frequencies[-1]
+    assert longest_step(robot, np.zeros(robot.n)).step == pytest.approx(
+        2.0 * math.sqrt(2.0) / highest, rel=1e-3)
+
+
+def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
+    b = ModelBuilder('four-bar')
+    for name, on, at, length in (('crank', 'world', 0.0, 0.3), ('coupler', 'crank', 0.3, 0.9),
+                                 ('rocker', 'coupler', 0.9, 0.7)):
+        b.body(name, on, axis=(0, -1, 0), at=(at, 0, 0),
+               matter=rod(1.0, (0, 0, 0), (length, 0, 0)), **RUB)
+    b.frame('end', 'rocker', at=(0.7, 0, 0))
+    b.frame('ground', 'world', at=(1, 0, 0))
+    robot = Robot(b.model(), independent=['crank'],
+                  constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))])
+    q = robot.closed_posture((0.8, 0.0, -1.5), fixed=['crank'])
+    step, name = longest_step(robot, q)
+    assert name == 'crank'
+    rates = robot.joint_rates(q, [1.0])
+    rate = -50.0 * rates @ rates / robot.mass_matrix(q)[0, 0]
+    assert growth(rate * step) == pytest.approx(1.0, abs=1e-3)
+    assert step_warning(robot, q, 0.9 * step) is None
+    said = step_warning(robot, q, 1.1 * step)
+    assert "'crank'" in said and 'armature' in said and 'implicit' not in said
+
+
+def test_commands_and_sweeps_say_it_too(tmp_path, capsys):
+    urdf, supplement = str(resource_path('urdf', 'two_link.urdf')), tmp_path / 'rubs.yaml'
+    supplement.write_text('joints: {joint2: {friction: 40.0, friction_speed: 0.01}}')
+    assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
+                 '--step', '0.0005']) == 0
+    assert "warning: a step of 0.0005 s is too long for 'joint2'" in capsys.readouterr().err
+    supplement.write_text('joints: {joint2: {damping: 400.0}}')
+    assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '10',
+                 '--step', '0.01', '--u', '1', '1']) == 2
+    told = capsys.readouterr().err
+    assert told.index('0.01 s is too long for') < told.index('leaves the finite numbers')
+    with pytest.warns(ModelWarning, match="0.0005 s is too long for 'joint2'"):
+        run_sweep(Sweep(load_urdf(urdf, supplement=supplement), samples=2, duration=0.01,
+                        step=0.0005), tmp_path / 'table', workers=1)
+
+
+def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
+    pytest.importorskip('rclpy')
+    pytest.importorskip('kane_dynamics_interfaces')
+    from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+    from kane_dynamics.ros.parameters.parameter_checks import read
+    from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
+    from kane_dynamics.ros.services.simulation_request import (Bounds, ServedRobot,
+                                                               SimulationRequest)
+    from kane_dynamics.ros.parameters.parameter_table import SPECS
+    from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
+    from kane_dynamics_interfaces.srv import Simulate
+    robot = wheel(**RUB)
+    assert SimulatedArm(robot, 0.05).doubt is None
+    assert "'wheel'" in SimulatedArm(robot, 0.06).doubt
+    assert SimulatedArm(robot, 0.06, 'implicit').doubt is None
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    answers = []
+    for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
+        served = ServedRobot.from_values(robot, robot, GravityAndPayload(robot.model.gravity),
+                                         values | {'simulation.integrator': integrator},
+                                         WrenchFrames(robot))
+        request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
+            Simulate.Response())
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', ModelWarning)
+            SimulationRequest.from_request(request, served).run(answer, lambda t: True)
+        answers.append(answer.message)
+    assert answers[0] == answers[2] == ''
+    assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
+    stiff = wheel(stiffness=1e6)
+    served = replace(served, robot=stiff, simulated=stiff, bounds=Bounds(10.0, 200, 200, 20),
+                     integrator='rk4')
+    request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
+    with pytest.warns(ModelWarning), pytest.raises(
+            InputError, match=r'leaves the finite numbers.*: a step of 0.1 s is too long'):
+        SimulationRequest.from_request(request, served).run(Simulate.Response(), lambda t: True)
+
+
+def test_no_warning_where_there_is_nothing_to_warn_of(arm):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        simulate(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))), POSTURE, np.zeros(6), 0.01)
+        simulate(arm, POSTURE, np.zeros(6), 1e-3, step=5e-6)
