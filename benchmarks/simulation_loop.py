@@ -8,7 +8,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli.commands.interleaved_timing import interleaved
 from kane_dynamics.model.model import Model
 import mujoco
-from native_loop import ARMS, race, Race
+from native_loop import ARMS, Race, race
 import numpy as np
 from pinocchio_native import Pinocchio, Unavailable
 

@@ -3,7 +3,8 @@
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.analysis.vibration import natural_vibration
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
-from kane_dynamics.control.controller import ComputedTorque, Controller, Mode, Terms
+from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.control.controller import Controller, Mode, Terms
 from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError, ModelError,

@@ -9,7 +9,7 @@ import sys
 from typing import Any, NoReturn
 
 from kane_dynamics._util.resources import package_version
-from kane_dynamics.cli.commands import bench_command, commands
+from kane_dynamics.cli.commands import bench_command, commands, torque_command
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.pictures import add_plot, KINDS
 from kane_dynamics.cli.shared import in_options
@@ -117,7 +117,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(run=run)
         return sub
 
-    sub = command('torque', commands.torque, 'Inverse dynamics of a state or of a trajectory')
+    sub = command('torque', torque_command.torque, 'Inverse dynamics of a state or of a motion')
     _add_model(sub)
     for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.attribute_hints import missing, refused
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
@@ -15,14 +16,12 @@ from kane_dynamics.mechanics.constraints.independent_speeds import choose_indepe
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.attribute_hints import missing, refused
 from kane_dynamics.robot.configuration_methods import Configurations
 from kane_dynamics.robot.constraint_methods import raise_where_singular
 from kane_dynamics.robot.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
-from kane_dynamics.robot.operational_space_methods import OperationalSpace
 from kane_dynamics.robot.parameters import Parameters
 from kane_dynamics.robot.verification import verified
 from kane_dynamics.robot.workspace import Workspace
@@ -31,7 +30,7 @@ import numpy as np
 __all__ = ['Robot', 'TORQUE_TERMS']
 
 
-class Robot(DynamicsMethods, FrameMethods, OperationalSpace, Configurations):
+class Robot(DynamicsMethods, FrameMethods, Configurations):
     """
     The dynamics of one manipulator or mechanism, compiled for it.
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.computed_torque_law import law_kernel
-from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel

@@ -52,7 +52,7 @@ def _limits(single: SingleJoint, notices: Notices) -> Limits:
     return _sensible(single, stated, notices)
 
 
-def _sensible(single: Single, stated: StatedLimits, notices: Notices) -> Limits:
+def _sensible(single: SingleJoint, stated: StatedLimits, notices: Notices) -> Limits:
     """Return what is stated, infinite where that is not sensible, which is noted."""
     name, kind = single.name, single.source.kind
     continuous, turns = kind == 'continuous', kind == 'revolute'

@@ -1,6 +1,6 @@
 """Variations in turning frames: identities against derivatives that know no frame's formula."""
 
-from kane_dynamics.mechanics.algebra.hyperdual import HyperDual, joined, parts, Parts, seeded
+from kane_dynamics.mechanics.algebra.hyperdual import HyperDual, joined, Parts, parts, seeded
 from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
                                                                  angular_velocity_variation,
                                                                  relative, turned)

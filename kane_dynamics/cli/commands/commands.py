@@ -3,7 +3,6 @@
 from argparse import Namespace
 import math
 from pathlib import Path
-import sys
 import time
 from typing import Any
 import warnings
@@ -17,54 +16,20 @@ from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
                                         inspect_command, replay_command as replaying,
                                         sweep_command, view_command)
+from kane_dynamics.cli.commands.torque_command import vector
 from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of,
                                       split, told, warn_degrees, without_rounding)
-from kane_dynamics.cli.tables import (read_motion, read_rows, read_states, read_trajectory,
-                                      write_states)
-from kane_dynamics.control.controller import ComputedTorque
+from kane_dynamics.cli.tables import read_motion, read_states
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
-from kane_dynamics.model.model import Model
-from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import simulate
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.document import read_source
 import numpy as np
 
 _MOST_EVENTS = 10  # printed for people
-
-
-def torque(options: Namespace) -> None:
-    """Print the torques of one state, or write those of a trajectory."""
-    plot = pictures.plotter(options)
-    if options.motion is None:
-        for name in ('out', 'plot', 'step'):
-            if getattr(options, name):
-                raise InputError(f'--{name} is for a --motion; the torque of one state is printed')
-    model, robot = load(options)
-    if options.motion is None:
-        _print_torque(options, model, robot)
-        return
-    if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
-        raise InputError('--motion holds the states; leave out --q, --u and --udot')
-    t, state = read_rows(options.motion, robot.joint_names, options.step)
-    warn_degrees(robot, state[0], options.motion)
-    rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
-    rows['tau'] = robot.inverse_dynamics(*state)
-    if plot is not None:
-        pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
-    if options.out:
-        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
-            write_states(stream, t, rows, robot.joint_names)
-    if options.json:
-        print_json({'joint_names': robot.joint_names, 't': t, **rows})
-    elif options.out or options.plot:
-        if options.out:
-            print(f'wrote {len(rows["tau"])} rows to {options.out}')
-        if options.plot:
-            print(f'wrote {options.plot}')
-    else:
-        write_states(sys.stdout, t, rows, robot.joint_names)
 
 
 def simulation(options: Namespace) -> None:
@@ -254,8 +219,8 @@ def demo(options: Namespace) -> int:
 def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
     """Return q0, u0, duration and torque source of a simulation."""
     zero, duration, step = np.zeros(robot.n), options.duration, options.step
-    q0 = _vector(options, 'q0', robot)
-    u0 = _vector(options, 'u0', robot)
+    q0 = vector(options, 'q0', robot)
+    u0 = vector(options, 'u0', robot)
     source: Any = None
     if options.motion:
         motion = read_motion(options.motion, robot.joint_names)
@@ -271,7 +236,7 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
         tokens = split(options.torque)
         source = (_held(tokens[0], robot, duration, step)
                   if len(tokens) == 1 and tokens[0].endswith('.csv')
-                  else _vector(options, 'torque', robot))
+                  else vector(options, 'torque', robot))
     return q0 + zero, u0 + zero, duration, source
 
 
@@ -286,37 +251,3 @@ def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
     now = np.arange(max(1, round(duration / step))) * step
     rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
     return states.tau[np.maximum(rows, 0)]
-
-
-def _vector(options: Namespace, name: str, robot: Robot) -> Array:
-    """Return an argument as one number a joint; zeros if it was not given."""
-    given = getattr(options, name)
-    if given is None:
-        return np.zeros(robot.n)
-    try:
-        values = np.array([float(part) for part in split(given)])
-    except ValueError as error:
-        part = str(error).partition(': ')[2]
-        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
-                         f'{", ".join(robot.joint_names)}') from None
-    if len(values) != robot.n:
-        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
-                         f'{", ".join(robot.joint_names)}')
-    if name in ('q', 'q0'):
-        warn_degrees(robot, values, f'--{name}')
-    return values
-
-
-def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
-    """Print the torque of one state, and what it is made of."""
-    state = [_vector(options, name, robot) for name in ('q', 'u', 'udot')]
-    tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
-    if options.json:
-        print_json({'joint_names': robot.joint_names, 'tau': tau,
-                    'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
-        return
-    slides = model.sliding
-    rows = without_rounding(np.column_stack([tau, terms.T]))
-    inspect_command.print_table(['joint', 'torque', '', *TORQUE_TERMS], [
-        [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
-        for name, row in zip(robot.joint_names, rows, strict=True)])

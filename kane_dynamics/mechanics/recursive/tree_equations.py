@@ -11,10 +11,10 @@ from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
-from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
-                                               inverse_dynamics, joint_reactions, regressor)
+from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
+                                               frame_kinematics, inverse_dynamics,
+                                               joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
@@ -195,10 +195,9 @@ class TreeEquations:
     def potential_energy(self, q: Any, parameters: Any) -> Any:
         """Return the potential energy of gravity and springs, J."""
         springs: Any = 0.0
-        for joint in self._joints():
-            stretch = _position(joint, q) - joint.rest
-            springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
         for body in self.model.bodies:
+            stretch = _position(body.joint, q) - body.joint.rest
+            springs = springs + 0.5 * body.joint.stiffness * (stretch * stretch)
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
@@ -206,27 +205,12 @@ class TreeEquations:
         return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
 
     def center_of_mass(self, q: Any, parameters: Any) -> Any:
-        """Return the center of mass of the moving bodies and the payload, (3,), m, world axes."""
-        mass, moment = inverse_dynamics.first_moment(self.links(parameters), q)
-        return moment * (1.0 / self._weighing(mass))
+        """Return the center of mass of the moving bodies and the payload, (3,), m."""
+        return masses.center_of_mass(self.links(parameters), q)
 
     def center_of_mass_jacobian(self, q: Any, parameters: Any) -> Any:
-        """
-        Return the velocity of the center of mass per unit of each speed, (3, n).
-
-        Gravity -e_k asks for the generalized force m (row k), whatever the links are.
-        """
-        links, rest = self.base_links(parameters), self.zeros
-        mass, _ = inverse_dynamics.first_moment(self.links(parameters), np.zeros(self.n))
-        rows = [inverse_dynamics.inverse_dynamics(links, q, rest, rest, -unit) for unit in np.eye(3)]
-        return np.stack(rows) * (1.0 / self._weighing(mass))
-
-    def _weighing(self, mass: Any) -> Any:
-        """Return a mass that is not zero by structure, or raise ModelError."""
-        if is_zero(mass):
-            raise ModelError(f"'{self.model.name}': the moving bodies have no mass; expected some "
-                             'mass, for a center of mass')
-        return mass
+        """Return the velocity of the center of mass per unit of each speed, (3, n)."""
+        return masses.center_of_mass_jacobian(self.links(parameters), q)
 
     def frame_pose(self, frame: Frame, q: Any) -> Any:
         """Return the homogeneous transformation frame to world, (4, 4)."""
@@ -294,25 +278,19 @@ class TreeEquations:
 
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        total = self.zeros
-        if wrench is not None:
-            for frame, pushed in zip(self.wrench_frames, wrench):
-                partials = frame_kinematics.partial_velocities(self._links, frame, q)
-                total = total + partials.T @ pushed
-        return total
+        pushes = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
+                   self.zeros)
 
     @property
     def zeros(self) -> Any:
         """Return n zeros that cost a traced program nothing."""
         return np.zeros(self.n).astype(object)
 
-    def _joints(self) -> list[Joint]:
-        return [body.joint for body in self.model.bodies]
-
     def _by_coordinate(self, force: Callable[[Joint], Any]) -> Any:
         """Sum a force of every joint on its coordinate, (n,)."""
         total = [0.0] * self.n
-        for joint in self._joints():
+        for joint in (body.joint for body in self.model.bodies):
             total[joint.coordinate] = total[joint.coordinate] + force(joint)
         return np.array(total)
 

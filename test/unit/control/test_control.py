@@ -2,7 +2,8 @@
 
 from types import SimpleNamespace
 
-from kane_dynamics.control.controller import ComputedTorque, Controller, Mode, Terms
+from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.control.controller import Controller, Mode, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.model import Body, Inertial, Joint, Limits, Model

@@ -5,7 +5,7 @@ import pickle
 
 from kane_dynamics import (ComputedTorque, frame_wrench, Inertial, InputError, ModelWarning,
                            Motion, Robot, simulate)
-from kane_dynamics.robot.attribute_hints import COUNTERPARTS
+from kane_dynamics._util.attribute_hints import COUNTERPARTS
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-URDF = Path(__file__).parents[2] / 'urdf'
+URDF = Path(__file__).parents[3] / 'urdf'
 ANGLES = (0.0, 1e-300, 1e-9, 1e-4, 0.0099, 0.0101, 1.0, 3.0, np.pi - 1e-7, np.pi)
 
 

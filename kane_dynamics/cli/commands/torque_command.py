@@ -1,0 +1,81 @@
+"""The command `torque`: inverse dynamics of one state, or along a motion."""
+
+from argparse import Namespace
+import sys
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.cli import pictures
+from kane_dynamics.cli.commands.inspect_command import print_table
+from kane_dynamics.cli.shared import (load, print_json, split, warn_degrees, without_rounding)
+from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+import numpy as np
+
+
+def torque(options: Namespace) -> None:
+    """Print the torques of one state, or write those of a trajectory."""
+    plot = pictures.plotter(options)
+    if options.motion is None:
+        for name in ('out', 'plot', 'step'):
+            if getattr(options, name):
+                raise InputError(f'--{name} is for a --motion; the torque of one state is printed')
+    model, robot = load(options)
+    if options.motion is None:
+        _print_state(options, model, robot)
+        return
+    if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
+        raise InputError('--motion holds the states; leave out --q, --u and --udot')
+    t, state = read_rows(options.motion, robot.joint_names, options.step)
+    warn_degrees(robot, state[0], options.motion)
+    rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
+    rows['tau'] = robot.inverse_dynamics(*state)
+    if plot is not None:
+        pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
+    if options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            write_states(stream, t, rows, robot.joint_names)
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 't': t, **rows})
+    elif options.out or options.plot:
+        if options.out:
+            print(f'wrote {len(rows["tau"])} rows to {options.out}')
+        if options.plot:
+            print(f'wrote {options.plot}')
+    else:
+        write_states(sys.stdout, t, rows, robot.joint_names)
+
+
+def vector(options: Namespace, name: str, robot: Robot) -> Array:
+    """Return an argument as one number a joint; zeros if it was not given."""
+    given = getattr(options, name)
+    if given is None:
+        return np.zeros(robot.n)
+    try:
+        values = np.array([float(part) for part in split(given)])
+    except ValueError as error:
+        part = str(error).partition(': ')[2]
+        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
+                         f'{", ".join(robot.joint_names)}') from None
+    if len(values) != robot.n:
+        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
+                         f'{", ".join(robot.joint_names)}')
+    if name in ('q', 'q0'):
+        warn_degrees(robot, values, f'--{name}')
+    return values
+
+
+def _print_state(options: Namespace, model: Model, robot: Robot) -> None:
+    """Print the torque of one state, and what it is made of."""
+    state = [vector(options, name, robot) for name in ('q', 'u', 'udot')]
+    tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 'tau': tau,
+                    'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
+        return
+    slides = model.sliding
+    rows = without_rounding(np.column_stack([tau, terms.T]))
+    print_table(['joint', 'torque', '', *TORQUE_TERMS], [
+        [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
+        for name, row in zip(robot.joint_names, rows, strict=True)])
