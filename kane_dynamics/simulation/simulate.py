@@ -193,7 +193,7 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
         j = k % FIRST_CHUNK
         state = buffer[0, j].copy()
         tau = _vector(robot, f'torque at {k * step:.6g} s',
-                      torque(k * step, state[:n_q].copy(), state[n_q:n_q + n].copy()))
+                      _asked(torque, k * step, state[:n_q].copy(), state[n_q:n_q + n].copy()))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)
@@ -211,6 +211,19 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
             watch.look(buffer[:, 1:j + 2], np.arange(k - j + 1, k + 2) * np.float64(step))
             buffer[:, 0] = buffer[:, j + 1]
     return np.array(kept), np.array([states]), np.array([taus]), watch.events
+
+
+def _asked(torque: Torque, t: float, q: Array, u: Array) -> Any:
+    """Return what a torque function returns; InputError if it takes or returns another thing."""
+    try:
+        found = torque(t, q, u)
+    except TypeError as error:
+        if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+            raise  # not of this call, but of what the function does
+        raise InputError(f'torque: {error}; expected a function torque(t, q, u)') from None
+    if found is None:
+        raise InputError(f'torque at {t:.6g} s: None; expected {len(u)} numbers')
+    return found
 
 
 def _starts(robot: Robot, q0: Any, u0: Any) -> Array:

@@ -81,7 +81,7 @@ def inspect(options: Namespace) -> int:
     if not options.verbose:
         caught = [brief(text) for text in caught]
     facts = inspect_command.describe(model, robot, caught,
-                                operations=options.operations or options.json)
+                                     operations=options.operations or options.json)
     if options.against:
         # The peer knows neither a supplement nor friction.
         with warnings.catch_warnings():
