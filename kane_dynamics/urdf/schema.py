@@ -131,7 +131,7 @@ def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
             NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts):
         expected = ('one finite number, like 0.5 or 1e-3' if count == 1
                     else f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"')
-        hint = '; expand it first: xacro FILE.urdf.xacro > FILE.urdf' if '${' in text else ''
+        hint = '; expand it with xacro first: xacro FILE.urdf.xacro > FILE.urdf' if '${' in text else ''
         raise UrdfError(f"{what} is '{text}' (line {element.line}); expected {expected}{hint}")
 
 

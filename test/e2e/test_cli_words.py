@@ -64,7 +64,7 @@ def test_no_arguments_print_the_help_and_version_the_version(capsys):
     (['replay', 'ARM', 'no.mcap'], "no such file: 'no.mcap'"),
     (['torque', 'ARM', '--step', '0.1'], '--step is for a --motion')])
 def test_the_message_comes_first_in_the_words_of_the_command_line(files, capsys, arguments,
-                                                                 words):
+                                                                  words):
     _, err = said(capsys, *(files / 'arm.urdf' if word == 'ARM' else word for word in arguments),
                   code=2)
     assert err.startswith('kane-dynamics: error: ') and words in err.splitlines()[0]
@@ -118,7 +118,7 @@ def test_motion_is_the_name_in_every_command_that_takes_one(files, capsys):
 
 @pytest.mark.parametrize('command', [
     ['torque', 'ARM', '--q', '0', '-90'], ['simulate', 'ARM', '--q0', '45', '0', '--step', '0.1',
-                                          '--duration', '0.1'],
+                                           '--duration', '0.1'],
     ['torque', 'ARM', '--motion', 'degrees.csv'], ['feasible', 'ARM', '--motion', 'degrees.csv'],
     ['replay', 'ARM', 'degrees.csv']])
 def test_positions_far_outside_get_asked_whether_they_are_degrees(files, capsys, command):
@@ -142,7 +142,7 @@ def test_positions_in_reach_of_the_limits_get_no_remark(files, capsys):
     (-180, 180, True), (-90, 90, True), (0, 360, True), (-6.2832, 6.2832, False),
     (-12.566, 12.566, False), (-1e9, 1e9, False)])
 def test_limits_of_many_turns_get_asked_whether_they_are_degrees(tmp_path, capsys, lower, upper,
-                                                                asked):
+                                                                 asked):
     limit = f'<limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/>'
     (tmp_path / 'arm.urdf').write_text(robot(A, B, joint('j', 'a', 'b', limit=limit)))
     _, err = said(capsys, 'torque', tmp_path / 'arm.urdf')
