@@ -16,6 +16,10 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLC
   LD_LIBRARY_PATH PYTHONPATH PYTHONHOME ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION \
   RMW_IMPLEMENTATION VIRTUAL_ENV
 
+# Bytecode is kept, whatever the caller's environment says: tests start hundreds of interpreters.
+unexport PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX := $(CURDIR)/build/bytecode
+
 # What runs here stays on this machine and away from every robot, whatever the caller's domain.
 ROS_ISOLATION = ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ROS_DOMAIN_ID=$$((1 + $$$$ % 100))
 ROS_ENV = AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' $(ROS_ISOLATION)

@@ -1,33 +1,38 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
-from kane_dynamics.analysis.power_balance import power_balance
-from kane_dynamics.analysis.vibration import natural_vibration
-from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
-from kane_dynamics.control.computed_torque import ComputedTorque
-from kane_dynamics.control.controller import Controller, Mode, Terms
-from kane_dynamics.control.momentum_observer import MomentumObserver
-from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError, ModelError,
-                                  ModelWarning, SweepError, UrdfError)
-from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error, pose_exp,
-                                      pose_log, rotation_exp, rotation_log)
-from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
-                                                 PointVelocity, Prescribed, Rolling)
-from kane_dynamics.mechanics.constraints.speeds import (absolute_rates, body_angular_velocity,
-                                                        momenta, Speeds)
-from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
-from kane_dynamics.model.builder import ModelBuilder
-from kane_dynamics.model.flexible_link import FlexibleLink
-from kane_dynamics.model.flexible_model import stiffened, with_beam
-from kane_dynamics.model.mode_shapes import Bending, Torsion
-from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
-from kane_dynamics.model.primitive_inertias import ball, box, disc, point_mass, rod
-from kane_dynamics.motion.motion import Motion
-from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.simulate import simulate
-from kane_dynamics.simulation.step_size import longest_step
-from kane_dynamics.simulation.trajectory import Trajectory
-from kane_dynamics.urdf import load_urdf
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take a while
+    from kane_dynamics.analysis.power_balance import power_balance
+    from kane_dynamics.analysis.vibration import natural_vibration
+    from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
+    from kane_dynamics.control.computed_torque import ComputedTorque
+    from kane_dynamics.control.controller import Controller, Mode, Terms
+    from kane_dynamics.control.momentum_observer import MomentumObserver
+    from kane_dynamics.control.quasi_static import QuasiStatic
+    from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
+                                      ModelError, ModelWarning, SweepError, UrdfError)
+    from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
+                                          pose_exp, pose_log, rotation_exp, rotation_log)
+    from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
+                                                     knife_edge, PointVelocity, Prescribed,
+                                                     Rolling)
+    from kane_dynamics.mechanics.constraints.speeds import (absolute_rates, body_angular_velocity,
+                                                            momenta, Speeds)
+    from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
+    from kane_dynamics.model.builder import ModelBuilder
+    from kane_dynamics.model.flexible_link import FlexibleLink
+    from kane_dynamics.model.flexible_model import stiffened, with_beam
+    from kane_dynamics.model.mode_shapes import Bending, Torsion
+    from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
+    from kane_dynamics.model.primitive_inertias import ball, box, disc, point_mass, rod
+    from kane_dynamics.motion.motion import Motion
+    from kane_dynamics.robot.robot import Robot
+    from kane_dynamics.simulation.simulate import simulate
+    from kane_dynamics.simulation.step_size import longest_step
+    from kane_dynamics.simulation.trajectory import Trajectory
+    from kane_dynamics.urdf import load_urdf
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
@@ -40,3 +45,59 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
            'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate', 'stiffened',
            'with_beam']
+
+_NAMES_BY_MODULE = {
+    'analysis.power_balance': 'power_balance',
+    'analysis.vibration': 'natural_vibration',
+    'control.collision_detection': 'CollisionDetector frame_wrench',
+    'control.computed_torque': 'ComputedTorque',
+    'control.controller': 'Controller Mode Terms',
+    'control.momentum_observer': 'MomentumObserver',
+    'control.quasi_static': 'QuasiStatic',
+    'errors':
+        'CompileError ConstraintError InputError KaneError ModelError ModelWarning SweepError '
+        'UrdfError',
+    'kinematics':
+        'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
+        'rotation_log',
+    'mechanics.constraints':
+        'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',
+    'mechanics.constraints.speeds': 'absolute_rates body_angular_velocity momenta Speeds',
+    'mechanics.constraints.yaml_file': 'load_constraints',
+    'model.builder': 'ModelBuilder',
+    'model.flexible_link': 'FlexibleLink',
+    'model.flexible_model': 'stiffened with_beam',
+    'model.mode_shapes': 'Bending Torsion',
+    'model.model': 'Body Frame Inertial Joint Limits Model',
+    'model.primitive_inertias': 'ball box disc point_mass rod',
+    'motion.motion': 'Motion',
+    'robot.robot': 'Robot',
+    'simulation.simulate': 'simulate',
+    'simulation.step_size': 'longest_step',
+    'simulation.trajectory': 'Trajectory',
+    'urdf': 'load_urdf',
+}
+_MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
+
+
+if not TYPE_CHECKING:  # or a type checker would take every name for a public one
+
+    def __getattr__(name: str) -> object:
+        """Import a public name, or a subpackage, at its first use."""
+        if name in _MODULES:
+            value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
+            globals()[name] = value
+            return value
+        module = f'{__name__}.{name}'
+        if not name.startswith('__'):
+            try:
+                return import_module(module)
+            except ModuleNotFoundError as error:
+                if error.name != module:
+                    raise
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    """Return what there is, public names that were not used yet included."""
+    return sorted({*globals(), *__all__})

@@ -1,10 +1,8 @@
 """Files that come with the package: URDFs, configurations, launch files."""
 
-from importlib import metadata
 import os
 from pathlib import Path
 import sys
-from xml.etree import ElementTree
 
 from kane_dynamics.errors import InputError
 
@@ -39,6 +37,8 @@ def resource_path(folder: str, name: str) -> Path:
 
 def package_version() -> str:
     """Return this package's version: of the checkout where it runs in one, else as installed."""
+    from importlib import metadata  # of no use to who only computes, and slow to import
+    from xml.etree import ElementTree
     described = Path(__file__).resolve().parents[2] / 'package.xml'
     if described.exists():
         return ElementTree.parse(described).findtext('version', '')

@@ -1,6 +1,6 @@
 """The pictures that --plot draws of a motion."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from typing import Any
 
 from kane_dynamics._util.optional_imports import extra
@@ -8,18 +8,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
-
-KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')
-
-
-def add_plot(parser: ArgumentParser, *kinds: str) -> None:
-    """Add --plot, and --plot-of where there is a choice: the first kind is the default."""
-    words = f'picture of {kinds[0]}' if len(kinds) == 1 else 'picture'
-    parser.add_argument('--plot', metavar='FILE', help=f'{words}, .png, .svg or .pdf')
-    parser.set_defaults(plot_of=None, plot_default=kinds[0])
-    if len(kinds) > 1:
-        parser.add_argument('--plot-of', choices=kinds, metavar='WHAT',
-                            help=f'{", ".join(kinds)}; default: {kinds[0]}')
 
 
 def plotter(options: Namespace) -> Any:

@@ -10,7 +10,8 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ModelWarning, UnusedWarning
+from kane_dynamics.cli.wording import in_options
+from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.configuration_methods import suspected_degrees
 from kane_dynamics.robot.robot import Robot
@@ -19,13 +20,6 @@ import numpy as np
 
 LONGEST = 180  # characters of a warning
 ROUNDING = 1e-13  # of the largest number that is printed beside it
-OPTIONS = {  # arguments of the library, as messages name them, and the command line's
-    'load with strict=False': 'load with --no-strict', 'because strict=False': 'because of '
-    '--no-strict', 'unless strict=False': 'unless --no-strict', 'strict=False': '--no-strict',
-    'construct it with payload_frame=': 'give --payload-frame',
-    'construct the Robot with wrench_frames=': 'give --wrench-frames',
-    ", integrator='implicit'": ', --integrator implicit', "integrator='implicit'":
-    '--integrator implicit', ', or its XML as str or bytes': '', ', or a dict': ''}
 
 
 def source_of(options: Namespace) -> str | bytes:
@@ -94,13 +88,6 @@ def brief(text: str) -> str:
     return f'{text[:end]} and {text.count(", ", end)} more (--verbose names all)'
 
 
-def in_options(text: str) -> str:
-    """Return a message of the library in the words of the command line."""
-    for ours, theirs in OPTIONS.items():
-        text = text.replace(ours, theirs)
-    return text
-
-
 def without_rounding(values: Array) -> Array:
     """Return numbers with 0 for those that are rounding errors beside the largest."""
     return np.where(np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
@@ -111,6 +98,25 @@ def warn_degrees(robot: Robot, q: Array, what: str) -> None:
     doubt = suspected_degrees(robot, q)
     if doubt:
         print(f'kane-dynamics: warning: {what}: {brief(doubt)}', file=sys.stderr)
+
+
+def vector(options: Namespace, name: str, robot: Robot) -> Array:
+    """Return an argument as one number a joint; zeros if it was not given."""
+    given = getattr(options, name)
+    if given is None:
+        return np.zeros(robot.n)
+    try:
+        values = np.array([float(part) for part in split(given)])
+    except ValueError as error:
+        part = str(error).partition(': ')[2]
+        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
+                         f'{", ".join(robot.joint_names)}') from None
+    if len(values) != robot.n:
+        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
+                         f'{", ".join(robot.joint_names)}')
+    if name in ('q', 'q0'):
+        warn_degrees(robot, values, f'--{name}')
+    return values
 
 
 def split(tokens: Iterable[str]) -> list[str]:

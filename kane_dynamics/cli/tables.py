@@ -19,6 +19,7 @@ from typing import Any, TextIO
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.yaml_io import mapping, read_yaml, SHORT
+from kane_dynamics.cli.arguments import STEP
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header
 from kane_dynamics.motion.motion import Motion
@@ -27,7 +28,6 @@ from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
 QUANTITIES = ('q', 'u', 'udot', 'tau')
-STEP = 0.01  # s, between samples of a motion given by points
 MOST_SAMPLES = 1_000_000
 Rows = tuple[Array | None, tuple[Array, Array, Array]]
 MESSAGE = ('joint_names', 'points', 'header')  # of trajectory_msgs/JointTrajectory

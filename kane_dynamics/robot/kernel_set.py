@@ -54,6 +54,14 @@ class KernelSet:
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
 
+    def with_parameters(self, parameters: Array) -> 'KernelSet':
+        """Return the kernels, those compiled so far among them, on another block of parameters."""
+        other = KernelSet(self.equations, self.key, parameters, self._reason)
+        other._made = {name: kernel.with_parameters(
+            parameters if kernel.parameters is self._parameters else kernel.parameters.copy())
+            for name, kernel in self._made.items()}
+        return other
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that are one kernel; for a large robot not all of them are."""

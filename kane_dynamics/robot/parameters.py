@@ -1,5 +1,6 @@
 """What a robot's kernels read at each call, and what bounds its joints."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,12 @@ class Parameters:
         self._payload: Inertial | None = None
         self.block = np.zeros(3 if payload_frame is None else 13)
         self.gravity = model.gravity
+
+    def copy(self) -> 'Parameters':
+        """Return the same values in a block of their own."""
+        other = copy(self)
+        other.block = self.block.copy()
+        return other
 
     @property
     def gravity(self) -> Array:

@@ -1,6 +1,7 @@
 """`Robot`: a model with its dynamics compiled, what users hold."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 import os
 from pathlib import Path
@@ -15,6 +16,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.configuration_methods import Configurations
 from kane_dynamics.robot.constraint_methods import raise_where_singular
@@ -23,7 +25,6 @@ from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
-from kane_dynamics.robot.verification import verified
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
 
@@ -128,6 +129,20 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         return _restored, (self.model, {**self._choices, **self._options}, self.parameters.gravity,
                            self.parameters.payload)
 
+    def copy(self) -> 'Robot':
+        """
+        Return a robot on the same machine code, with parameters of its own.
+
+        For another thread, which may then carry another payload; nothing is compiled twice.
+        """
+        other = object.__new__(type(self))
+        for name in ('_options', '_choices', 'model', 'friction', 'equations'):
+            setattr(other, name, getattr(self, name))
+        other.parameters = self.parameters.copy()
+        other.kernels = self.kernels.with_parameters(other.parameters.block)
+        other._entries = {}
+        return other
+
     @property
     def n(self) -> int:
         """Return the number of independent generalized speeds."""
@@ -180,14 +195,15 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
             No such kernel; the message lists the valid names.
 
         """
-        for name in names or self.kernels.names:
-            try:
-                self.kernels.quantity(name)
-                getattr(self, name)
-                if batches:
-                    self.kernels.quantity(name).compile_lanes()
-            except ModelError:
-                continue  # no forward dynamics with massless joints; a call says so
+        names = names or self.kernels.names
+        run_concurrently([partial(self._compile, name, batches) for name in names])
+
+    def _compile(self, name: str, batches: bool) -> None:
+        with suppress(ModelError):  # no forward dynamics with massless joints; a call says so
+            kernel = self.kernels.quantity(name)
+            if batches:
+                kernel.compile_lanes()
+            getattr(self, name)
 
     def verify(self, states: int = 5) -> float:
         """
@@ -207,6 +223,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
             An error is larger than 1e-9: names the quantity and the error.
 
         """
+        from kane_dynamics.robot.verification import verified  # and with it the definition
         return verified(self, states)
 
     def operation_count(self) -> dict[str, OperationCount]:

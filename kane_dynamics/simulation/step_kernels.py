@@ -1,5 +1,6 @@
 """One integration step of a robot as a kernel, its dynamics as subroutines."""
 
+from functools import partial
 from typing import Any
 
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
@@ -8,8 +9,11 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.runtime.batch_loop import driver
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
@@ -22,11 +26,12 @@ AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constra
               'constraint_gap')
 
 
-def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
+def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
     """
     Compile every kernel that `simulate` may need, so that no request waits for a compiler.
 
-    Those that step many simulations at once are not among them.
+    Those that step many simulations at once are not among them. `names` are further quantities to
+    compile at the same time.
 
     Raises
     ------
@@ -34,15 +39,18 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4') -> None:
         The integrator is none, or none for this robot.
 
     """
-    support()  # the loop that steps
-    robot.compile(*loop_kernels(robot))
-    for feedback in (False, True)[:1 if robot.constraint_names else 2]:
+    def step(feedback: bool) -> None:
         step_kernel(robot, feedback, integrator)
-        if feedback:
-            law_kernel(robot).compile_lanes()
-    for name in loop_kernels(robot):
-        if name in AFTERWARDS:
-            robot.kernels.quantity(name).compile_lanes()
+
+    def law() -> None:
+        law_kernel(robot).compile_lanes()
+    support()  # the loop that steps
+    driver(width())  # and that of batches
+    loops = loop_kernels(robot)
+    jobs = [partial(step, False)] if robot.constraint_names else [
+        partial(step, True), partial(step, False), law]
+    jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
+    run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
 
 
 def loop_kernels(robot: Robot) -> list[str]:

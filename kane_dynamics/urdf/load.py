@@ -1,24 +1,15 @@
-"""Load a URDF, by yourdfpy, with the checks that yourdfpy does not make."""
+"""`load_urdf`: a Model from a URDF, from the cache on disk where the same was loaded before."""
 
 from collections.abc import Mapping, Sequence
-import io
 import os
 from typing import Any
+import warnings
 
-from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ModelError, UrdfError
-from kane_dynamics.model.flexible_model import with_beam
-from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
-from kane_dynamics.model.model import GRAVITY, Inertial, Model
-from kane_dynamics.model.placement import snapped
-from kane_dynamics.urdf.assembly import assemble
-from kane_dynamics.urdf.document import Element, parse, read_source, rebuilt
-from kane_dynamics.urdf.notices import Notices
-from kane_dynamics.urdf.schema import check_schema, CHILDREN
-from kane_dynamics.urdf.selection import select, Selection
-from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
-from kane_dynamics.urdf.tree import build_tree, UrdfLink, UrdfTree
-import numpy as np
+from kane_dynamics.errors import ModelWarning, UnusedWarning
+from kane_dynamics.model.model import GRAVITY, Model
+from kane_dynamics.urdf import model_cache
+from kane_dynamics.urdf.document import read_source
+from kane_dynamics.urdf.notices import NOT_OURS
 from numpy.typing import ArrayLike
 
 __all__ = ['load_urdf']
@@ -81,107 +72,18 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         An argument names a link or joint that does not exist or cannot serve.
 
     """
-    root = parse(read_source(source))
-    notices = Notices()
-    check_schema(root, notices)
-    tree = _tree(root, notices)
-    selection = select(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
-    extra = read_supplement(supplement)
-    check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])
-    model = assemble(tree, selection, extra, gravity, notices, strict=strict)
-    for link, beam in extra.beams.items():
-        model = with_beam(model, link, beam, _riders(model, link, tree, selection, extra))
-    notices.issue()
+    text = read_source(source)
+    options: dict[str, Any] = {'base': base, 'tip': tip, 'joints': joints, 'locked': locked,
+                               'drop': drop, 'gravity': gravity, 'strict': strict}
+    name = model_cache.key(text, supplement, options)
+    found = None if name is None else model_cache.load(name)
+    if found is None:
+        from kane_dynamics.urdf.model_reader import read_model  # imports what a hit does not need
+        found = read_model(text, supplement, **options)
+        if name is not None and name == model_cache.key(text, supplement, options):
+            model_cache.store(name, *found)  # unless the supplement's file has just changed
+    model, messages = found
+    for message in messages:
+        category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
+        warnings.warn(message, category, stacklevel=2)
     return model
-
-
-def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
-            extra: Supplement) -> list[tuple[str, Inertial]]:
-    """Return what is welded to a link: others on joints that stand still, and the payload."""
-    body = next((k for k, body in enumerate(model.bodies) if body.name == link), None)
-    riders = []
-    for frame in model.frames:
-        if frame.body == body and frame.name in tree.links:
-            inertial = tree.links[frame.name].inertial
-            if frame.name not in (link, *selection.drop) and inertial is not None:
-                riders.append((frame.name, inertial))
-            if extra.payload is not None and extra.payload[0] == frame.name:
-                riders.append(extra.payload)
-    return riders
-
-
-def _tree(root: Element, notices: Notices) -> UrdfTree:
-    """Return checked XML as records."""
-    robot = read_robot(root, CHILDREN)
-    stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
-    links = [_link(link) for link in robot.links]
-    joints = [_joint(joint, stated[joint.name], notices) for joint in robot.joints]
-    return build_tree(robot.name, links, joints)
-
-
-def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
-    """Return yourdfpy's robot of XML, cut down to the elements named under each tag."""
-    import yourdfpy  # it loads trimesh, for more than a second: only who loads a URDF shall wait
-    clean = rebuilt(root, children)
-    try:
-        return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
-                                  build_scene_graph=False).robot
-    except Exception as error:  # whatever it raises is about this text
-        raise UrdfError(f'yourdfpy cannot read the URDF: {error}') from error
-
-
-def _pose(origin: Any) -> tuple[Array, Array]:
-    """Return yourdfpy's (4, 4) origin, or None, as rotation and translation."""
-    if origin is None:
-        return np.eye(3), np.zeros(3)
-    return snapped(origin[:3, :3]), origin[:3, 3] + 0.0
-
-
-def _link(link: Any) -> UrdfLink:
-    """Return a link with its inertial in link axes."""
-    if link.inertial is None:
-        return UrdfLink(link.name)
-    R, com = _pose(link.inertial.origin)
-    what = f"link '{link.name}'"
-    if link.inertial.mass < 0.0:
-        raise ModelError(f'{what}: <mass> value is {link.inertial.mass} kg; a mass must not be '
-                         'negative')
-    inertia = R @ link.inertial.inertia @ R.T
-    return UrdfLink(link.name, Inertial(link.inertial.mass, com, inertia))
-
-
-def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
-    """Return a joint; note what about its axis is doubtful and what of it is not used."""
-    what = f"joint '{joint.name}'"
-    moves = joint.type in ('revolute', 'continuous', 'prismatic', 'planar')
-    single = moves and joint.type != 'planar'
-    axis = np.array([1.0, 0.0, 0.0])
-    if moves:
-        axis = snapped(joint.axis)
-        length = float(np.sqrt(axis @ axis))
-        if length < 1e-12:
-            raise ModelError(f'{what}: <axis> xyz is {axis.tolist()}; an axis must not be zero')
-        if stated.first('axis') is None:
-            notices.no_axis.append(joint.name)
-        elif abs(length - 1.0) > 1e-4:
-            notices.long_axis.append(f'{joint.name} ({length:g})')
-    R, p = _pose(joint.origin)
-    if not single:
-        for tag in ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics'):
-            if stated.first(tag) is not None:
-                notices.not_used(f'<{tag}> of a {joint.type} joint', joint.name)
-        return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
-    friction = {name: float(getattr(joint.dynamics, name, None) or 0.0)
-                for name in ('damping', 'friction')}
-    limit, mimic = joint.limit, joint.mimic
-    limits = StatedLimits(limit.lower, limit.upper, limit.velocity, limit.effort) if (
-        limit is not None) else None
-    bounds = {name: getattr(limits, name, None) for name in ('velocity', 'effort')}
-    for tag, values in (('dynamics', friction), ('limit', bounds)):
-        for name, value in values.items():
-            if value is not None and value < 0.0:
-                raise ModelError(f'{what}: <{tag}> {name} is {value}; it must not be negative')
-    return StatedJoint(
-        joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
-        friction['damping'], friction['friction'],
-        None if mimic is None else Mimic(mimic.joint, mimic.multiplier, mimic.offset))

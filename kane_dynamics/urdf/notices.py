@@ -1,11 +1,10 @@
-"""Doubts about a model, gathered while it is loaded and issued one warning a kind."""
+"""Doubts about a model, gathered while it is loaded, one warning a kind."""
 
 from dataclasses import dataclass, field, fields
-import warnings
-
-from kane_dynamics.errors import ModelWarning, UnusedWarning
 
 Names = list[str]
+NOT_USED = 'the URDF states these, but they are not used'
+NOT_OURS = 'the URDF states these for actuators and simulators; they are not used'
 NO_INERTIAL = 'moving links without <inertial>, taken as without mass'
 # Of actuators, simulators and drivers: no part of the mechanism.
 OTHERS = ('<transmission>', '<gazebo>', '<safety_controller>', '<calibration>')
@@ -45,17 +44,17 @@ class Notices:
         """Note that `what` is stated of the link or joint `name`, but not used."""
         self.unused.setdefault(what, []).append(name)
 
-    def issue(self) -> None:
-        """Warn, once for each kind of doubt, as from the caller of load_urdf."""
-        for category, others in ((ModelWarning, False), (UnusedWarning, True)):
+    def messages(self) -> list[str]:
+        """Return one warning for each kind of doubt."""
+        found = []
+        for text, others in ((NOT_USED, False), (NOT_OURS, True)):
             listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
                                for what, names in self.unused.items()
                                if what.startswith(OTHERS) == others)
             if listed:
-                warnings.warn(f'the URDF states these, but they are not used: {listed}',
-                              category, stacklevel=3)
+                found.append(f'{text}: {listed}')
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:
-                warnings.warn(f'{kind.metadata["text"]}: {", ".join(names)}', ModelWarning,
-                              stacklevel=3)
+                found.append(f'{kind.metadata["text"]}: {", ".join(names)}')
+        return found

@@ -9,7 +9,7 @@ import warnings
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelWarning
 from kane_dynamics.urdf.document import parse, read_source
-from kane_dynamics.urdf.load import read_robot
+from kane_dynamics.urdf.model_reader import read_robot
 from kane_dynamics.urdf.schema import CHILDREN
 import numpy as np
 

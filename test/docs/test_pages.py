@@ -88,8 +88,8 @@ def test_readme_names_files_that_exist():
 def test_the_interface_table_is_the_nodes():
     pytest.importorskip('rclpy')
     source = ''.join(path.read_text(encoding='utf-8')
-                     for path in (ROOT / 'kane_dynamics' / 'ros').glob('*.py'))
-    text = README.read_text(encoding='utf-8')
+                     for path in (ROOT / 'kane_dynamics' / 'ros').rglob('*.py'))
+    text = (ROOT / 'docs' / 'node.md').read_text(encoding='utf-8')
     table = text[text.index('| subscribes |'):text.index('`mode` chooses')]
     names = re.findall(r'`([~/\w]+)`', table)
     assert len(names) > 8

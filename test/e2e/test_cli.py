@@ -2,6 +2,8 @@
 
 import csv
 import json
+import os
+import resource
 import subprocess
 import sys
 
@@ -371,3 +373,39 @@ def test_a_malformed_urdf_leaves_no_traceback(tmp_path):
     done = process('inspect', str(tmp_path / 'bad.urdf'))
     assert done.returncode == 2
     assert done.stderr.startswith('kane-dynamics: error: ') and 'Traceback' not in done.stderr
+
+
+def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
+    """By processor time, compared with numpy and llvmlite, without which nothing is computed."""
+    environment = {**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')}
+
+    def seconds(*arguments):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, *arguments], check=True, capture_output=True,
+                       env=environment, timeout=100)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    torque = ['-m', 'kane_dynamics.cli', 'torque', 'urdf/fr3.urdf']
+    first = seconds(*torque)
+    imports = ['-c', 'import numpy, llvmlite.binding, argparse, json, csv, inspect']
+    again, least = zip(*((seconds(*torque), seconds(*imports)) for _ in range(3)))
+    assert min(again) < 2.0 * min(least)
+    assert min(again) < 0.3 * first
+
+
+@pytest.mark.parametrize('words', [['--help'], ['torque', '--help'], ['torque', 'missing.urdf']])
+def test_a_command_imports_no_other_commands_libraries(words):
+    program = """
+import sys
+from kane_dynamics.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+print(*(name for name in sys.modules if name in {
+    'scipy', 'yaml', 'yourdfpy', 'pyarrow', 'kane_dynamics.identification',
+    'kane_dynamics.sweep'}))
+"""
+    done = subprocess.run([sys.executable, '-c', program, *words], check=True, timeout=60,
+                          capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == ''

@@ -1,5 +1,9 @@
 """A node for an arm with a closed loop: it tells constraint forces, and commands nothing."""
 
+from pathlib import Path
+import subprocess
+import sys
+
 from action_msgs.msg import GoalStatus
 from graph import NAME, Process, wait_until
 from kane_dynamics import load_constraints, load_urdf, Robot, simulate
@@ -47,6 +51,24 @@ def linkage(files):
 @pytest.fixture(scope='module')
 def posture(linkage):
     return linkage.closed_posture((0.8, 0.0, -1.5), fixed=['crank_joint'])
+
+
+def test_the_file_is_read_once_for_all_robots_of_the_node(files):
+    program = f"""
+import sys
+import rclpy
+from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+rclpy.init(args=['--ros-args', '-p', 'urdf:={files[0]}', '-p', 'constraints:={files[1]}'])
+opened = []
+sys.addaudithook(lambda event, given: event == 'open' and opened.append(str(given[0])))
+node = DynamicsNode()
+node.trigger_configure()
+print(node.state, opened.count('{files[1]}'))
+rclpy.shutdown()
+"""
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          timeout=100, cwd=Path(__file__).parents[2])
+    assert done.stdout.split() == ['inactive', '1'], done.stderr
 
 
 @pytest.fixture(scope='module')

@@ -94,7 +94,7 @@ DOORS = {
     'sympy': ('cli',),
     'trimesh': ('view',),
     'viser': ('view',),
-    'yourdfpy': ('urdf/load.py',),
+    'yourdfpy': ('urdf/model_reader.py',),
 }
 # Never while being imported, but in demo/ and in modules that are themselves loaded on use.
 LAZY = ('matplotlib', 'pinocchio', 'rich', 'sympy', 'viser')

@@ -3,11 +3,9 @@
 from argparse import Namespace
 import sys
 
-from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import (load, print_json, split, warn_degrees, without_rounding)
-from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states
+from kane_dynamics.cli.shared import load, print_json, vector, warn_degrees, without_rounding
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
@@ -27,6 +25,7 @@ def torque(options: Namespace) -> None:
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
         raise InputError('--motion holds the states; leave out --q, --u and --udot')
+    from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states  # YAML too
     t, state = read_rows(options.motion, robot.joint_names, options.step)
     warn_degrees(robot, state[0], options.motion)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
@@ -45,25 +44,6 @@ def torque(options: Namespace) -> None:
             print(f'wrote {options.plot}')
     else:
         write_states(sys.stdout, t, rows, robot.joint_names)
-
-
-def vector(options: Namespace, name: str, robot: Robot) -> Array:
-    """Return an argument as one number a joint; zeros if it was not given."""
-    given = getattr(options, name)
-    if given is None:
-        return np.zeros(robot.n)
-    try:
-        values = np.array([float(part) for part in split(given)])
-    except ValueError as error:
-        part = str(error).partition(': ')[2]
-        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
-                         f'{", ".join(robot.joint_names)}') from None
-    if len(values) != robot.n:
-        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
-                         f'{", ".join(robot.joint_names)}')
-    if name in ('q', 'q0'):
-        warn_degrees(robot, values, f'--{name}')
-    return values
 
 
 def _print_state(options: Namespace, model: Model, robot: Robot) -> None:

@@ -6,22 +6,22 @@ runs: gravity, a payload, external wrenches. Its methods are pure; compilation t
 tests run them on numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
                                                frame_kinematics, inverse_dynamics,
                                                joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.recursive.joint_forces import JointForces, position
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
                                                            regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
-from kane_dynamics.model.beam import Beam
-from kane_dynamics.model.model import Frame, Joint, Model, WORLD
+from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
 RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
@@ -29,7 +29,7 @@ RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynami
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 
 
-class TreeEquations:
+class TreeEquations(JointForces):
     """
     The equations of motion of a model.
 
@@ -50,21 +50,33 @@ class TreeEquations:
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
-        """Prepare the links; raises InputError for an unknown frame."""
+        """Find the frames; raises InputError for an unknown one."""
         self.model = model
         self.n = self.n_q = model.n
         self.speed_names = model.coordinate_names
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
-        links = self._raw_links = linkage(model)
-        self._links = denavit_hartenberg(links) if frame_reduction else links
-        self.order = list(dict.fromkeys(k for link in links for k in (
-            *([] if link.deflection else [link.coordinate]),
-            *(link.beam.coordinates if link.beam else []))))
+        self.frame_reduction = frame_reduction
         self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
 
     timed = False  # no method depends on time
+
+    @cached_property
+    def _raw_links(self) -> tuple[Link, ...]:  # of use only where something is traced
+        return linkage(self.model)
+
+    @cached_property
+    def _links(self) -> tuple[Link, ...]:
+        links = self._raw_links
+        return denavit_hartenberg(links) if self.frame_reduction else links
+
+    @cached_property
+    def order(self) -> list[int]:
+        """Return the coordinates, parents first: the order in which M is factorised."""
+        return list(dict.fromkeys(k for link in self._raw_links for k in (
+            *([] if link.deflection else [link.coordinate]),
+            *(link.beam.coordinates if link.beam else []))))
 
     @property
     def geometry(self) -> tuple[Link, ...]:
@@ -196,7 +208,7 @@ class TreeEquations:
         """Return the potential energy of gravity and springs, J."""
         springs: Any = 0.0
         for body in self.model.bodies:
-            stretch = _position(body.joint, q) - body.joint.rest
+            stretch = position(body.joint, q) - body.joint.rest
             springs = springs + 0.5 * body.joint.stiffness * (stretch * stretch)
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
@@ -236,64 +248,8 @@ class TreeEquations:
         """Return where each body has its joint, (3,), m, world axes."""
         return [origin for _, origin in frame_kinematics.link_poses(self._raw_links, q)]
 
-    def armature(self, x: Any) -> Any:
-        """Return the rotor inertias' diagonal times x, (n,)."""
-        return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
-
-    def friction_force(self, u: Any) -> Any:
-        """Return d u + mu tanh(u / u_s) + offset of every joint, (n,): what torque overcomes."""
-        if not self.friction:
-            return self.zeros
-
-        def force(joint: Joint) -> Any:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier * friction_torque(joint, rate)
-        return self._of_beams(self._by_coordinate(force),
-                              lambda beam: beam.damping @ u[list(beam.coordinates)])
-
-    def _friction_slope(self, u: Any) -> Any:
-        """Return d friction_force / du, (n,)."""
-        if not self.friction:
-            return self.zeros
-
-        def slope(joint: Joint) -> Any:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier**2 * friction_slope(joint, rate)
-        return self._by_coordinate(slope)
-
-    def spring_force(self, q: Any) -> Any:
-        """Return k (position - rest) of joints, K eta of beams, (n,): what torque holds."""
-        springs = self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
-                                      * (_position(j, q) - j.rest))
-        return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
-
-    def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
-        """Return a force, (n,), with that of every beam on its modes added."""
-        result = list(total)
-        for body in self.model.bodies:
-            if body.beam is not None:
-                for k, value in zip(body.beam.coordinates, force(body.beam)):
-                    result[k] = result[k] + value
-        return np.array(result)
-
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
         pushes = () if wrench is None else zip(self.wrench_frames, wrench)
         return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
                    self.zeros)
-
-    @property
-    def zeros(self) -> Any:
-        """Return n zeros that cost a traced program nothing."""
-        return np.zeros(self.n).astype(object)
-
-    def _by_coordinate(self, force: Callable[[Joint], Any]) -> Any:
-        """Sum a force of every joint on its coordinate, (n,)."""
-        total = [0.0] * self.n
-        for joint in (body.joint for body in self.model.bodies):
-            total[joint.coordinate] = total[joint.coordinate] + force(joint)
-        return np.array(total)
-
-
-def _position(joint: Joint, q: Any) -> Any:
-    return joint.multiplier * q[joint.coordinate] + joint.offset

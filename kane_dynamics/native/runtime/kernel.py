@@ -1,10 +1,11 @@
 """A kernel: one compiled program with its memory, its checks, and its ways in."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 import sys
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -23,6 +24,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, size_of
 import numpy as np
 
 SYMBOL = 'kernel'  # the name of every kernel's own function in its object file
+_TRACING = RLock()  # threads that trace in turns would only wait for the GIL more often
 Reason = Callable[[dict[str, Array]], None]
 MOST_RESULTS = 2**31  # entries of one batch's result: past this a typing error is likelier
 
@@ -134,13 +136,22 @@ class Kernel:
         self.address = self.code.address(SYMBOL)
 
     def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
-        key = self._key
+        def traced() -> str:
+            with _TRACING:
+                return text()
+        key, source = self._key, traced
         with gc_paused():
             if key is None:
-                key = text()
-                text = partial(str, key)
+                key = traced()
+                source = partial(str, key)
             return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
-                                                lambda: llvm.assemble(text())))
+                                                lambda: llvm.assemble(source())))
+
+    def with_parameters(self, parameters: Array) -> 'Kernel':
+        """Return a kernel on the same machine code that reads another block of parameters."""
+        other = copy(self)
+        other.parameters, other._compiling = parameters, Lock()
+        return other
 
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],

@@ -1,6 +1,6 @@
 """Threads for work that machine code does without the GIL."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import pairwise
@@ -85,3 +85,20 @@ def shared(work: Callable[[int, int], int], count: int, quantum: int, probe: int
     for other in others:
         flags |= other.result()
     return flags
+
+
+def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
+    """
+    Run jobs that compile, several at once; raise the first one's error when all have ended.
+
+    While LLVM works on one, without the GIL, another is traced.
+    """
+    threads = min(len(jobs), 2 * thread_count())
+    if thread_count() == 1 or threads < 2:
+        for job in jobs:
+            job()
+        return
+    with ThreadPoolExecutor(threads, 'kane_dynamics_compile') as pool:
+        started = [pool.submit(job) for job in jobs]
+    for each in started:
+        each.result()

@@ -25,7 +25,7 @@ from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, Grav
                                                            PayloadBounds, start_loads)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.step_kernels import compile_simulation, loop_kernels
+from kane_dynamics.simulation.step_kernels import compile_simulation
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -69,7 +69,8 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
-        bending = QuasiStatic(Robot(model, **load_choices(values))) if model.flexible else None
+        choices = load_choices(values)
+        bending = QuasiStatic(Robot(model, **choices)) if model.flexible else None
         model = stiffened(model)
         self.values, self._node, self._server, self._warn = values, node, server, warn
         self._statistics, self._clock = statistics, node.get_clock()
@@ -83,13 +84,12 @@ class ConfiguredRobot:
             model, values['imu.frame'], float((values['gravity'] ** 2).sum() ** 0.5),
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
-        self.robot, self._for_requests, self._for_simulations = robots = [
-            Robot(model, **load_choices(values)) for _ in range(3)]
+        self.robot = Robot(model, **choices)
         check_optional_topics(values, self.robot)
-        for robot in robots:  # the first compiles, the others find it in the cache
-            robot.compile(*loop_kernels(robot), 'external_force', 'body_torques')
+        compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
+                           'body_torques')
+        self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
         self._request_frames = WrenchFrames(self._for_requests)
-        compile_simulation(self._for_simulations, values['simulation.integrator'])
         self.verified = max(robot.verify() for robot in (
             self.robot, *([bending.robot] if bending else [])))
         controller = Controller(self.robot, bending=bending,

@@ -2,18 +2,23 @@
 
 import multiprocessing
 import os
+from pathlib import Path
+import shutil
 import subprocess
 import sys
 
+import kane_dynamics
 from kane_dynamics import Robot
-from kane_dynamics.native.machine_code import object_cache
+from kane_dynamics._util import disk_cache
 from kane_dynamics.robot import kernel_set
+import mechanisms
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
 
 MODEL = random_model(8, 3)
 STATE = random_state(MODEL, 0)
+HELPERS = Path(mechanisms.__file__).parent
 
 
 @pytest.fixture
@@ -50,7 +55,7 @@ def test_a_damaged_file_is_rebuilt(place, damage):
     for file in place.iterdir():
         file.write_bytes(damage(file.read_bytes()))
     assert np.array_equal(torque(), expected)
-    assert object_cache.load(next(iter(os.listdir(place)))) is not None
+    assert disk_cache.load(next(iter(os.listdir(place)))) is not None
 
 
 def test_a_file_under_anothers_name_is_not_trusted(place):
@@ -59,7 +64,7 @@ def test_a_file_under_anothers_name_is_not_trusted(place):
     contents = [file.read_bytes() for file in files]
     for file, content in zip(files, contents[1:] + contents[:1]):
         file.write_bytes(content)
-    assert all(object_cache.load(file.name) is None for file in files)
+    assert all(disk_cache.load(file.name) is None for file in files)
 
 
 def test_a_directory_that_others_may_write_to_is_not_used(place):
@@ -104,21 +109,21 @@ def test_processes_that_start_together_do_not_disturb_each_other(place):
 
 
 def test_a_file_that_others_may_write_to_is_not_trusted(place):
-    object_cache.store('name', b'code')
-    assert object_cache.load('name') == b'code'
+    disk_cache.store('name', b'code')
+    assert disk_cache.load('name') == b'code'
     (place / 'name').chmod(0o620)
-    assert object_cache.load('name') is None
+    assert disk_cache.load('name') is None
 
 
 def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
-    monkeypatch.setattr(object_cache, 'MOST_BYTES', 10_000)
+    monkeypatch.setattr(disk_cache, 'MOST_BYTES', 10_000)
     body = bytes(900)
     for k in range(10):
-        object_cache.store(f'file{k}', body)
+        disk_cache.store(f'file{k}', body)
         os.utime(place / f'file{k}', (k, k))
     assert len(os.listdir(place)) == 10
-    assert object_cache.load('file0') == body
-    object_cache.store('one more', body)
+    assert disk_cache.load('file0') == body
+    disk_cache.store('one more', body)
     left = set(os.listdir(place))
     assert left == {'file0', 'one more', *(f'file{k}' for k in range(5, 10))}
     assert sum((place / name).stat().st_size for name in left) <= 7500
@@ -126,8 +131,8 @@ def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
 
 def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch):
     expected = torque()
-    monkeypatch.setattr(object_cache, 'MOST_BYTES', 0)
-    object_cache.store('another', b'')
+    monkeypatch.setattr(disk_cache, 'MOST_BYTES', 0)
+    disk_cache.store('another', b'')
     assert not os.listdir(place)
     assert np.array_equal(torque(), expected)
 
@@ -137,9 +142,9 @@ def test_interpreters_that_start_together_on_nothing_agree_and_leave_whole_files
     program = """
 import sys
 from kane_dynamics import Robot
-from kane_dynamics.native import cache
+from kane_dynamics._util import disk_cache
 from mechanisms import random_model, random_state
-object_cache.MOST_BYTES = int(sys.argv[1])
+disk_cache.MOST_BYTES = int(sys.argv[1])
 model = random_model(8, 3)
 sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes().hex())
 """
@@ -150,4 +155,32 @@ sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes(
     results = {process.communicate(timeout=60)[0] for process in running}
     assert [process.returncode for process in running] == [0] * 4
     assert results == {torque().tobytes().hex()}
-    assert all(object_cache.load(name) is not None for name in os.listdir(place))
+    assert all(disk_cache.load(name) is not None for name in os.listdir(place))
+
+
+@pytest.mark.parametrize('source', ['mechanics/constraints/position_constraints.py',
+                                    'native/backends/llvm_scalar.py', 'robot/kernel_set.py'])
+def test_an_edit_of_a_source_at_any_depth_compiles_afresh(place, tmp_path, source):
+    copy = tmp_path / 'checkout' / 'kane_dynamics'
+    shutil.copytree(Path(kane_dynamics.__file__).parent, copy,
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    program = """
+import numpy as np
+from kane_dynamics import Coupling, Robot
+from mechanisms import random_model
+coupling = Coupling('joint2', {'joint0': 1.0})
+Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
+"""
+
+    def kept():
+        subprocess.run([sys.executable, '-c', program], cwd=copy.parent, check=True, timeout=60,
+                       env={**os.environ, 'PYTHONPATH': f'{copy.parent}:{HELPERS}',
+                            'PYTHONDONTWRITEBYTECODE': '1'})
+        return set(os.listdir(place))
+    first = kept()
+    assert kept() == first
+    status = (copy / source).stat()
+    text = (copy / source).read_text('utf-8')
+    (copy / source).write_text(text.replace('.', ',', 1), 'utf-8')  # in its docstring
+    os.utime(copy / source, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert len(kept() - first) >= len(first)

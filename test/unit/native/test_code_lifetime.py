@@ -53,7 +53,8 @@ for _ in range(3):
 # late thread's function: another time they are of one thread.
 FIRST_TOGETHER = START + """
 import threading
-from kane_dynamics.native import llvm, support
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.runtime import loop_support as support
 robot = Robot(MODEL)
 kernel = robot.kernels.quantity('inverse_dynamics')
 support.support.cache_clear()

@@ -1,0 +1,140 @@
+"""
+Results that take long to compute, kept on disk: machine code, and models read from URDF.
+
+Files live in ``$KANE_DYNAMICS_CACHE`` if that is set (``off`` turns the cache off), else in
+``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. The directory is private to its owner
+(0700), a file is written whole or not at all, and one that is damaged or not ours is computed
+again. When the files exceed `MOST_BYTES`, the least recently used ones are removed.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+import hashlib
+import os
+from pathlib import Path
+import stat
+import tempfile
+
+MAGIC = b'kane_dynamics object 1\n'
+MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB, a model some 10 kB
+KEPT_SHARE = 0.75  # of that, after files were removed: not every new file shall remove some
+OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+def source_digest(folder: str | os.PathLike[str]) -> str:
+    """Return a hash of the content of all Python code in a folder, at any depth."""
+    digest = hashlib.sha256()
+    for name, path in sorted(_sources(os.fspath(folder), '')):
+        content = Path(path).read_bytes()
+        digest.update(f'{len(name)}:{name}{len(content)}:'.encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def _sources(folder: str, prefix: str) -> Iterator[tuple[str, str]]:
+    """Yield the name below the first folder, and the path, of every Python file."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir():
+                if entry.name != '__pycache__':
+                    yield from _sources(entry.path, f'{prefix}{entry.name}/')
+            elif entry.name.endswith(('.py', '.pyc')) and entry.is_file():
+                yield prefix + entry.name, entry.path
+
+
+# All of the package, so that no new folder can be forgotten; while it is imported, because files
+# that are edited later are not the code that runs. It takes 5 ms.
+VERSION = source_digest(Path(__file__).resolve().parent.parent)
+
+
+def key(*parts: str) -> str:
+    """Return the name under which this version of the code keeps what is made from `parts`."""
+    digest = hashlib.sha256()
+    for part in (*parts, VERSION):
+        content = part.encode('utf-8', 'surrogatepass')
+        digest.update(f'{len(content)}:'.encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def directory() -> Path | None:
+    """Return the cache's directory, made if need be; None when it is off or not safe to use."""
+    setting = os.environ.get('KANE_DYNAMICS_CACHE', '')
+    if setting.lower() == 'off':
+        return None
+    root = os.environ.get('XDG_CACHE_HOME') or os.path.join(os.path.expanduser('~'), '.cache')
+    path = Path(setting) if setting else Path(root) / 'kane_dynamics'
+    try:
+        if not path.exists():
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = path.stat()
+    except OSError:
+        return None
+    if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
+        return None  # others may write there: machine code from it must not run
+    return path
+
+
+def load(name: str) -> bytes | None:
+    """Return what is kept under a key, or None if there is nothing whole."""
+    path = directory()
+    if path is None:
+        return None
+    try:
+        with open(path / name, 'rb') as file:
+            status = os.fstat(file.fileno())
+            if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
+                return None
+            content = file.read()
+            with suppress(OSError):  # on a disk that is read-only nothing will be removed either
+                os.utime(file.fileno())  # used now: the last to go
+    except OSError:
+        return None
+    head, checksum, body = (content[:len(MAGIC)], content[len(MAGIC):len(MAGIC) + 32],
+                            content[len(MAGIC) + 32:])
+    if head != MAGIC or hashlib.sha256(name.encode() + body).digest() != checksum:
+        return None
+    return body
+
+
+def store(name: str, body: bytes) -> None:
+    """Keep `body` under a key; several processes may do so at once. Failure is no error."""
+    path = directory()
+    if path is None:
+        return
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path)
+        try:
+            with os.fdopen(handle, 'wb') as file:
+                file.write(MAGIC + hashlib.sha256(name.encode() + body).digest() + body)
+            os.replace(temporary, path / name)
+        except OSError:
+            os.unlink(temporary)
+            raise
+        _prune(path)
+    except OSError:
+        return  # a full or read-only disk costs time at the next start, nothing else
+
+
+def _prune(path: Path) -> None:
+    """Remove the files that were not used for longest where all together are too large."""
+    with os.scandir(path) as entries:
+        files = sorted((status.st_mtime_ns, status.st_size, entry.path) for entry in entries
+                       if stat.S_ISREG((status := entry.stat(follow_symlinks=False)).st_mode))
+    total = sum(size for _, size, _ in files)
+    if total <= MOST_BYTES:
+        return
+    for _, size, file in files:
+        if total <= KEPT_SHARE * MOST_BYTES:
+            return
+        Path(file).unlink(missing_ok=True)  # another process may do the same
+        total -= size
+
+
+def fetch(name: str, make: Callable[[], bytes]) -> bytes:
+    """Return what is kept under a key, making and keeping it if it is not there."""
+    body = load(name)
+    if body is None:
+        body = make()
+        store(name, body)
+    return body

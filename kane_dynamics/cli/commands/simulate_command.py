@@ -1,0 +1,95 @@
+"""`kane-dynamics simulate`: forward dynamics over time."""
+
+from argparse import Namespace
+import math
+import time
+from typing import Any
+
+from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.typing import Array
+from kane_dynamics.cli import pictures
+from kane_dynamics.cli.commands.inspect_command import print_table
+from kane_dynamics.cli.shared import (load, print_json, split, told, vector, warn_degrees,
+                                      without_rounding)
+from kane_dynamics.cli.tables import read_motion, read_states
+from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.errors import InputError
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.simulate import simulate
+import numpy as np
+
+_MOST_EVENTS = 10  # printed for people
+
+
+def simulation(options: Namespace) -> None:
+    """Simulate, save, draw and sum up."""
+    if options.out and not options.out.endswith(('.npz', '.csv')):
+        raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
+    plot = pictures.plotter(options)  # before the work
+    _, robot = load(options)
+    q0, u0, duration, source = _plan(options, robot)
+    start = time.perf_counter()
+    with progress_bar('simulating', duration) as progress, (
+            told(verbose=options.verbose)):
+        result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
+                          progress=progress, integrator=options.integrator)
+    wall = time.perf_counter() - start
+    if options.out:
+        (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
+    if plot is not None:
+        pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
+    before, after = result.energy[[0, -1]].sum(axis=1).tolist()
+    events = [str(event) for event in result.limit_events]
+    if options.json:
+        print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
+                    'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
+                    'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
+                    'limit_events': events})
+        return
+    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
+          f'from {before:.6g} J to {after:.6g} J')
+    print_table(['joint', 'q', 'u', 'tau'], zip(
+        robot.joint_names, *map(without_rounding, (result.q[-1], result.u[-1], result.tau[-1])),
+        strict=True))
+    more = len(events) - _MOST_EVENTS
+    for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
+                 *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
+        print(line)
+
+
+def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
+    """Return q0, u0, duration and torque source of a simulation."""
+    zero, duration, step = np.zeros(robot.n), options.duration, options.step
+    q0 = vector(options, 'q0', robot)
+    u0 = vector(options, 'u0', robot)
+    source: Any = None
+    if options.motion:
+        motion = read_motion(options.motion, robot.joint_names)
+        warn_degrees(robot, motion.positions, options.motion)
+        q_d, u_d, _ = motion.sample(0.0)
+        q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
+        gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
+        source = ComputedTorque(robot, motion, *gains)
+        if duration is None and motion.duration > 0.0 and step > 0.0:
+            duration = math.ceil(motion.duration / step - 1e-6) * step
+    duration = 1.0 if duration is None else duration
+    if options.torque:
+        tokens = split(options.torque)
+        source = (_held(tokens[0], robot, duration, step)
+                  if len(tokens) == 1 and tokens[0].endswith('.csv')
+                  else vector(options, 'torque', robot))
+    return q0 + zero, u0 + zero, duration, source
+
+
+def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
+    """Return the torques of a file as one row a step."""
+    states = read_states(path, robot.joint_names)
+    if states.tau is None:
+        raise InputError(f"{path}: has no columns 'tau.<joint>'")
+    if states.t is None or not step > 0.0:
+        return states.tau
+    increasing(states.t, len(states.tau), f"{path}: column 't'")
+    now = np.arange(max(1, round(duration / step))) * step
+    rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
+    return states.tau[np.maximum(rows, 0)]

@@ -1,0 +1,117 @@
+"""
+Checked models, kept on disk as JSON: what `load_urdf` returned for the same input before.
+
+JSON holds numbers exactly and runs no code when it is read. Every record is an object with one
+key, the name of its class; an array is one with its shape and its numbers.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import cache
+import hashlib
+from importlib.util import find_spec
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from kane_dynamics._util import disk_cache
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
+import numpy as np
+
+RECORDS: dict[str, Callable[..., Any]] = {
+    record.__name__: record
+    for record in (Beam, Body, Deflection, Frame, Inertial, Joint, Limits, Model)}
+
+
+def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
+    """
+    Return the name under which the model is kept.
+
+    Parameters
+    ----------
+    text : str
+        Of the URDF.
+    supplement, options
+        Further arguments of `load_urdf`.
+
+    Returns
+    -------
+    str or None
+        None where an argument is not plain data, or the supplement cannot be read.
+
+    """
+    try:
+        if isinstance(supplement, str | os.PathLike):
+            content = 'file ' + hashlib.sha256(Path(supplement).read_bytes()).hexdigest()
+        else:
+            content = repr(_comparable(supplement))
+        given = repr(_comparable(options))
+    except (OSError, TypeError, ValueError):
+        return None
+    return disk_cache.key('model', text, content, given, _reader_version())
+
+
+@cache
+def _reader_version() -> str:
+    """Identify the installed yourdfpy without importing it."""
+    spec = find_spec('yourdfpy')
+    folders = (spec and spec.submodule_search_locations) or []
+    return ' '.join(disk_cache.source_digest(folder) for folder in folders)
+
+
+def _comparable(value: Any) -> Any:
+    """Return plain data whose repr tells values and types apart, or raise TypeError."""
+    if isinstance(value, np.ndarray):
+        return ('array', value.dtype.str, value.tolist()) if value.dtype.kind in 'biufU' else (
+            _comparable(value.tolist()))
+    if isinstance(value, np.generic):
+        return value.dtype.str, value.item()
+    if isinstance(value, Mapping):
+        return 'mapping', [(_comparable(k), _comparable(v)) for k, v in value.items()]
+    if isinstance(value, list | tuple):
+        return [_comparable(item) for item in value]
+    if value is None or type(value) in (str, int, float, bool):
+        return value
+    raise TypeError
+
+
+def load(name: str) -> tuple[Model, list[str]] | None:
+    """Return the model kept under a key and its warnings, or None if there is none."""
+    content = disk_cache.load(name)
+    if content is None:
+        return None
+    try:
+        model, warnings = json.loads(content, object_hook=_record)
+    except (ArithmeticError, LookupError, ModelError, TypeError, ValueError):
+        return None
+    return (model, warnings) if isinstance(model, Model) else None
+
+
+def store(name: str, model: Model, warnings: list[str]) -> None:
+    """Keep a model and its warnings under a key, if it comes back the same."""
+    content = json.dumps([model, warnings], default=_plain)
+    back, _ = json.loads(content, object_hook=_record)
+    if back.digest() == model.digest():
+        disk_cache.store(name, content.encode())
+
+
+def _plain(value: Any) -> dict[str, Any]:
+    """Return a record or an array as JSON has it."""
+    if isinstance(value, np.ndarray):
+        return {'array': [value.shape, value.ravel().tolist()]}
+    return {type(value).__name__: [getattr(value, field.name) for field in fields(value)]}
+
+
+def _record(data: dict[str, Any]) -> Any:
+    """Return the record or array that `_plain` wrote."""
+    (name, content), = data.items()
+    if name == 'array':
+        shape, numbers = content
+        array = np.array(numbers, dtype=np.float64).reshape(shape)
+        array.flags.writeable = False
+        return array
+    return RECORDS[name](*(tuple(value) if isinstance(value, list) else value
+                           for value in content))

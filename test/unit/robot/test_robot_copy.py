@@ -1,0 +1,74 @@
+"""Promises of `Robot.copy`: one machine code, parameters of its own."""
+
+from kane_dynamics import Coupling, Inertial, Robot
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.robot import kernel_set
+from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
+from mechanisms import random_model, random_state
+import numpy as np
+import pytest
+
+MODEL = random_model(8, 3)
+Q, U, UDOT = random_state(MODEL, 0)
+PAYLOAD = Inertial(2.0, (0.1, 0.0, 0.2), 0.01 * np.eye(3))
+
+
+@pytest.mark.parametrize('choices', [
+    {}, {'payload_frame': 'frame1', 'wrench_frames': ['frame2']},
+    {'constraints': [Coupling('joint2', {'joint0': 1.0})]}])
+def test_a_copy_compiles_nothing_and_answers_the_same(monkeypatch, choices):
+    robot = Robot(MODEL, **choices)
+    names = ('inverse_dynamics', 'mass_matrix', 'forward_dynamics')
+    robot.compile(*names, batches=True)
+    q, u = robot.closed_posture(Q) if robot.constraint_names else Q, U[:robot.n]
+    expected = [robot.inverse_dynamics(q, u, u), robot.mass_matrix(q),
+                robot.forward_dynamics(q, u, u), robot.mass_matrix(np.array([q] * 9))]
+
+    def refuse(*arguments, **options):
+        raise AssertionError('compiled or loaded again')
+    monkeypatch.setattr(kernel_set, 'trace_program', refuse)
+    monkeypatch.setattr(llvm, 'Code', refuse)
+    other = robot.copy()
+    given = [other.inverse_dynamics(q, u, u), other.mass_matrix(q),
+             other.forward_dynamics(q, u, u), other.mass_matrix(np.array([q] * 9))]
+    assert all(np.array_equal(a, b) for a, b in zip(expected, given))
+
+
+def test_gravity_and_payload_of_a_copy_are_its_own():
+    robot = Robot(MODEL, payload_frame='frame2')
+    robot.gravity_force(Q)
+    robot.parameters.payload = PAYLOAD
+    before = robot.gravity_force(Q).copy()
+    other = robot.copy()
+    assert np.array_equal(other.gravity_force(Q), before)
+    assert other.parameters.payload is PAYLOAD
+    other.parameters.gravity = (0.0, 0.0, -1.62)
+    other.parameters.payload = None
+    assert np.array_equal(robot.gravity_force(Q), before)
+    assert np.array_equal(robot.gravity_force(np.array([Q] * 5))[4], before)
+    alone = Robot(MODEL, payload_frame='frame2')
+    alone.parameters.gravity = (0.0, 0.0, -1.62)
+    assert np.array_equal(other.gravity_force(Q), alone.gravity_force(Q))
+    assert np.array_equal(other.gravity_force(np.array([Q] * 5))[4], alone.gravity_force(Q))
+    robot.parameters.gravity = (0.0, 0.0, -3.7)
+    assert np.array_equal(other.gravity_force(Q), alone.gravity_force(Q))
+
+
+def test_a_workspace_and_a_frame_of_a_copy_read_its_parameters():
+    robot = Robot(MODEL)
+    robot.bind().gravity_force()
+    other = robot.copy()
+    other.parameters.gravity = (1.0, 2.0, 3.0)
+    expected, work = other.gravity_force(Q).copy(), other.bind()
+    work.q[:] = Q
+    assert np.array_equal(work.gravity_force(), expected)
+    assert np.array_equal(other.frame_pose('frame1', Q), robot.frame_pose('frame1', Q))
+    assert other.limits.lower.shape == (3,)
+
+
+def test_the_constants_of_steps_are_not_shared():
+    robot = Robot(MODEL)
+    compile_simulation(robot)
+    kernel, copied = step_kernel(robot, False), step_kernel(robot.copy(), False)
+    assert copied.code is kernel.code
+    assert not np.shares_memory(copied.parameters, kernel.parameters)

@@ -1,0 +1,96 @@
+"""The words of the repository: standard terms, summaries that say what a thing is or does."""
+
+import ast
+import io
+from pathlib import Path
+import re
+import subprocess
+import tokenize
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+# Each word that is not used, and the term of the field that is.
+TERMS = {
+    r'mass[ -]cent(?:re|er)s?': 'center of mass',
+    r'cent(?:re|res|red)': 'center',
+    r'matter': 'mass, inertial properties',
+    r'roads?': 'formulation, algorithm',
+    r'doubt\w*': 'warning',
+    r'postures?': 'configuration',
+    r'freedoms': 'degrees of freedom',
+    r'push(?:es)?': 'external wrench',
+    r'gaps?': 'constraint residual',
+    r'of no account': 'ignored',
+    r'fore(?:tell|tells|told)': 'predicted',
+    r'anew': 'again',
+    r'whoever': 'a caller, a subscriber',
+    r'nobody': 'no one: name who',
+    r'parted by': 'separated by',
+    r'opened by': 'constraint residual',
+    r'left the (?:finite )?numbers': 'diverged',
+    r'tremble\w*': 'oscillate',
+    r"compiler's business": 'left to the compiler',
+    r'companion': 'bias force',
+}
+# Public names, and places where a word has its ordinary meaning. Each has its reason.
+NAMES = re.compile(
+    r'`[^`]*`'                                   # code in text
+    r'|closed_posture|constraint_gap'            # public names of the library
+    r'|\bmatter\s*=|\bmatter :|\bmatter[,)]'     # the public argument of ModelBuilder.body
+    r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter|do not matter')
+SUMMARY = re.compile(r'(?:What|How|Where|Who|Whoever|Tell|Tells|Take|Takes|Whether)\b')
+WORDS = re.compile(r'(?<![\w/.-])(?:' + '|'.join(f'(?:{term})' for term in TERMS) + r')(?![\w/])',
+                   re.IGNORECASE)
+
+
+def tracked(*endings):
+    """Return the paths of files that git tracks, of some endings."""
+    listed = subprocess.run(['git', 'ls-files'], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip('this is no checkout')
+    return [ROOT / name for name in listed.stdout.splitlines()
+            if name.endswith(endings) and (ROOT / name).exists()]
+
+
+def prose(path):
+    """Return numbered lines of what a person reads in a file: all, or comments and strings."""
+    text = path.read_text(encoding='utf-8')
+    if path.suffix != '.py':
+        return list(enumerate(text.splitlines(), 1))
+    found = []
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type in TEXT:
+            found += enumerate(token.string.split('\n'), token.start[0])
+    return found
+
+
+# An f-string is one token before Python 3.12 and several from there on.
+TEXT = {tokenize.COMMENT, tokenize.STRING, getattr(tokenize, 'FSTRING_MIDDLE', tokenize.STRING)}
+FILES = [path for path in tracked('.py', '.md', '.rst', '.yaml', '.msg', '.srv', '.action')
+         if path.name != 'test_language.py']
+
+
+@pytest.mark.parametrize('folder', sorted({path.relative_to(ROOT).parts[0] for path in FILES}))
+def test_the_terms_are_those_of_the_field(folder):
+    found = []
+    for path in FILES:
+        if path.relative_to(ROOT).parts[0] == folder:
+            found += [f'{path.relative_to(ROOT)}:{number}: {match[0]}'
+                      for number, line in prose(path)
+                      for match in WORDS.finditer(NAMES.sub('', line))]
+    assert found == []
+
+
+def test_summaries_say_what_a_thing_is_or_does():
+    found = []
+    for path in FILES:
+        folder = path.relative_to(ROOT).parts[0]
+        if path.suffix != '.py' or folder not in ('kane_dynamics', 'examples'):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+                text = ast.get_docstring(node) or ''
+                if SUMMARY.match(text):
+                    found.append(f'{path.relative_to(ROOT)}: {text.splitlines()[0]}')
+    assert found == []

@@ -1,0 +1,78 @@
+"""`import kane_dynamics` is quick, and every public name is there at its first use."""
+
+import ast
+from importlib import import_module
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import kane_dynamics
+import pytest
+
+SOURCE = Path(kane_dynamics.__file__).read_text('utf-8')
+
+
+def fresh(program):
+    """Return what a new interpreter prints."""
+    return subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
+                          text=True, timeout=60, cwd=Path(kane_dynamics.__file__).parents[1]
+                          ).stdout.split()
+
+
+@pytest.mark.parametrize('name', kane_dynamics.__all__)
+def test_public_name_is_imported_at_its_first_use(name):
+    assert getattr(kane_dynamics, name) is vars(kane_dynamics)[name]
+    assert name in dir(kane_dynamics)
+
+
+def test_type_checkers_see_the_names_that_are_imported():
+    block, = (node for node in ast.parse(SOURCE).body
+              if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING')
+    stated = {name.name: node.module for node in block.body for name in node.names}
+    assert sorted(stated) == sorted(kane_dynamics.__all__)
+    for name, module in stated.items():
+        assert getattr(import_module(module), name) is getattr(kane_dynamics, name)
+
+
+def test_from_import_and_star_and_subpackages_work_in_a_fresh_interpreter():
+    assert fresh('from kane_dynamics import *; print(Robot.__name__, load_urdf.__name__)') == [
+        'Robot', 'load_urdf']
+    assert fresh('import kane_dynamics as k; print(k.errors.InputError is k.InputError, '
+                 'k.feasibility.demand.__name__)') == ['True', 'demand']
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'kane_dynamics' has no attribute 'Robott'"):
+        _ = kane_dynamics.Robott
+    with pytest.raises(ImportError):
+        exec('from kane_dynamics import Robott')
+
+
+def test_importing_the_package_alone_imports_no_library():
+    """Not even numpy: its import is most of what a start costs."""
+    before, after = fresh("""
+import importlib, sys, time
+begin = time.process_time()
+import kane_dynamics
+print(time.process_time() - begin)
+assert not {'numpy', 'llvmlite', 'yaml', 'yourdfpy'} & set(sys.modules)
+begin = time.process_time()
+import numpy
+print(time.process_time() - begin)""")
+    assert float(before) < 0.5 * float(after)
+
+
+def test_a_robot_of_a_known_urdf_imports_only_what_it_uses(tmp_path):
+    program = """
+import sys
+from kane_dynamics import load_urdf, Robot
+robot = Robot(load_urdf('urdf/two_link.urdf'))
+robot.gravity_force([0.0] * robot.n)
+print(*(set(sys.modules) & {'yourdfpy', 'trimesh', 'scipy', 'networkx', 'lxml', 'yaml'}))
+"""
+    done = [subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
+                           text=True, timeout=60, cwd=Path(kane_dynamics.__file__).parents[1],
+                           env={**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')})
+            for _ in range(2)]
+    assert 'yourdfpy' in done[0].stdout and done[1].stdout.split() == []
