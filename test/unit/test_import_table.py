@@ -48,7 +48,7 @@ PARTS = {
         runtime
         """,
     'identification': """
-        solvers
+        qr_factor solvers
         recordings
         regression
         base_regressor physical_consistency
