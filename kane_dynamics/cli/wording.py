@@ -1,8 +1,7 @@
 """Messages of the library in the words of the command line."""
 
 OPTIONS = {  # arguments of the library, as messages name them, and the command line's
-    'load with strict=False': 'load with --no-strict', 'because strict=False': 'because of '
-    '--no-strict', 'unless strict=False': 'unless --no-strict', 'strict=False': '--no-strict',
+    'strict=False': '--no-strict',
     'construct it with payload_frame=': 'give --payload-frame',
     'construct the Robot with wrench_frames=': 'give --wrench-frames',
     ", integrator='implicit'": ', --integrator implicit', "integrator='implicit'":

@@ -22,7 +22,7 @@ class JointForces:
         return np.zeros(self.n).astype(object)
 
     def armature(self, x: Any) -> Any:
-        """Return the rotor inertias' diagonal times x, (n,)."""
+        """Return the diagonal matrix of rotor inertias times x, (n,)."""
         return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
 
     def friction_force(self, u: Any) -> Any:
@@ -47,13 +47,13 @@ class JointForces:
         return self._by_coordinate(slope)
 
     def spring_force(self, q: Any) -> Any:
-        """Return k (position - rest) of joints, K eta of beams, (n,): what torque holds."""
+        """Return the torque that balances springs k (position - rest) and beams K eta, (n,)."""
         springs = self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
                                       * (position(j, q) - j.rest))
         return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
 
     def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
-        """Return a force, (n,), with that of every beam on its modes added."""
+        """Return a force, (n,), plus the force of all beams on their modes."""
         result = list(total)
         for body in self.model.bodies:
             if body.beam is not None:
