@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolynomial,
@@ -61,6 +62,11 @@ class Motion:
         self._inverse_h: list[float] = (1.0 / h).ravel().tolist()
         for array in (times, positions, self._table):
             array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        return (f'<Motion through {len(self.times)} points in {self.duration:g} s of '
+                f'{short(self.joint_names)}>')
 
     @property
     def n(self) -> int:

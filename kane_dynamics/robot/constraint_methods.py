@@ -12,6 +12,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.dispatch import Dispatch
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class ConstraintMethods(Dispatch):
@@ -42,7 +43,8 @@ class ConstraintMethods(Dispatch):
         equations = self.equations
         return equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
 
-    def joint_rates(self, q: Any, u: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                    out: Array | None = None) -> Array:
         """
         Return q', (n_q,), of the independent speeds.
 
@@ -60,7 +62,7 @@ class ConstraintMethods(Dispatch):
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
-    def joint_torques(self, tau: Any, q: Any = None, *, t: Any = 0.0,
+    def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """
         Return the torques of the joints, (n_q,), that amount to tau.
@@ -87,7 +89,8 @@ class ConstraintMethods(Dispatch):
                              'posture of a robot with chosen speeds or constraints')
         return self._special('joint_torques', (q, tau), t, out)
 
-    def constraint_forces(self, q: Any, u: Any, tau: Any, *, wrench: Any = None, t: Any = 0.0,
+    def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
+                          wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                           out: Array | None = None) -> Array:
         """
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
@@ -114,21 +117,23 @@ class ConstraintMethods(Dispatch):
         return self._loaded(self.kernels.quantity('constraint_forces'), (q, u, tau), wrench, out,
                             t)
 
-    def constraint_residual(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                            out: Array | None = None) -> Array:
         """Return by what each row's condition on positions is missed, (m,); 0 without one."""
         return self._special('constraint_residual', (q,), t, out)
 
-    def constraint_gap(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
-        """Return `constraint_residual`, whose former name this is."""
+    def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Array:
+        """Return `constraint_residual`; the former name of that method."""
         return self.constraint_residual(q, t=t, out=out)
 
-    def constraint_velocity_residual(self, q: Any, u: Any, *, t: Any = 0.0,
+    def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                                      out: Array | None = None) -> Array:
         """Return by what each row's velocity is missed, J q' - b, (m,), m/s or rad/s."""
         return self._special('constraint_velocity_residual', (q, u), t, out)
 
-    def joint_accelerations(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
-                            out: Array | None = None) -> Array:
+    def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """
         Return q'', (n_q,), of all joints, dependent ones included.
 
@@ -146,7 +151,7 @@ class ConstraintMethods(Dispatch):
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
-    def closed_posture(self, q: Any, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
+    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
         Return the posture near q, (n_q,), at which all conditions on positions are met.
 
@@ -180,7 +185,7 @@ class ConstraintMethods(Dispatch):
         result[...] = same
         return result
 
-    def _special(self, name: str, arguments: tuple[Any, ...], t: Any,
+    def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
         self._require(name)
         return self._call(name, arguments, out, t)

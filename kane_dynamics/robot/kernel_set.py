@@ -52,7 +52,7 @@ class KernelSet:
         self._instead = instead
         self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
-        self._key = key
+        self.key = key
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
         self._same: dict[tuple[str, str], Callable[[KernelSet], Kernel]] = {}  # of another set
@@ -63,7 +63,7 @@ class KernelSet:
 
         `instead` is that of the result.
         """
-        other = KernelSet(self.equations, self._key, parameters, instead)
+        other = KernelSet(self.equations, self.key, parameters, instead)
         other._same = dict(self._same)
         other._made = {place: kernel.with_parameters(
             parameters if kernel.parameters is self._parameters else kernel.parameters.copy(),
@@ -123,7 +123,7 @@ class KernelSet:
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
         """Return a kernel of the caller's own on this robot; `name` tells its program apart."""
-        return self._kept((name, ''), lambda: Kernel(name, program, self._key, arguments, block,
+        return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
                                                      shape))
 
     def program(self, name: str) -> Program:
@@ -174,7 +174,7 @@ class KernelSet:
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
         self._same[name, at] = same or (lambda other: other.quantity(name))
-        return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
+        return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
                       self._parameters, quantity.shape(size),
                       partial(self._another, (name, at)))
 

@@ -23,7 +23,9 @@ class JointLimits:
 
 
 class Parameters:
-    """What may change while a robot runs, without compiling anew."""
+    """Gravity and payload: what may change while a robot runs, without another compilation."""
+
+    __slots__ = ('_frame', '_payload', '_tolerance', 'block', 'physical')  # others are errors
 
     def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0) -> None:
         """Start with the model's gravity and no payload; `watched` numbers are limits."""

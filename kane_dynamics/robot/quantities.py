@@ -85,6 +85,8 @@ QUANTITIES = {
     'torque_terms': Quantity(MOTION, lambda size: (len(TORQUE_TERMS), size.n)),
     'body_torques': Quantity(MOTION, lambda size: (size.bodies, size.n)),
     'joint_reactions': Quantity(MOTION, lambda size: (size.bodies, 6), wrench=True),
+    'center_of_mass': Quantity(('q',), lambda size: (3,)),
+    'center_of_mass_jacobian': Quantity(('q',), lambda size: (3, size.n)),
     'kinetic_energy': Quantity(STATE, _scalar),
     'potential_energy': Quantity(('q',), _scalar),
     'inverse_dynamics_derivatives': Quantity(MOTION, _three_matrices),

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import cached_property, partial
+from functools import partial
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.attribute_hints import missing, refused
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
@@ -17,12 +19,12 @@ from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeE
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.constraint_methods import ConstraintMethods
+from kane_dynamics.robot.configuration_methods import Configurations
 from kane_dynamics.robot.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
-from kane_dynamics.robot.parameters import JointLimits, Parameters
+from kane_dynamics.robot.parameters import Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
@@ -33,7 +35,7 @@ __all__ = ['Robot', 'TORQUE_TERMS']
 CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 
-class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
+class Robot(DynamicsMethods, FrameMethods, Configurations):
     """
     The dynamics of one manipulator or mechanism, compiled for it.
 
@@ -142,6 +144,22 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             self.equations = self.kernels.equations
         self._entries = {}
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what would have no effect; `limits` may be replaced."""
+        if '_entries' in self.__dict__ and name != 'limits':
+            raise AttributeError(refused(self, name, (*self._choices, *self._options)))
+        super().__setattr__(name, value)
+
+    if not TYPE_CHECKING:  # a type checker knows by itself what is missing
+        def __getattr__(self, name: str) -> Any:
+            """Name the counterpart of an attribute that there is not."""
+            raise AttributeError(missing(self, name))
+
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Robot '{self.model.name}': {self.n} degrees of freedom, q of "
+                f'{short(self.coordinate_names)}>')
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as model, options and parameters; kernels load again from the cache."""
         choices = {**self._choices, **self._options,
@@ -215,12 +233,16 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         """Names of the entries of q."""
         return self.model.coordinate_names
 
-    @cached_property
-    def limits(self) -> JointLimits:
-        """Bounds of the joints, as the model states them."""
-        limits = [joint.limits for joint in self.model.coordinate_joints]
-        return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
-                             for name in ('lower', 'upper', 'velocity', 'effort')))
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
+        return tuple(frame.name for frame in self.model.frames)
+
+    def equals(self, other: 'Robot') -> bool:
+        """Tell whether another robot has the same equations and now the same parameters."""
+        return self is other or bool(
+            self.kernels.key is not None and self.kernels.key == other.kernels.key
+            and np.array_equal(self.parameters.block, other.parameters.block))
 
     def bind(self) -> Workspace:
         """Return arrays with zero-argument calls on them, for a loop that must not allocate."""

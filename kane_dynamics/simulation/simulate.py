@@ -24,7 +24,7 @@ from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.speed_switching import SwitchingInput
 from kane_dynamics.simulation.step_kernels import margin_count, state_names
 from kane_dynamics.simulation.step_size import step_warning
-from kane_dynamics.simulation.torque_input import torque_input
+from kane_dynamics.simulation.torque_input import asked_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
@@ -211,7 +211,8 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
         t = t0 + k * step
         seen = (source.asked_state(0, state, k) if isinstance(source, SwitchingInput) else
                 (state[:n_q], state[n_q:n_q + n]))
-        tau = _vector(robot, f'torque at {t:.6g} s', torque(t, *(x.copy() for x in seen)))
+        tau = _vector(robot, f'torque at {t:.6g} s',
+                      asked_torque(torque, t, *(x.copy() for x in seen)))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)

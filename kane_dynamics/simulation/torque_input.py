@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.computed_torque_law import law_kernel
-from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
@@ -115,7 +115,10 @@ class TorqueInput:
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
-        q_d, u_d, udot_d = torque.motion.sample(self.start + kept * np.float64(self.step))
+        t, end = self.start + kept * np.float64(self.step), torque.motion.duration
+        if abs(t[-1] - end) <= 1e-6 * self.step:
+            t[-1] = np.nextafter(end, -np.inf)  # the torque that acted until the end
+        q_d, u_d, udot_d = torque.motion.sample(t)
         gains = np.concatenate([torque.kp, torque.kd])
         desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
         rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
@@ -156,6 +159,10 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
+        if torque.robot is not None and not torque.robot.equals(robot):
+            raise InputError('torque: computed torque of another robot (model, options, gravity '
+                             'or payload) than the simulated one; expected the same, or a '
+                             'function that returns the torques of the other')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
                            np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
@@ -183,3 +190,17 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
         raise InputError(f'torque has {table.shape[1]} rows; expected at least {count}, one a '
                          'step')
     return table
+
+
+def asked_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
+                 u: Array) -> Any:
+    """Return what a torque function returns; InputError if it takes or returns another thing."""
+    try:
+        found = torque(t, q, u)
+    except TypeError as error:
+        if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+            raise  # not of this call, but of what the function does
+        raise InputError(f'torque: {error}; expected a function torque(t, q, u)') from None
+    if found is None:
+        raise InputError(f'torque at {t:.6g} s: None; expected {len(u)} numbers')
+    return found

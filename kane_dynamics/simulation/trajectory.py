@@ -11,6 +11,7 @@ from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -118,6 +119,13 @@ class Trajectory:
         if not self.constraint_names:
             for name in OF_CONSTRAINTS:
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        many = f'{len(self.q)} motions, ' if self.q.ndim == 3 else ''
+        span = f'{self.t[0]:g} to {self.t[-1]:g} s' if len(self.t) else 'empty'
+        return (f'<Trajectory: {many}{len(self.t)} samples, {span}, of '
+                f'{short(self.joint_names)}>')
 
     @classmethod
     def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':

@@ -267,6 +267,14 @@ class ConstrainedEquations:
         """Return the potential energy of gravity and springs, J."""
         return self.tree.potential_energy(q, parameters)
 
+    def center_of_mass(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m."""
+        return self.tree.center_of_mass(q, parameters)
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the velocity of the center of mass per unit of each independent speed, (3, n)."""
+        return self.tree.center_of_mass_jacobian(q, parameters) @ self.at_rest(q, t).T
+
     def frame_pose(self, frame: Frame, q: Any, t: Any = 0.0) -> Any:
         """Return the homogeneous transformation frame to world, (4, 4)."""
         return self.tree.frame_pose(frame, q)

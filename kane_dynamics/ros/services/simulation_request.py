@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from kane_dynamics._util.checks import positive_time
-from kane_dynamics.control.controller import ComputedTorque
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index, motion_from_message,
@@ -63,7 +63,8 @@ class SimulationRequest:
                                  'expected ZERO or TABLE')
             motion = motion_from_message(request.reference, robot.joint_names,
                                          served.bounds.max_reference)
-            torque = ComputedTorque(motion, vector(request.kp, index, n, 'kp', served.kp),
+            torque = ComputedTorque(served.simulated, motion,
+                                    vector(request.kp, index, n, 'kp', served.kp),
                                     vector(request.kd, index, n, 'kd', served.kd))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source: {request.torque_source}; expected ZERO '

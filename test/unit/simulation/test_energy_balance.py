@@ -134,7 +134,7 @@ def test_no_alarm_where_joints_stick_beams_swing_and_motions_are_followed():
         warnings.simplefilter('error')
         simulate(arm, [0.3, 0.2], [1.0, -1.0], 3.0, integrator='implicit')
         simulate(arm, [0.0, 0.0], [0.0, 0.0], 2.0, integrator='implicit',
-                 torque=ComputedTorque(motion, 400.0, 40.0))
+                 torque=ComputedTorque(arm, motion, 400.0, 40.0))
         simulate(beam, [0.3, 0.0, 0.0], [0.0, 0.0, 0.0], 2.0, integrator='implicit')
         simulate(beam, [0.3, 0.0, 0.0], [0.0, 0.0, 0.0], 0.5, step=1e-4)
 
