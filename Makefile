@@ -30,7 +30,7 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test test-slow soak bench kernel-sizes picture lint docs colcon-test clean FORCE
+.PHONY: help install demo test test-slow soak bench kernel-sizes picture lint docs docs-test colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
@@ -41,7 +41,8 @@ help:
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
 	@echo 'make picture      docs/view.png anew, by a headless Chromium'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
-	@echo 'make docs         the documentation site, in build/docs; what its pages show is tried'
+	@echo 'make docs         the documentation site, in build/docs'
+	@echo 'make docs-test    tries what the pages of the site and the README show'
 	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
 	@echo 'make clean        remove all of that'
 
@@ -100,7 +101,7 @@ $(VENV)/.bench: $(VENV)/.dependencies
 	@touch $@
 
 # All of them run, then any failure counts.
-BENCHMARKS ?= benchmarks/report.py benchmarks/node_latency.py
+BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/node_latency.py
 BENCH_ARGS ?=
 
 bench: install $(VENV)/.bench
@@ -123,11 +124,14 @@ lint: install
 	$(BIN)/ament_flake8 $(LINTED)
 	$(BIN)/ament_pep257 $(LINTED)
 
-# Warnings are errors; nothing is fetched. What the pages show is what comes out.
+# Warnings are errors; nothing is fetched.
 docs: install
 	rm -rf build/docs
 	$(ROS_ENV) $(BIN)/python -m sphinx -b html -W -n --keep-going -q -j auto -d build/doctrees docs build/docs
 	$(BIN)/python docs/check_links.py build/docs
+
+# What the pages show is what comes out.
+docs-test: install
 	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal test/docs/test_pages.py
 	$(ROS_ENV) $(BIN)/python -m pytest test/docs/test_node_pages.py
 

@@ -13,9 +13,10 @@ ros = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 plot = ['matplotlib>=3.8']
 view = ['viser>=1.1']  # 3D in the browser, served from its own files; meshes by yourdfpy's trimesh
 equations = ['sympy>=1.12']
-# Least squares and filters; physical consistency, a semidefinite program.
+# Least squares and filters; physical consistency, a semidefinite program; one thread for small
+# matrices, on which several spend many times the processor time of the work.
 # Bags are read without ROS.
-identify = ['scipy>=1.11', 'cvxpy>=1.5', 'clarabel>=0.9', 'rosbags>=0.10']
+identify = ['scipy>=1.11', 'clarabel>=0.9', 'threadpoolctl>=3.5', 'rosbags>=0.10']
 # Tables; workers elsewhere.
 sweep = ['pyarrow>=14', 'distributed>=2024.1']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]

@@ -90,7 +90,7 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
-        given = f'{number:g} s' if math.isfinite(number) else repr(value)
+        given = repr(value) if isinstance(value, str) or value is None else f'{number:g} s'
         raise InputError(f'{what} is {given}; expected a positive, finite time in s{otherwise}')
     return number
 

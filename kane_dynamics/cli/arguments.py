@@ -63,7 +63,10 @@ def _export(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
                      help='the source; the header goes beside it')
     sub.add_argument('--kernel', nargs='+', default=DEFAULT_KERNELS, metavar='NAME',
-                     help=f'default: {" ".join(DEFAULT_KERNELS)}')
+                     help='also frame_pose:LINK, jacobian:LINK; default: '
+                          + ' '.join(DEFAULT_KERNELS))
+    sub.add_argument('--float32', action='store_true', help='single precision')
+    sub.add_argument('--no-self-test', action='store_true', help='leave the self-test out')
     sub.add_argument('--wrench-frames', nargs='+', default=(), metavar='LINK',
                      help='links on which the environment may push')
     sub.add_argument('--payload-frame', metavar='LINK', help='link that carries a payload')
@@ -84,6 +87,8 @@ def _identify(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.regression import STANDSTILL
     _add_model(sub)
     _add_recording(sub)
+    sub.add_argument('--as-recorded', action='store_true',
+                     help='fit a recording that does not fit the model, too')
     sub.add_argument('--friction-only', action='store_true',
                      help='leave the inertials as they are')
     sub.add_argument('--unbounded', action='store_true',
@@ -171,7 +176,9 @@ def _add_recording(parser: ArgumentParser) -> None:
     parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
     parser.add_argument('--topic', help='of the joint states in a bag (default: its only one)')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
-                        help='filter q and tau without delay, and make u and udot from q')
+                        help='filter q, tau and measured u without delay, and derive the rest')
+    parser.add_argument('--resample', type=float, metavar='HZ',
+                        help='evenly spaced rows (default: with --cutoff as many as there are)')
 
 
 def _add_model(sub: ArgumentParser) -> None:

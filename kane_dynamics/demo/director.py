@@ -8,22 +8,19 @@ held against what the node's simulate service had predicted.
 """
 
 from argparse import ArgumentParser
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import random
-import signal
-import subprocess
 import sys
 import time
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
 from kane_dynamics.demo.demo_settings import (desired_motion, DURATION, HOME, JOINTS, NODE, PLANT,
                                               URDF)
 from kane_dynamics.demo.tracking_report import report, TrackingLog
-from kane_dynamics.errors import KaneError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import State, Transition
@@ -36,11 +33,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 LEAD = 0.3  # s between sending a motion and its start
 FALL = 0.25  # s: later it meets joint limits, which a simulation only reports
-PATIENCE = 30.0  # s for anything to answer
-
-
-class DemoError(KaneError):
-    """Something that the demo needs did not start or answer."""
+LOOK = 0.5  # s between two looks at who is waited for
 
 
 class Director(Node):
@@ -48,6 +41,7 @@ class Director(Node):
 
     def __init__(self) -> None:
         super().__init__('director')
+        self.children: list[Child] = []  # that are waited for as long as they make progress
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._to_plant = self.create_publisher(JointTrajectory, 'desired', latched)
         self._to_node = self.create_publisher(JointTrajectory, f'{NODE}/joint_trajectory', 1)
@@ -55,13 +49,14 @@ class Director(Node):
     def ask(self, service: type[Any], name: str, **fields: Any) -> Any:
         """Call a service and return its answer."""
         client = self.create_client(service, name)
+        waiting = Waiting(f"service '{name}'", self.children)
         try:
-            if not client.wait_for_service(PATIENCE):
-                raise DemoError(f"service '{name}' does not appear")
+            while not client.wait_for_service(LOOK):
+                waiting.check()
             future = client.call_async(service.Request(**fields))
-            rclpy.spin_until_future_complete(self, future, timeout_sec=PATIENCE)
-            if not future.done():
-                raise DemoError(f"service '{name}' does not answer")
+            while not future.done():
+                rclpy.spin_until_future_complete(self, future, timeout_sec=LOOK)
+                waiting.check()
             return future.result()
         finally:
             self.destroy_client(client)
@@ -72,10 +67,9 @@ class Director(Node):
 
     def wait_until_active(self) -> None:
         """Wait for the node's kernels and its activation."""
-        deadline = time.monotonic() + PATIENCE
+        waiting = Waiting('the node does not become active', self.children)
         while self.node_state() != State.PRIMARY_STATE_ACTIVE:
-            if time.monotonic() > deadline:
-                raise DemoError('the node does not become active')
+            waiting.check()
             time.sleep(0.1)
 
     def change(self, transition: int) -> None:
@@ -132,26 +126,13 @@ class Director(Node):
         return prediction, self._recorded(record)
 
 
-@contextmanager
-def processes(record: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run arm and node while the block runs; end them as an operator would, by SIGINT."""
-    plant = [sys.executable, '-m', 'kane_dynamics.demo.mujoco_plant', str(URDF), str(record)]
-    node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
-            '-p', f'urdf:={URDF}', '-p', f'joints:=[{",".join(JOINTS)}]',
-            '-p', 'mode:=inverse_dynamics', '-p', 'state_timeout:=0.1']
-    running: list[subprocess.Popen[bytes]] = []
-    try:
-        running += [subprocess.Popen(command) for command in (plant, node)]
-        yield running
-    finally:
-        for process in reversed(running):
-            process.send_signal(signal.SIGINT)
-        for process in running:
-            try:
-                process.communicate(timeout=5.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.communicate()
+def commands(record: Path) -> dict[str, Sequence[str]]:
+    """Return the commands of arm and node by name."""
+    return {'arm': [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', str(URDF),
+                    str(record)],
+            'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
+                     '--ros-args', '-p', f'urdf:={URDF}', '-p', f'joints:=[{",".join(JOINTS)}]',
+                     '-p', 'mode:=inverse_dynamics', '-p', 'state_timeout:=0.1']}
 
 
 def run(arguments: Sequence[str] = ()) -> int:
@@ -168,13 +149,19 @@ def run(arguments: Sequence[str] = ()) -> int:
     rclpy.init()
     director = Director()
     try:
-        with processes(record):
-            director.ask(SetBool, f'{PLANT}/reset', data=True)
-            director.wait_until_active()
+        with children(commands(record)) as running:
+            director.children = running
+            with stage('Start of the arm'):
+                director.ask(SetBool, f'{PLANT}/reset', data=True)
+            with stage('Start of the node, which compiles its kernels'):
+                director.wait_until_active()
             motion = desired_motion()
-            alone = director.perform('Servo alone         ', motion, record, False)
-            helped = director.perform('Servo + feedforward ', motion, record, True)
-            prediction, fall = director.predict_and_let_go(record)
+            with stage(f'Motion of {DURATION:g} s with the servo alone'):
+                alone = director.perform('Servo alone         ', motion, record, False)
+            with stage(f'Motion of {DURATION:g} s with servo and feedforward'):
+                helped = director.perform('Servo + feedforward ', motion, record, True)
+            with stage('Prediction of the fall, and the fall'):
+                prediction, fall = director.predict_and_let_go(record)
     finally:
         director.destroy_node()
         rclpy.try_shutdown()

@@ -6,11 +6,12 @@ from kane_dynamics.identification.excitation.optimal_excitation import Excitatio
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
+from kane_dynamics.identification.recordings.diagnosis import diagnose, Finding
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import friction_speeds, rows
 
-__all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Identification', 'Payload',
-           'PayloadEstimator', 'Recording', 'base_parameters', 'base_speeds', 'excite',
-           'fit_base', 'friction_speeds', 'identify', 'identify_payload', 'read_recording',
-           'rows']
+__all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Finding', 'Identification', 'Payload',
+           'PayloadEstimator', 'Recording', 'base_parameters', 'base_speeds', 'diagnose',
+           'excite', 'fit_base', 'friction_speeds', 'identify', 'identify_payload',
+           'read_recording', 'rows']

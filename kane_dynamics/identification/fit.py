@@ -9,17 +9,18 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import (compressed, fit_friction, FRICTION,
-                                                     friction_speeds, full_regressor, LOWEST,
-                                                     RegressionRows, rows, settled_speeds, stacked,
-                                                     STANDSTILL, triangle, UNBOUNDED, weights)
+from kane_dynamics.identification.regression import (compressed, factorized, fit_friction,
+                                                     FRICTION, friction_speeds, full_regressor,
+                                                     LOWEST, RegressionRows, rows, settled_speeds,
+                                                     stacked, STANDSTILL, triangle, UNBOUNDED,
+                                                     weights)
+from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ROUNDS = 3  # of reweighting
-FOLDS = 4  # stretches of the fit, each once left out to choose the weight
 WEIGHTS = 10.0 ** np.arange(1, 7)
 
 
@@ -92,6 +93,7 @@ class Identification:
         return self.unknowns[-4 * self.given.n:].reshape(-1, 4)
 
 
+@on_one_processor
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
              bounded: bool = True, weight: float | None = None, standstill: float = STANDSTILL,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
@@ -140,7 +142,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     else:
         x, speeds, weight = _with_bodies(model, first, speeds, x, weight, progress)
     progress(1.0)
-    A = _weighted(first, speeds, x)[0]
+    A = _weighted(compressed(first, speeds), x)[0]
     deviations, inertial_deviations, condition = (
         friction_statistics(A, model) if friction_only
         else statistics(A, model, x, speeds, weight))
@@ -192,8 +194,9 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
     def rigid(speeds: Array) -> Array:
         """Fit at given speeds; return the torque of the bodies."""
         nonlocal x
+        equations = compressed(data, speeds)
         for _ in range(ROUNDS):
-            A, b, _ = _weighted(data, speeds, x)
+            A, b, _ = _weighted(equations, x)
             x = physical(A, b, prior, model.n, used)
         return np.asarray(data.Y @ x[:10 * len(prior)])
 
@@ -208,9 +211,10 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
     return x, speeds, used
 
 
-def _weighted(data: RegressionRows, speeds: Array, x: Array) -> tuple[Array, Array, Array]:
+def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x: Array
+              ) -> tuple[Array, Array, Array]:
     """Return the equations by the residuals' deviations at x, and these."""
-    equations, floor, counts = compressed(data, speeds)
+    equations, floor, counts = compressed_rows
     sigma = weights(equations, floor, counts, x)
     return *stacked(equations, sigma), sigma
 
@@ -224,26 +228,23 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
     usual guard against taking what one stretch says for what all would say (Hastie, Tibshirani &
     Friedman, The Elements of Statistical Learning, section 7.10).
     """
-    X = full_regressor(data, speeds)
-    tau = data.recording.tau - data.rest
-    sigma = _weighted(data, speeds, x)[2]
-    stretches = np.array_split(np.arange(len(tau)), FOLDS)
+    sigma = _weighted(compressed(data, speeds), x)[2]
+    stretches = [np.vstack([R / s for R, s in zip(factorized(part, speeds), sigma, strict=True)])
+                 for part in data.stretches]
+    counts = [max(int(part.moving.sum()), 1) for part in data.stretches]
     prior = [body.inertial for body in model.bodies]
-    missed = np.zeros((FOLDS, len(WEIGHTS)))
-    for k, stretch in enumerate(stretches):
-        used = data.moving.copy()
-        used[stretch] = False
-        R = triangle(np.column_stack([(X / sigma[:, None])[used], (tau / sigma)[used]]))
-        judged = data.moving[stretch]
+    missed = np.zeros((len(stretches), len(WEIGHTS)))
+    for k, judge in enumerate(stretches):
+        R = triangle(np.vstack(stretches[:k] + stretches[k + 1:]))
         for i, weight in enumerate(WEIGHTS):
-            found = physical(R[:-1, :-1], R[:-1, -1], prior, model.n,
-                             float(weight) * (1.0 - 1.0 / FOLDS))
-            error = ((tau[stretch] - X[stretch] @ found) / sigma)[judged]
-            missed[k, i] = error @ error / judged.sum()
-            progress((k * len(WEIGHTS) + i + 1) / (FOLDS * len(WEIGHTS) + ROUNDS))
+            found = physical(R[:, :-1], R[:, -1], prior, model.n,
+                             float(weight) * (1.0 - 1.0 / len(stretches)))
+            error = judge[:, -1] - judge[:, :-1] @ found
+            missed[k, i] = error @ error / counts[k]
+            progress((k * len(WEIGHTS) + i + 1) / (missed.size + ROUNDS))
     mean = missed.mean(axis=0)
     best = int(np.argmin(mean))
-    spread = missed[:, best].std(ddof=1) / np.sqrt(FOLDS)
+    spread = missed[:, best].std(ddof=1) / np.sqrt(len(stretches))
     return float(WEIGHTS[mean <= mean[best] + spread][-1])
 
 

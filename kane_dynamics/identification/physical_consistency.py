@@ -80,55 +80,8 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
         The solver finds no optimum; says what it reports.
 
     """
-    count = len(prior)
     roots = [_root(inertial.pseudo_inertia) for inertial in prior]
-    free = _unconstrained(A, b, roots, joints, weight)
-    if free is not None:
-        return free
-    cp = scientific('cvxpy')
-    Z = [cp.Variable((4, 4), symmetric=True) for _ in prior]
-    losses = cp.Variable(4 * joints) if joints else None
-    scale = np.maximum(np.linalg.norm(A[:, 10 * count:], axis=0), 1e-12)
-    columns, start = [], np.zeros(0)
-    for k, L in enumerate(roots):
-        change = np.column_stack([parameters_of(L @ unit.reshape(4, 4) @ L.T)
-                                  for unit in np.eye(16)])  # of the parameters with Z's entries
-        columns.append(A[:, 10 * k:10 * k + 10] @ change)
-        start = np.concatenate([start, parameters_of(L @ L.T)])
-    left = b - A[:, :10 * count] @ start
-    made = sum(C @ cp.vec(z, order='C') for C, z in zip(columns, Z, strict=True))
-    limits = [np.eye(4) + z >> SMALLEST * np.eye(4) for z in Z]
-    if losses is not None:
-        made = made + (A[:, 10 * count:] / scale) @ losses
-        bounded = np.flatnonzero(np.isfinite(np.tile(LOWEST, joints)))
-        limits.append(losses[bounded] >= 0.0)
-    size = max(float(np.linalg.norm(left)), 1e-12)
-    cost = (cp.sum_squares((made - left) / size)
-            + weight / size**2 * sum(cp.sum_squares(z) for z in Z))
-    problem = cp.Problem(cp.Minimize(cost), limits)
-    try:
-        problem.solve(solver=cp.CLARABEL)
-    except cp.SolverError as error:
-        raise InputError(f'no physical parameters found: {error}') from None
-    if problem.status != 'optimal':
-        raise InputError(f'no physical parameters found: the solver reports {problem.status}')
-    found = [parameters_of(L @ (np.eye(4) + 0.5 * (z.value + z.value.T)) @ L.T)
-             for L, z in zip(roots, Z, strict=True)]
-    lost = np.zeros(0)
-    if losses is not None:
-        lost = np.maximum(losses.value / scale, np.tile(LOWEST, joints))
-    return np.concatenate([*found, lost])
-
-
-def _unconstrained(A: Array, b: Array, roots: Sequence[Array], joints: int, weight: float
-                   ) -> Array | None:
-    """
-    Return the minimum without regard to the bodies, None if one of them is not physical then.
-
-    The problem is convex: where this is physical it is the answer, and more accurate than that of
-    an interior point method, which stops short where data and prior differ much in weight.
-    """
-    size = 10 * len(roots)
+    size, lowest = 10 * len(prior), np.tile(LOWEST, joints)
     changes = [np.column_stack([parameters_of(L @ unit @ L.T) for unit in SYMMETRIC])
                for L in roots]
     start = np.concatenate([parameters_of(L @ L.T) for L in roots])
@@ -136,18 +89,61 @@ def _unconstrained(A: Array, b: Array, roots: Sequence[Array], joints: int, weig
     nearness = np.hstack([np.sqrt(weight) * np.eye(size), np.zeros((size, 4 * joints + 1))])
     R = triangle(np.vstack([
         np.column_stack([*by_Z, A[:, size:], b - A[:, :size] @ start]), nearness]))
+    x = _unconstrained(R, len(prior), lowest)
+    if x is None:
+        x = _constrained(R, len(prior), lowest)
+    moved = [change @ z for change, z in zip(changes, x[:size].reshape(-1, 10), strict=True)]
+    return np.concatenate([start + np.concatenate(moved), np.maximum(x[size:], lowest)])
+
+
+def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
+    """
+    Return the minimum without regard to the bodies, None if one of them is not physical then.
+
+    R has the equations' last column on the right of those of Z, body by body, and of the losses,
+    whose bounds are `lowest`. The problem is convex: where this is physical it is the answer, and
+    more accurate than that of an interior point method, which stops short where data and prior
+    differ much in weight.
+    """
     lengths = np.linalg.norm(R[:, :-1], axis=0)
     lengths[lengths == 0.0] = 1.0
-    lowest = np.concatenate([np.full(size, -np.inf), np.tile(LOWEST, joints)])
+    bounds = np.concatenate([np.full(10 * bodies, -np.inf), lowest])
     found = scientific('scipy.optimize').lsq_linear(R[:, :-1] / lengths, R[:, -1], method='bvls',
-                                                    bounds=(lowest, np.inf))
-    x = np.maximum(found.x / lengths, lowest)
-    Z = x[:size].reshape(-1, 10)
+                                                    bounds=(bounds, np.inf))
+    x = found.x / lengths
+    Z = x[:10 * bodies].reshape(-1, 10)
     least = np.linalg.eigvalsh(np.eye(4) + np.tensordot(Z, SYMMETRIC, axes=1)).min()
-    if not found.success or least < SMALLEST:
-        return None
-    moved = [change @ z for change, z in zip(changes, Z, strict=True)]
-    return np.concatenate([start + np.concatenate(moved), x[size:]])
+    return x if found.success and least >= SMALLEST else None
+
+
+def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
+    """
+    Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
+
+    The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the cones.
+    The basis of Z is the one in which Clarabel writes a semidefinite matrix.
+    """
+    clarabel, sparse = scientific('clarabel'), scientific('scipy.sparse')
+    rows, size, count = len(R), 10 * bodies, R.shape[1] - 1
+    R = R / max(float(np.linalg.norm(R[:, -1])), 1e-12)
+    scale = np.ones(count)
+    scale[size:] = np.maximum(np.linalg.norm(R[:, size:-1], axis=0), 1e-12)
+    by_x = R[:, :-1] / scale
+    bounded = size + np.flatnonzero(np.isfinite(lowest))
+    A = sparse.bmat([[by_x, -sparse.eye(rows)],
+                     [-sparse.eye(count, format='csr')[bounded], None],
+                     [-sparse.eye(size, count), None]], format='csc')
+    identity = np.array([(1.0 - SMALLEST) * np.trace(unit) for unit in SYMMETRIC])
+    above = np.concatenate([R[:, -1], np.zeros(len(bounded)), np.tile(identity, bodies)])
+    cones = [clarabel.ZeroConeT(rows), clarabel.NonnegativeConeT(len(bounded)),
+             *[clarabel.PSDTriangleConeT(4)] * bodies]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)], format='csc')
+    found = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings).solve()
+    if str(found.status) != 'Solved':
+        raise InputError(f'no physical parameters found: the solver reports {found.status}')
+    return np.asarray(found.x[:count]) / scale
 
 
 def _root(P: Array) -> Array:

@@ -13,10 +13,13 @@ about its parameters: rows in which a joint is slower than a bound are left out 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.qr_factor import Factor
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
@@ -32,6 +35,7 @@ STANDSTILL = 0.02  # rad/s or m/s
 SPEEDS = np.geomspace(0.005, 0.5, 41)  # candidates, rad/s or m/s
 TURNS = 10  # of fitting bodies and speeds, at most
 STAYS = 0.02  # relative change of a speed
+STRETCHES = 4  # of consecutive rows, which are factorized one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +66,33 @@ class RegressionRows:
     def half(self, *, second: bool) -> 'RegressionRows':
         """Return the first half of the rows, or the second."""
         middle = len(self.recording) // 2
-        chosen = slice(middle, None) if second else slice(0, middle)
+        return self.part(slice(middle, None) if second else slice(0, middle))
+
+    def part(self, chosen: slice) -> 'RegressionRows':
+        """Return some consecutive rows."""
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
                               self.Y[chosen], self.moving[chosen])
+
+    @cached_property
+    def stretches(self) -> list['RegressionRows']:
+        """Return the rows in consecutive stretches of equal length."""
+        ends = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
+        return [self.part(slice(a, b)) for a, b in pairwise(ends)]
+
+    @cached_property
+    def factors(self) -> list[Factor]:
+        """Return for each joint the factorized columns that no friction speed changes."""
+        _, n, inertial = self.Y.shape
+        tau, found = self.recording.tau - self.rest, []
+        for j in range(n):
+            moves, own = self.moving[:, j], inertial + 4 * j
+            Y = self.Y[moves, j]
+            used = np.flatnonzero(Y.any(axis=0))
+            u, udot = self.recording.u[moves, j], self.recording.udot[moves, j]
+            places = np.concatenate([used, [own, own + 2, own + 3, inertial + 4 * n]])
+            found.append(Factor(places, own + 1, u, *np.linalg.qr(np.column_stack(
+                [Y[:, used], u, udot, np.ones(len(u)), tau[moves, j]]))))
+        return found
 
 
 def without_losses(model: Model) -> Model:
@@ -108,15 +136,27 @@ def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array =
         Sum of squares of what they leave, (N m)^2 or N^2.
 
     """
+    return _fitted_friction(_friction_factor(data, joint), speed, lowest)
+
+
+def _friction_factor(data: RegressionRows, joint: int) -> Factor:
+    """Return a joint's equations of friction beside the model's bodies, factorized."""
     moves = data.moving[:, joint]
     if moves.sum() < 10:
         raise InputError(f'joint number {joint + 1} moves in {moves.sum()} rows of the fit; '
                          'identification needs all joints in motion')
-    e = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
-    F = friction_columns(data.recording, joint, speed)
-    R = triangle(np.column_stack([F, e])[moves])
-    x = np.asarray(scientific('scipy.optimize').lsq_linear(
-        R[:, :-1], R[:, -1], bounds=(lowest, np.inf), method='bvls').x)
+    left = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
+    u, udot = data.recording.u[moves, joint], data.recording.udot[moves, joint]
+    return Factor(np.array([0, 2, 3, 4]), 1, u, *np.linalg.qr(np.column_stack(
+        [u, udot, np.ones(len(u)), left[moves]])))
+
+
+def _fitted_friction(factor: Factor, speed: float, lowest: Array) -> tuple[Array, float]:
+    """Return what `fit_friction` does of factorized equations."""
+    R = factor.with_coulomb(speed, 5)
+    found = scientific('scipy.optimize').lsq_linear(
+        R[:, :-1], R[:, -1], bounds=(lowest, np.inf), method='bvls').x
+    x = np.maximum(found, lowest)  # the solver leaves bounds by rounding
     missed = R[:, -1] - R[:, :-1] @ x
     return x, float(missed @ missed)
 
@@ -132,8 +172,10 @@ def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
 
 def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
     """Return the speed at which a joint's Coulomb friction fits best."""
+    factor = _friction_factor(data, joint)
+
     def missed(speed: float) -> float:
-        return fit_friction(data, joint, speed, lowest)[1]
+        return _fitted_friction(factor, speed, lowest)[1]
     losses = [missed(float(speed)) for speed in SPEEDS]
     best = int(np.argmin(losses))
     speed = float(SPEEDS[best])
@@ -198,19 +240,24 @@ def compressed(data: RegressionRows,
         Rows in each.
 
     """
-    X = full_regressor(data, speeds)
-    tau = data.recording.tau - data.rest
-    found, floor, counts = [], [], []
-    for j in range(X.shape[1]):
-        moves = data.moving[:, j]
-        if moves.sum() <= X.shape[2] + 1:
-            raise InputError(f'joint number {j + 1} moves in {moves.sum()} rows of the fit; '
-                             f'{X.shape[2]} unknowns need more')
-        R = triangle(np.column_stack([X[moves, j], tau[moves, j]]))
-        found.append((R[:-1, :-1], R[:-1, -1]))
-        floor.append(R[-1, -1]**2)
-        counts.append(moves.sum())
-    return found, np.array(floor), np.array(counts)
+    columns = data.Y.shape[2] + 4 * data.Y.shape[1]
+    counts = data.moving.sum(axis=0)
+    for j, count in enumerate(counts):
+        if count <= columns + 1:
+            raise InputError(f'joint number {j + 1} moves in {count} rows of the fit; '
+                             f'{columns} unknowns need more')
+    parts = [factorized(part, speeds) for part in data.stretches]
+    whole = [triangle(np.vstack(of_joint)) for of_joint in zip(*parts, strict=True)]
+    # With few columns in use the last row may have gone already.
+    floor = [R[-1, -1]**2 if len(R) > columns else 0.0 for R in whole]
+    return [(R[:columns, :-1], R[:columns, -1]) for R in whole], np.array(floor), counts
+
+
+def factorized(data: RegressionRows, speeds: Array) -> list[Array]:
+    """Return for each joint R of its equations [X | torque] in the rows that count."""
+    columns = data.Y.shape[2] + 4 * data.Y.shape[1] + 1
+    return [factor.with_coulomb(float(speed), columns)
+            for factor, speed in zip(data.factors, speeds, strict=True)]
 
 
 def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array, x: Array) -> Array:

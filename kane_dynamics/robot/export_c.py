@@ -10,9 +10,10 @@ from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.native.backends.c99 import (c_functions, comment, identifier, literal,
+from kane_dynamics.native.backends.c99 import (c_functions, comment, constant, identifier,
                                                prototype, string)
-from kane_dynamics.native.tracing.program import Program
+from kane_dynamics.native.backends.c99_math import elementary_functions, Precision, PRECISIONS
+from kane_dynamics.native.tracing.program import evaluate, Program
 import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
@@ -24,17 +25,20 @@ SOLVING = ('forward_dynamics', 'forward_dynamics_derivatives', 'inverse_mass_mat
 
 AGREE = """\
 /* Agree to `tolerance`, relative to the largest of the expected numbers; NaN never does. */
-static int agree(const double *result, const double *expected, int count, double tolerance)
+static int agree(const REAL *result, const REAL *expected, int count, REAL tolerance)
 {
-    double largest = 0.0;
+    REAL largest = 0;
     int k;
     for (k = 0; k < count; ++k)
-        if (fabs(expected[k]) > largest) largest = fabs(expected[k]);
+        if (FABS(expected[k]) > largest) largest = FABS(expected[k]);
     for (k = 0; k < count; ++k)
-        if (!(fabs(result[k] - expected[k]) <= tolerance * largest)) return 0;
+        if (!(FABS(result[k] - expected[k]) <= tolerance * largest)) return 0;
     return 1;
 }
 """
+SPARE = 16.0  # times the error of float32 that is measured at the test states
+FRAME_NAMES = {'jacobian': 'partial_velocities', 'frame_pose': 'frame_pose',
+               'partial_velocities': 'partial_velocities'}
 
 
 class _Kernel(NamedTuple):
@@ -48,8 +52,8 @@ class _Kernel(NamedTuple):
     results: list[Array]
 
 
-def write_c(robot: Any, path: str | os.PathLike[str],
-            kernels: Sequence[str]) -> tuple[Path, Path]:
+def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
+            scalar: str = 'float64', self_test: bool = True) -> tuple[Path, Path]:
     """
     Write a Robot's kernels as C; see `Robot.export_c`.
 
@@ -62,6 +66,8 @@ def write_c(robot: Any, path: str | os.PathLike[str],
     if isinstance(robot.equations, ConstrainedEquations):
         raise InputError('C is written of robots whose speeds are the joint rates, without '
                          'constraints; this one has chosen speeds or constraints')
+    if scalar not in PRECISIONS:
+        raise InputError(f'scalar is {scalar!r}; expected {" or ".join(PRECISIONS)}')
     source = Path(path).expanduser()
     if source.suffix != '.c':
         raise InputError(f"path is '{source}'; expected the name of a C source, which ends in .c")
@@ -72,11 +78,12 @@ def write_c(robot: Any, path: str | os.PathLike[str],
                          'valid are characters that print, but no ", \\ or ??')
     for file in (source, header):
         _check_place(file)
-    prefix = identifier(source.stem)
-    chosen = [_kernel(robot, prefix, name) for name in _checked_names(robot, kernels)]
+    prefix, precision = identifier(source.stem), PRECISIONS[scalar]
+    chosen = [_kernel(robot, prefix, name, precision)
+              for name in _checked_names(robot, kernels)]
     about = _about(robot, chosen)
-    _write(header, _header_text(robot, prefix, about, chosen))
-    _write(source, _source_text(robot, prefix, header.name, about, chosen))
+    _write(header, _header_text(robot, prefix, about, chosen, precision, self_test))
+    _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))
     return source, header
 
 
@@ -85,10 +92,16 @@ def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
     if isinstance(kernels, str):
         raise InputError(f"kernels is the string '{kernels}'; expected a sequence of names")
     names = list(dict.fromkeys(kernels))
-    unknown = [name for name in names if name not in robot.kernels.names]
+    unknown = [name for name in names if name not in robot.kernels.names
+               and name.partition(':')[0] not in FRAME_NAMES]
     if unknown or not names:
         given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
-        raise InputError(f'{given}; valid: {", ".join(robot.kernels.names)}')
+        raise InputError(f'{given}; valid: {", ".join(robot.kernels.names)}; and of a frame: '
+                         f'{", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
+    for name in names:
+        quantity, _, frame = name.partition(':')
+        if quantity in FRAME_NAMES:
+            robot.model.frame(frame)  # says which there are
     return names
 
 
@@ -120,22 +133,31 @@ def _write(file: Path, text: str) -> None:
         raise InputError(f"cannot write '{file}': {error.strerror}") from None
 
 
-def _kernel(robot: Any, prefix: str, name: str) -> _Kernel:
+def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> _Kernel:
     """Trace a kernel and compute its reference results."""
-    kernel, rng = robot.kernels.quantity(name), np.random.default_rng(0)
+    quantity, _, frame = name.partition(':')
+    quantity = FRAME_NAMES.get(quantity, quantity)
+    kernel = (robot.kernels.at_frame(quantity, frame) if frame
+              else robot.kernels.quantity(quantity))
+    rng, program = np.random.default_rng(0), kernel.traced()
     lower = np.maximum(robot.limits.lower, -np.pi)
     upper = np.maximum(np.minimum(robot.limits.upper, np.pi), lower)
-    inputs, results, tolerance = [], [], TOLERANCE
+    inputs, results = [], []
+    tolerance = TOLERANCE if precision.name == 'float64' else float(precision.epsilon)
     for _ in range(TEST_STATES):
         q = rng.uniform(lower, upper)
         inputs.append([q if a.name == 'q' else rng.uniform(-2.0, 2.0, a.shape)
                        for a in kernel.arguments])
         results.append(np.asarray(kernel(*inputs[-1])))
-        if name in SOLVING:  # what rounding may do to a solution of M x = b
+        if precision.name == 'float32':
+            rounded = evaluate(program, [*inputs[-1], kernel.parameters], np.float32)
+            error = np.abs(rounded - results[-1]).max(initial=0.0)
+            size = np.abs(results[-1]).max(initial=0.0) or 1.0
+            tolerance = max(tolerance, SPARE * float(error / size))
+        elif quantity in SOLVING:  # what rounding may do to a solution of M x = b
             condition = np.linalg.cond(robot.mass_matrix(q))
             tolerance = max(tolerance, float(10.0 * np.finfo(float).eps * condition))
-    return _Kernel(name, f'{prefix}_{name}', robot.kernels.program(name), tolerance, inputs,
-                   results)
+    return _Kernel(quantity, identifier(f'{prefix}_{name}'), program, tolerance, inputs, results)
 
 
 def _about(robot: Any, kernels: Sequence[_Kernel]) -> list[str]:
@@ -156,8 +178,8 @@ def _about(robot: Any, kernels: Sequence[_Kernel]) -> list[str]:
     return [f'{MARK} {package_version()}.', *(f' * {comment(line)}' for line in lines), ' */']
 
 
-def _header_text(robot: Any, prefix: str, about: Sequence[str],
-                 kernels: Sequence[_Kernel]) -> str:
+def _header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[_Kernel],
+                 precision: Precision, self_test: bool) -> str:
     """Return the header: sizes, the order of the joints, and what may be called."""
     upper, equations = prefix.upper(), robot.equations
     lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',
@@ -167,7 +189,8 @@ def _header_text(robot: Any, prefix: str, about: Sequence[str],
              f'#define {upper}_N {robot.n} /* joints: entries of q, u, udot and tau */',
              f'#define {upper}_N_WRENCHES {len(equations.wrench_frames)}',
              f'#define {upper}_N_PARAMETERS {len(robot.parameters.block)}',
-             *(f'#define {kernel.symbol.upper()}_SIZE {kernel.program.n_outputs} /* doubles */'
+             f'#define {upper}_REAL {precision.c}',
+             *(f'#define {kernel.symbol.upper()}_SIZE {kernel.program.n_outputs} /* numbers */'
                for kernel in kernels), '', *_joint_enum(robot, upper), '',
              '/*', *(f' * {line}'.rstrip() for line in _conventions(robot, prefix)), ' */', '',
              '#ifdef __cplusplus', 'extern "C" {', '#endif']
@@ -176,11 +199,14 @@ def _header_text(robot: Any, prefix: str, about: Sequence[str],
         words = ' '.join(doc.split('\n\n')[0].split())
         shape = ' x '.join(map(str, kernel.program.shape)) or '1'
         lines += ['', f'/* {comment(words)}', f' * result: {shape}, C order. */',
-                  f'{prototype(kernel.program, kernel.symbol)};']
-    lines += ['', '/* Return 0 if every function gives the results embedded in the source, to the',
-              ' * tolerance stated there, else the number of the first function that does not. */',
-              f'int {prefix}_self_test(void);', '',
-              '#ifdef __cplusplus', '}', '#endif', '', '#endif', '']
+                  f'{prototype(kernel.program, kernel.symbol, precision)};']
+    if self_test:
+        lines += [
+            '', f'#ifndef {upper}_NO_SELF_TEST',
+            '/* Return 0 if every function gives the results embedded in the source, to the',
+            ' * tolerance stated there, else the number of the first function that does not. */',
+            f'int {prefix}_self_test(void);', '#endif']
+    lines += ['', '#ifdef __cplusplus', '}', '#endif', '', '#endif', '']
     return '\n'.join(lines)
 
 
@@ -199,12 +225,13 @@ def _joint_enum(robot: Any, upper: str) -> list[str]:
 
 def _conventions(robot: Any, prefix: str) -> list[str]:
     """Return what a caller has to know."""
+    upper = prefix.upper()
     gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
     lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
-             'Arguments are arrays of doubles: q, u, udot and tau have one entry a joint, in the',
-             'order above. A result may overlay an argument. Nothing is allocated and no state is',
-             'kept: any thread may call anything at any time. Arguments are not checked.', '',
-             'parameters: gravity, the acceleration of free fall, m/s^2']
+             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry a joint,',
+             'in the order above. A result may overlay an argument. Nothing is allocated, no',
+             'state is kept: any thread may call anything at any time. Arguments are not',
+             'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
     lines += [] if robot.equations.payload_frame is None else [
         '  then the payload, in its frame: mass, mass x centre of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
@@ -217,44 +244,53 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
 
 
 def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
-                 kernels: Sequence[_Kernel]) -> str:
+                 kernels: Sequence[_Kernel], precision: Precision, self_test: bool) -> str:
     """Return the source: the functions, then the test of itself."""
     # The name of a header is no string: C reads no escapes in it.
-    lines = [*about, f'#include "{header}"', '', '#include <math.h>', '#include <stddef.h>',
-             '', _array('default_parameters', robot.parameters.block)]
+    lines = [*about, f'#include "{header}"', '', '#include <float.h>', '#include <math.h>',
+             '#include <stddef.h>', '#include <stdint.h>', '',
+             _array('default_parameters', robot.parameters.block, precision)]
     no_wrench = robot.kernels.no_wrench
     if any(name == 'wrench' for kernel in kernels for name, _ in kernel.program.inputs):
-        lines.append(_array('no_wrench', no_wrench))
+        lines.append(_array('no_wrench', no_wrench, precision))
+    texts = []
     for kernel in kernels:
         defaults = {'parameters': 'default_parameters', 'wrench': 'no_wrench'}
         inputs = dict(kernel.program.inputs)
-        lines += ['', c_functions(kernel.program, kernel.symbol,
-                                  {k: v for k, v in defaults.items() if k in inputs})]
-    return '\n'.join([*lines, '', *_self_test(prefix, kernels), ''])
+        texts += ['', c_functions(kernel.program, kernel.symbol,
+                                  {k: v for k, v in defaults.items() if k in inputs}, precision,
+                                  f'{prefix.upper()}_VERSIONS')]
+    lines += ['', elementary_functions(prefix.upper(), precision,
+                                       {name for name in ('sin_cos', 'tanh_each')
+                                        if any(f'{name}(' in text for text in texts)})]
+    test = _self_test(prefix, kernels, precision) if self_test else []
+    return '\n'.join([*lines, *texts, '', *test, ''])
 
 
-def _array(name: str, values: Array) -> str:
+def _array(name: str, values: Array, precision: Precision) -> str:
     """Return a constant array; C has none of length zero."""
-    flat = [literal(x) for x in np.ravel(values)] or ['0.0']
-    text = f'static const double {name}[{len(flat)}] = {{\n'
+    flat = [constant(x, precision) for x in np.ravel(values)] or ['0']
+    text = f'static const {precision.c} {name}[{len(flat)}] = {{\n'
     rows = [', '.join(flat[k:k + 4]) for k in range(0, len(flat), 4)]
     return text + ''.join(f'    {row},\n' for row in rows).removesuffix(',\n') + '\n};'
 
 
-def _self_test(prefix: str, kernels: Sequence[_Kernel]) -> list[str]:
+def _self_test(prefix: str, kernels: Sequence[_Kernel], precision: Precision) -> list[str]:
     """Return the reference data and the function that compares with them."""
-    lines, body = [AGREE], []
+    agree = AGREE.replace('REAL', precision.c).replace('FABS', f'fabs{precision.suffix}')
+    lines, body = [f'#ifndef {prefix.upper()}_NO_SELF_TEST', agree], []
     for number, kernel in enumerate(kernels, 1):
-        count, tolerance = kernel.program.n_outputs, literal(kernel.tolerance)
-        body += ['    {', f'        double result[{max(count, 1)}];']
+        count, tolerance = kernel.program.n_outputs, constant(kernel.tolerance, precision)
+        body += ['    {', f'        {precision.c} result[{max(count, 1)}];']
         for k, (given, expected) in enumerate(zip(kernel.inputs, kernel.results)):
-            names = [f'{kernel.name}_{k}_{name}' for (name, _), _ in
+            names = [f'{kernel.symbol}_{k}_{name}' for (name, _), _ in
                      zip(kernel.program.inputs, given)]
-            lines += [_array(name, values) for name, values in zip(names, given)]
-            reference = f'{kernel.name}_{k}_expected'
-            lines.append(_array(reference, expected))
+            lines += [_array(name, values, precision) for name, values in zip(names, given)]
+            reference = f'{kernel.symbol}_{k}_expected'
+            lines.append(_array(reference, expected, precision))
             agrees = f'agree(result, {reference}, {count}, {tolerance})'
             body += [f'        {kernel.symbol}({", ".join([*names, "NULL", "result"])});',
                      f'        if (!{agrees}) return {number};']
         body.append('    }')
-    return [*lines, '', f'int {prefix}_self_test(void)', '{', *body, '    return 0;', '}']
+    return [*lines, '', f'int {prefix}_self_test(void)', '{', *body, '    return 0;', '}',
+            '#endif']

@@ -207,13 +207,15 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         """Return the arithmetic of one call of every kernel."""
         return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
 
-    def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS
-                 ) -> tuple[Path, Path]:
+    def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS,
+                 *, scalar: str = 'float64', self_test: bool = True) -> tuple[Path, Path]:
         """
         Write kernels as C99 that needs libm alone: a source, and a header that documents it.
 
         The parameters of now are its defaults. `<stem>_self_test()` compares every function with
-        results of this library.
+        results of this library. Sines and cosines are computed by code that compilers vectorise;
+        ``-D'<STEM>_SINCOS(x, s, c)=...'`` puts another function in their place, such as one of
+        the processor's vendor.
 
         Parameters
         ----------
@@ -221,7 +223,13 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             Of the source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
             begins with `<stem>_`. Files that an earlier export wrote are replaced, others never.
         kernels : sequence of str
-            Names of quantities, as `operation_count` lists them.
+            Names of quantities, as `operation_count` lists them; of a frame
+            ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or ``'partial_velocities:...'``).
+        scalar : {'float64', 'float32'}
+            Of arguments, results and arithmetic. The tolerance of the self-test is then what
+            single precision reaches.
+        self_test : bool
+            Whether to write it; ``-D<STEM>_NO_SELF_TEST`` leaves it out when compiling.
 
         Returns
         -------
@@ -234,7 +242,7 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             No such kernel, or the path cannot be written; names it.
 
         """
-        return write_c(self, path, kernels)
+        return write_c(self, path, kernels, scalar, self_test)
 
 
 def _restored(model: Model, options: dict[str, Any], gravity: Array,

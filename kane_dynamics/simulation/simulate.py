@@ -19,6 +19,7 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.step_size import step_warning
@@ -95,6 +96,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     ModelWarning
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
         at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
+        The energy balance does not close within what the step explains: names the time at which
+        that began. Both are in `Trajectory.warnings` too.
 
     """
     starts = _starts(robot, q0, u0)
@@ -110,19 +113,24 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         if not single:
             raise InputError('torque is a function, which is asked state by state; for '
                              f'{N} initial states give None, an array or a ComputedTorque')
-        kept, states, tau, events = _run_callable(robot, starts[0], count, step, every, torque,
-                                                  progress, integrator)
+        kept, states, tau, events, balance = _run_callable(
+            robot, starts[0], count, step, every, torque, progress, integrator)
     else:
         source = torque_input(robot, step, count, torque, None if single else N, integrator)
-        kept, states, events = _run_native(source, starts, single, count, every, progress)
+        kept, states, events, balance = _run_native(source, starts, single, count, every,
+                                                    progress, integrator)
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
+    missed = balance.warning(single, doubt)
+    if missed is not None:
+        warnings.warn(missed, ModelWarning, stacklevel=2)
     arrays = {'q': q, 'u': u, 'tau': tau, **_derived(robot, kept * step, q, u, tau)}
     return Trajectory(kept * step, **{name: x[0] if single else x for name, x in arrays.items()},
                       joint_names=robot.joint_names, limit_events=events,
-                      speed_names=robot.speed_names, constraint_names=robot.constraint_names)
+                      speed_names=robot.speed_names, constraint_names=robot.constraint_names,
+                      warnings=tuple(text for text in (doubt, missed) if text is not None))
 
 
 def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str, Array]:
@@ -140,8 +148,9 @@ def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str
 
 
 def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None) -> tuple[Array, Array, LimitEvents]:
-    """Step in native chunks; return the kept step numbers, their states, and the events."""
+                progress: Progress | None, integrator: str
+                ) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
+    """Step in native chunks; return the kept steps, their states, events, energy balance."""
     robot, (N, size) = source.robot, starts.shape
     kept = np.append(np.arange(0, count, every), count)
     states = np.empty((N, len(kept), size))
@@ -150,6 +159,7 @@ def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, ev
     done, least = 0, 1 if single else LEAST_CHUNK
     chunk = FIRST_CHUNK if single else LEAST_CHUNK
     watch = LimitWatch(robot.joint_names, _watched(robot), starts, single)
+    balance = EnergyBalance(robot, source.step, starts, integrator)
     while done < count:
         chunk = min(chunk, most, count - done)
         buffer = np.empty((N, chunk + 1, size))
@@ -160,6 +170,7 @@ def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, ev
         _finite(robot, buffer, done, source.step, single)
         watch.look(buffer[:, 1:], (done + np.arange(1, chunk + 1)) * np.float64(source.step),
                    extremes)
+        balance.look(buffer, done, source.acting(buffer, done))
         here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
         states[:, here] = buffer[:, kept[here] - done]
         starts = buffer[:, -1].copy()
@@ -167,7 +178,7 @@ def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, ev
         if progress is not None and progress(done * source.step) is False:
             break
         chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
-    return (*_ended(kept, states, done, starts), watch.events)
+    return (*_ended(kept, states, done, starts), watch.events, balance)
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
@@ -180,7 +191,7 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 def _run_callable(robot: Robot, state: Array, count: int, step: float, every: int,
                   torque: Torque, progress: Progress | None, integrator: str
-                  ) -> tuple[Array, Array, Array, LimitEvents]:
+                  ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
     """Ask for the torque before every step; Python in the loop."""
     n_q, n = robot.n_q, robot.n
     source = torque_input(robot, step, 1, None, None, integrator)
@@ -188,6 +199,8 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
     watch = LimitWatch(robot.joint_names, _watched(robot), state[None], single=True)
     buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
     buffer[0, 0] = state
+    asked = np.empty((1, FIRST_CHUNK, n))
+    balance = EnergyBalance(robot, step, state[None], integrator)
     reported = time.perf_counter()
     for k in range(count + 1):
         j = k % FIRST_CHUNK
@@ -200,7 +213,7 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
             taus.append(tau)
         if k == count:
             break
-        here = buffer[:, j:j + 2]
+        here, asked[0, j] = buffer[:, j:j + 2], tau
         replace(source, torque=tau[None, None]).advance(here, k, single=True)
         _finite(robot, here, k, step, single=True)
         if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
@@ -209,8 +222,9 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
                 count = k + 1
         if j + 1 == FIRST_CHUNK or k + 1 == count:
             watch.look(buffer[:, 1:j + 2], np.arange(k - j + 1, k + 2) * np.float64(step))
+            balance.look(buffer[:, :j + 2], k - j, asked[:, :j + 1])
             buffer[:, 0] = buffer[:, j + 1]
-    return np.array(kept), np.array([states]), np.array([taus]), watch.events
+    return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
 
 
 def _starts(robot: Robot, q0: Any, u0: Any) -> Array:

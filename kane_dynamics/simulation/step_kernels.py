@@ -18,6 +18,7 @@ from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_kernels import compile_balance
 import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
@@ -49,6 +50,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     loops = loop_kernels(robot)
     jobs = [partial(step, False)] if robot.constraint_names else [
         partial(step, True), partial(step, False), law]
+    jobs.append(partial(compile_balance, robot))
     jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
     run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
 

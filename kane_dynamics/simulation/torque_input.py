@@ -1,5 +1,6 @@
 """Where a simulation's torques come from, as the native step reads them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,6 +68,29 @@ class TorqueInput:
         states, steps = (length > 1 for length in self.torque.shape[:2])
         table = self.torque[:, done:] if steps else self.torque
         return table, table.strides[0] * states, table.strides[1] * steps
+
+    def acting(self, buffer: Array, done: int) -> Array | Callable[[Array], Array]:
+        """
+        Return the torques of the steps of a buffer that `advance` has filled in.
+
+        Returns
+        -------
+        (1 or N, 1 or K, n) array, or callable
+            Held during each step; or, of a law that is evaluated continuously, a function of row
+            numbers of the buffer that returns the torques there.
+
+        """
+        if isinstance(self.torque, ComputedTorque):
+            n = self.robot.n
+
+            def at(rows: Array) -> Array:
+                q, u = (np.ascontiguousarray(buffer[:, rows, part])
+                        for part in (slice(0, n), slice(n, 2 * n)))
+                return self.torques(done + rows, q, u)
+            return at
+        steps = buffer.shape[1] - 1
+        table: Array = self.torque
+        return table if table.shape[1] == 1 else table[:, done:done + steps]
 
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""

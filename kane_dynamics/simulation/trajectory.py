@@ -64,6 +64,8 @@ class Trajectory:
     constraint_forces, constraint_gap : (K, m) or (N, K, m) arrays
         What the constraints exert, N or N m, and by how much their conditions on positions are
         missed, m or rad; as `Robot.constraint_forces` and `Robot.constraint_gap`.
+    warnings : tuple of str
+        What the simulation warned of.
 
     """
 
@@ -79,6 +81,7 @@ class Trajectory:
     constraint_names: tuple[str, ...] = ()
     constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
     constraint_gap: Array = field(default_factory=partial(np.zeros, 0))
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in what follows from the rest."""
@@ -138,7 +141,7 @@ class Trajectory:
                   for e in self.limit_events]
         arrays: dict[str, Any] = {
             **{name: getattr(self, name) for name in ARRAYS},
-            **{name: np.array(getattr(self, name), dtype=str) for name in NAMES}}
+            **{name: np.array(getattr(self, name), dtype=str) for name in (*NAMES, 'warnings')}}
         np.savez_compressed(path, limit_events=np.array(events, dtype=str).reshape(-1, 6),
                             **arrays)
 
@@ -152,7 +155,8 @@ class Trajectory:
                            for t, joint, limit, v, b, state in file['limit_events'])
             content: dict[str, Any] = {
                 **{name: file[name] for name in ARRAYS},
-                **{name: tuple(map(str, file[name])) for name in NAMES}}
+                **{name: tuple(map(str, file[name])) for name in NAMES},
+                'warnings': tuple(map(str, file.get('warnings', ())))}
             return cls(**content, limit_events=events)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None

@@ -11,6 +11,7 @@ q.<joint>, u.<joint>  the state at the end
 peak_torque.<joint>   the largest size of the controller's torque, at the beginnings of steps
 rms_error.<joint>     root mean square over time of desired less actual position
 energy_drift          J: what the energy gained beyond the work done on it; the integrator's error
+energy_closes         whether the energy balance closed all the time within what the step explains
 limit_events, limits  how many limits of joints were passed, and which: '<joint> lower; ...', also
                       upper, velocity, effort; nothing stops at a limit and no torque is clamped
 ====================  =============================================================================

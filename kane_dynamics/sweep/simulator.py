@@ -5,6 +5,7 @@ A lane's numbers do not depend on its neighbours (`native.march`), so a row does
 trials are cut into chunks, on threads, or on who computes it.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 import pickle
 from typing import Any
@@ -13,6 +14,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import SweepError
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import RELATIVE, ROUNDING
 from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.sampling import controllers, drawn, of_joints, plant, Values
@@ -20,6 +22,7 @@ from kane_dynamics.sweep.trial import CONTROLLERS, Trial
 import numpy as np
 
 BLOCKS = 100  # looks at the states in a trial: so finely is told when one left the numbers
+TINY = 1e-300  # J: nothing moves
 Columns = dict[str, Any]
 
 
@@ -65,20 +68,22 @@ class Simulator:
         plants = plant(values, self.joints).rows
         ends, low, high = start.copy(), np.empty_like(start), np.empty_like(start)
         kinds, lost = np.array(controllers(values)), np.zeros(len(rows), dtype=np.int64)
-        energy = self._energy(start, plants)
+        balances = np.empty((2, len(rows)))
         for kind in np.unique(kinds).tolist():
             chosen = np.flatnonzero(kinds == kind)
             own = ends[chosen]
-            low[chosen], high[chosen], lost[chosen] = self._run(kind, own, plants[chosen])
+            (low[chosen], high[chosen], lost[chosen],
+             balances[:, chosen]) = self._run(kind, own, plants[chosen])
             ends[chosen] = own
         failed = lost > 0
-        drift = self._energy(np.where(failed[:, None], start, ends), plants) - energy
+        drift, worst = balances
         for array in (ends, low, high, drift):
             array[failed] = np.nan
         drawn_values: Columns = {**values, 'controller': kinds.tolist()}
         return {'index': np.asarray(rows), 'seed': np.full(len(rows), self.sweep.seed),
                 **drawn_values, 'ok': ~failed, 'error': [self._error(k) for k in lost.tolist()],
-                **self._outcomes(ends, low, high, drift)}
+                **self._outcomes(ends, low, high, drift),
+                'energy_closes': (worst <= 1.0) & ~failed}
 
     def _start(self, values: Values) -> Array:
         """Return the states at time 0, as `trial` lays them out."""
@@ -92,7 +97,8 @@ class Simulator:
         return (f'leaves the finite numbers before {steps * self.sweep.step:.6g} s: unstable, or '
                 f'the step of {self.sweep.step:g} s too long') if steps else None
 
-    def _run(self, controller: str, states: Array, plants: Array) -> tuple[Array, Array, Any]:
+    def _run(self, controller: str, states: Array, plants: Array
+             ) -> tuple[Array, Array, Any, Array]:
         """
         Step states to the end, in place.
 
@@ -102,6 +108,9 @@ class Simulator:
             Least and largest of every entry of the states.
         (N,) array of int
             By which step a state was seen to have left the finite numbers; 0 if it has not.
+        (2, N) array
+            What the energy gained beyond the work done, J; and its largest share, at any look,
+            of what the step explains.
 
         """
         at, steps = self.trial.parts, self.sweep.steps
@@ -110,6 +119,8 @@ class Simulator:
         low, high = states.copy(), states.copy()
         low[:, at.tau], high[:, at.tau] = np.inf, -np.inf
         lost = np.zeros(len(states), dtype=np.int64)
+        balance = self._balance(plants)
+        balance(states)
         cuts = np.linspace(0, steps, min(steps, BLOCKS) + 1).astype(int)
         for begin, end in zip(cuts.tolist(), cuts[1:].tolist()):
             place = Strided(states.ctypes.data, states.strides[0])
@@ -119,7 +130,8 @@ class Simulator:
                 Strided(self._shared.ctypes.data), place,
             ], len(states), steps=end - begin, extremes=(low, high))
             lost[(lost == 0) & ~np.isfinite(states).all(axis=1)] = end
-        return low, high, lost
+            found = balance(states)
+        return low, high, lost, found
 
     def _desired(self, q0: Array) -> tuple[Array, int, int]:
         """Return rows of what is desired; bytes between trials and between steps."""
@@ -130,15 +142,42 @@ class Simulator:
         rest[:, :, :len(self.joints)] = q0[:, None]
         return rest, rest.strides[0], 0
 
-    def _energy(self, states: Array, plants: Array) -> Array:
-        """Return the total energy of each trial without the work that was done on it, J."""
-        energy = np.empty(len(states))
+    def _balance(self, plants: Array) -> Callable[[Array], Array]:
+        """
+        Return a function that takes states into the energy balance of their trials.
+
+        It returns what `_run` does. The work is integrated with the motion, so that its error is
+        the integrator's: for the implicit one, of second order.
+        """
+        relative = RELATIVE if self.sweep.integrator == 'rk4' else 10.0 * RELATIVE
+        work = self.trial.parts.work
+        seen: list[Array] = []
+
+        def look(states: Array) -> Array:
+            with np.errstate(all='ignore'):
+                kinetic, potential = self._energies(states, plants)
+                now = np.array([kinetic, potential, states[:, work]])
+                if not seen:
+                    seen.extend([now, now, now, np.zeros(len(states))])
+                start, low, high, worst = seen
+                seen[1:3] = np.minimum(low, now), np.maximum(high, now)
+                gained = (now - start).T @ [1.0, 1.0, -1.0]
+                turned = seen[2][0] + (seen[2] - seen[1])[1:].sum(axis=0)
+                share = np.abs(gained) / (relative * turned + TINY + ROUNDING * np.abs(
+                    seen[2]).max(axis=0))
+                seen[3] = np.maximum(worst, np.where(np.isfinite(share), share, np.inf))
+            return np.array([gained, seen[3]])
+        return look
+
+    def _energies(self, states: Array, plants: Array) -> Array:
+        """Return kinetic and potential energy of each trial, (2, N), J."""
+        energies = np.empty((len(states), 2))
         run_batch(self.trial.energy().lane_address, [
             Strided(states.ctypes.data, states.strides[0]),
             Strided(plants.ctypes.data, plants.strides[0]),
             Strided(self._shared.ctypes.data),
-            Strided(energy.ctypes.data, energy.strides[0])], len(states))
-        return energy - states[:, self.trial.parts.work]
+            Strided(energies.ctypes.data, energies.strides[0])], len(states))
+        return energies.T
 
     def _outcomes(self, ends: Array, low: Array, high: Array, drift: Array) -> Columns:
         """Return what is told of each trial."""

@@ -120,8 +120,8 @@ class Trial:
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
-        """Return the kernel of a state's total energy, J."""
-        return self._kernel('trial_energy', self._energy, ('state', 'plant', 'shared'), ())
+        """Return the kernel of kinetic and potential energy, (2,), J, of a state and its plant."""
+        return self._kernel('trial_energies', self._energies, ('state', 'plant', 'shared'), (2,))
 
     def shared(self, step: float) -> Array:
         """Return what all trials share, for a step in s."""
@@ -195,11 +195,11 @@ class Trial:
             return lambda q, u, wanted: np.array(call(weight, q, assumed))
         return lambda q, u, wanted: np.zeros(self.n).astype(object)
 
-    def _energy(self, state: Any, plant: Any, shared: Any) -> Any:
-        """Return the kinetic and potential energy."""
+    def _energies(self, state: Any, plant: Any, shared: Any) -> Any:
+        """Return the kinetic and the potential energy."""
         q, u, equations = state[self.parts.q], state[self.parts.u], self._equations
         carried, _ = self._parameters(plant, shared)
-        return equations.kinetic_energy(q, u, carried) + equations.potential_energy(q, carried)
+        return [equations.kinetic_energy(q, u, carried), equations.potential_energy(q, carried)]
 
     def _parameters(self, plant: Any, shared: Any) -> tuple[Any, Any]:
         """Return the parameters of the plant, and those of the controller's model of it."""

@@ -1,5 +1,6 @@
 """Promises of `kane-dynamics replay`, run as a process on files and bags."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
@@ -8,7 +9,7 @@ import sys
 
 from command import command
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.cli.commands.replay_command import remarks
+from kane_dynamics.identification import diagnose
 import numpy as np
 import pytest
 from recordings import simulated
@@ -84,7 +85,8 @@ def test_replay_writes_draws_and_tells_what_efforts_lack(tmp_path, recording):
 def test_remarks_tell_each_way_in_which_efforts_are_wrong(recording, sign, weight, words):
     gravity = Robot(load_urdf(URDF)).gravity_force(recording.q)
     measured = sign * (recording.tau - (1.0 - weight) * gravity)
-    found = remarks(measured, recording.tau, gravity)
+    found = [finding.words for finding in diagnose(load_urdf(URDF),
+                                                   replace(recording, tau=measured))]
     assert len(found) == len(words)
     assert all(re.search(*pair) for pair in zip(words, found, strict=True))
 

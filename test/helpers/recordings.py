@@ -2,23 +2,56 @@
 
 import os
 from pathlib import Path
+import re
 import warnings
 
 from kane_dynamics import load_urdf, ModelWarning, Robot
 from kane_dynamics.identification import Recording
+import mujoco
 import numpy as np
-import pytest
 
 DATA = Path(os.environ.get('KANE_DYNAMICS_RECORDINGS',
                            Path(__file__).resolve().parents[3] / 'shared' / 'data'))
 
 
+def present(recording, urdf):
+    """Return whether a recording of a real arm and its URDF are there to test on."""
+    return all((DATA / name).exists() for name in (recording, urdf))
+
+
 def real(recording, urdf, n):
-    """Return the paths of a recording and its URDF, and the first n joints; skip without."""
-    paths = DATA / recording, DATA / urdf
-    if not all(path.exists() for path in paths):
-        pytest.skip(f'{DATA} holds no {recording}; KANE_DYNAMICS_RECORDINGS names the folder')
-    return *paths, quiet(paths[1]).joint_names[:n]
+    """Return the paths of a recording and its URDF, and the first n joints."""
+    return DATA / recording, DATA / urdf, quiet(DATA / urdf).joint_names[:n]
+
+
+def from_mujoco(folder, urdf, losses, noise):
+    """
+    Write what an arm in MuJoCo is measured to do, in uneven steps; return the path.
+
+    MuJoCo gives the rigid-body torques, which stand in columns of their own as a reference; the
+    friction of each joint and the noise of its torque come on top.
+    """
+    text = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf.read_text(), flags=re.DOTALL)
+    arm = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(arm)
+    rng = np.random.default_rng(5)
+    every, *state = exciting(arm.nv, 5, duration=24.0, rate=500.0)
+    kept = np.cumsum(rng.integers(1, 5, len(every)))  # 2 to 8 ms between rows
+    kept = kept[kept < len(every)]
+    q, u, udot = (part[kept] for part in state)
+    rigid = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], u[k], udot[k]
+        mujoco.mj_inverse(arm, data)
+        rigid[k] = data.qfrc_inverse
+    damping, friction = losses
+    tau = rigid + damping * u + friction * np.tanh(u / 0.05) + noise * rng.normal(size=q.shape)
+    header = ['t', *(f'{word}{k + 1}' for word in ('q', 'v', 'a', 'tau', f'tau_pin_{urdf.stem}_')
+                     for k in range(arm.nv))]
+    path = folder / 'from_mujoco.csv'
+    np.savetxt(path, np.column_stack([every[kept], q, u, udot, tau, rigid]), delimiter=',',
+               header=','.join(header), comments='', fmt='%.17g')
+    return path
 
 
 def quiet(urdf, joints=None):

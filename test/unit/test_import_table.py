@@ -47,7 +47,7 @@ PARTS = {
         runtime
         """,
     'identification': """
-        solvers
+        qr_factor solvers
         recordings
         regression
         base_regressor physical_consistency

@@ -49,7 +49,9 @@ def export(options: Namespace) -> None:
     """Write C, and say what is in it."""
     _, robot = load(options, wrench_frames=options.wrench_frames,
                     payload_frame=options.payload_frame)
-    files = robot.export_c(options.out, split(options.kernel))
+    files = robot.export_c(options.out, split(options.kernel),
+                           scalar='float32' if options.float32 else 'float64',
+                           self_test=not options.no_self_test)
     if options.json:
         print_json({'files': [str(file) for file in files],
                     'digest': robot.model.digest()})

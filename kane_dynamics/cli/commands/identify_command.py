@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
+import sys
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
@@ -13,6 +14,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_fit import identify_payload
+from kane_dynamics.identification.recordings.diagnosis import refuse as refuse_unlike
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import FRICTION, LOWEST, rows
@@ -26,14 +28,34 @@ def recorded(options: Namespace, model: Model) -> Recording:
     """Return the recording that the arguments name, filtered if they say so."""
     recording = read_recording(options.recording, model.joint_names, options.topic,
                                numbered=every_joint(options))
+    if options.resample is not None:
+        recording = recording.resampled(options.resample)
+    elif options.cutoff is not None and recording.uneven:
+        step = np.diff(recording.t)
+        print(f'kane-dynamics: note: rows are {step.min():g} to {step.max():g} s apart; resampled '
+              f'at {1.0 / step.mean():.4g} Hz (--resample)', file=sys.stderr)
     return recording if options.cutoff is None else recording.filtered(options.cutoff)
+
+
+def checked(options: Namespace, model: Model) -> Recording:
+    """Return the recording; say what is remarkable of it, and refuse what is not the model's."""
+    recording = recorded(options, model)
+    levels = () if options.as_recorded else ('impossible', 'wrong')
+    try:
+        found = refuse_unlike(model, recording, levels)
+    except InputError as error:
+        raise InputError(f'{error}. Repair it, or give --as-recorded to fit it nevertheless'
+                         ) from None
+    for finding in found:
+        print(f'kane-dynamics: warning: {finding.words}', file=sys.stderr)
+    return recording
 
 
 def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
     """Identify, write what --out asks for, and return the result as plain data."""
     if options.unbounded and not options.friction_only:
         raise InputError('--unbounded is for friction alone; give --friction-only with it')
-    recording = recorded(options, model)
+    recording = checked(options, model)
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
                          bounded=not options.unbounded, weight=options.weight,
@@ -48,7 +70,7 @@ def run_base(options: Namespace, model: Model) -> dict[str, Any]:
     if options.out or options.payload:
         raise InputError('--base-parameters are no model and no payload; leave out --out and '
                          '--payload')
-    recording = recorded(options, model)
+    recording = checked(options, model)
     data = rows(model, recording, options.standstill)
     first, second = data.half(second=False), data.half(second=True)
     speeds = base_speeds(first, model)
@@ -85,7 +107,7 @@ def refuse(options: Namespace, because: str) -> None:
 def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
     """Identify a payload, write what --out asks for, and return the result as plain data."""
     refuse(options, '--payload takes the arm as known, friction too')
-    recording = recorded(options, model)
+    recording = checked(options, model)
     found = identify_payload(model, recording, options.payload)
     load = found.inertial
     if options.out:

@@ -69,7 +69,7 @@ def run(options: Namespace) -> dict[str, Any]:
     with told():
         done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)
     wall = time.perf_counter() - start
-    rows = read_table(options.out).select(['ok', 'error', 'limit_events'])
+    rows = read_table(options.out).select(['ok', 'error', 'limit_events', 'energy_closes'])
     errors = [text for text in rows['error'].to_pylist() if text is not None]
     kinds = sorted(set(errors), key=lambda text: (-errors.count(text), text))
     passed = np.array([count or 0 for count in rows['limit_events'].to_pylist()])
@@ -77,6 +77,7 @@ def run(options: Namespace) -> dict[str, Any]:
             'found': done.found, 'made': done.made, 'wall_time': wall,
             'ok': rows.num_rows - len(errors), 'failed': len(errors),
             'past_a_limit': int((passed > 0).sum()),
+            'energy_missed': rows['energy_closes'].to_pylist().count(False),
             'errors': {text: errors.count(text) for text in kinds[:SHOWN]}}
 
 
@@ -84,7 +85,8 @@ def print_result(data: Mapping[str, Any]) -> None:
     """Print what `run` returned."""
     print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s, {data["found"]} were there')
     inspect_command.print_table(['', 'simulations'], [
-        ['ok', data['ok']], ['past a limit', data['past_a_limit']], ['failed', data['failed']]])
+        ['ok', data['ok']], ['past a limit', data['past_a_limit']], ['failed', data['failed']],
+        *([['energy balance missed', data['energy_missed']]] if data['energy_missed'] else [])])
     for text, count in data['errors'].items():
         print(f'{count}: {text}')
     print(f'wrote {data["folder"]}')

@@ -71,11 +71,12 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     for name, value in found.items():
         if value is not None and len(value) != len(t):
             raise InputError(f"{path}: '{name}' has {len(value)} rows, the time has {len(t)}")
+    derived = tuple(name for name in ('u', 'udot') if found[name] is None)
     for name, source in (('u', 'q'), ('udot', 'u')):
-        if found[name] is None:
+        if name in derived:
             found[name] = np.gradient(found[source], t, axis=0)
     try:
-        return Recording(t, **found)
+        return Recording(t, **found, derived=derived)
     except InputError as error:
         raise InputError(f'{path}: {error}') from None
 

@@ -140,6 +140,14 @@ class ConstrainedEquations:
                      tau - motion.T.T @ held)
         return motion, held + M_q @ (motion.T @ udot), udot
 
+    def actual_joint_forces(self, q: Any, u: Any, tau: Any, parameters: Any,
+                            t: Any = 0.0) -> Any:
+        """Return what torques and constraints together exert on the joints, (n_q,)."""
+        if self.n == self.n_q:
+            here = self.mechanism.posture(q, t, self.tree.geometry)
+            return here.speed_rows(self.speed_names)[0].T @ tau
+        return self._forward(q, u, tau, None, parameters, t)[1]
+
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                          t: Any = 0.0) -> Any:
         """Return udot = M^-1 (tau + external - bias), (n,)."""

@@ -1,21 +1,24 @@
 """From a program to C99: one straight-line function a program, no dependency but libm."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import re
 
 from kane_dynamics.errors import CompileError
-from kane_dynamics.native.tracing.expression import Expr
+from kane_dynamics.native.backends.c99_math import literal, Precision
+from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import Program, size_of
 import numpy as np
 
+ABREAST = 4  # elementary functions that are evaluated together
+ELEMENTARY = ('sin', 'cos', 'tanh')
 ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
 
 
-def literal(value: float) -> str:
-    """Return a double as C writes it: the shortest decimal that reads back bit for bit."""
+def constant(value: float, precision: Precision) -> str:
+    """Return a number as C writes it: the shortest decimal that reads back bit for bit."""
     if not np.isfinite(value):
         raise CompileError(f'the program holds the constant {value}, which C has no literal for')
-    return repr(float(value))
+    return literal(value, precision)
 
 
 def identifier(text: str) -> str:
@@ -40,9 +43,9 @@ def string(text: str) -> str:
 class _Function:
     """The C body of one program."""
 
-    def __init__(self, program: Program, prefix: str) -> None:
+    def __init__(self, program: Program, prefix: str, precision: Precision) -> None:
         """Write it; `lines` is the result, `callees` what it calls."""
-        self.prefix = prefix
+        self.prefix, self.precision = prefix, precision
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
@@ -54,20 +57,64 @@ class _Function:
                 read.add(name)
                 self._define(node, f'{name}_{k}', f'{name}[{k}]')
         self.lines += [f'    (void){name};' for name, _ in program.inputs if name not in read]
-        for node in schedule:
-            if node.op != 'input':
+        for node in self._elementary_first(schedule):
+            if node.index not in self.names:
                 self._operation(node)
         self.lines += [f'    result[{k}] = {self._value(x)};'
                        for k, x in enumerate(program.outputs)]
         if not program.outputs:
             self.lines.append('    (void)result;')
 
+    def _elementary_first(self, schedule: list[Expr]) -> list[Expr]:
+        """
+        Write the elementary functions whose arguments need no other one, each kind in one call.
+
+        Their arguments are written before. Return the schedule of all the rest.
+        """
+        plain: set[int] = set()
+        for node in schedule:
+            if node.op == 'input' or (node.op not in ELEMENTARY and node.op not in (
+                    'call', 'output', 'sqrt') and all(x.index in plain for x in operands(node))):
+                plain.add(node.index)
+        early = [node for node in schedule if node.op in ELEMENTARY
+                 and isinstance(node.args[0], Expr) and node.args[0].index in plain]
+        needed: set[int] = set()
+        pending = [node.args[0] for node in early]
+        while pending:
+            node = pending.pop()
+            if node.index not in needed:
+                needed.add(node.index)
+                pending += operands(node)
+        for node in schedule:
+            if node.index in needed and node.op != 'input':
+                self._operation(node)
+        for kinds, function, results in ((('sin', 'cos'), 'sin_cos', ('s', 'c')),
+                                         (('tanh',), 'tanh_each', ('y',))):
+            chosen = [node for node in early if node.op in kinds]
+            angles = list(dict.fromkeys(node.args[0] for node in chosen))
+            if angles:
+                angles = _abreast(angles)
+                self._elementary(function, angles, results)
+                for node in chosen:
+                    array = results[kinds.index(node.op)]
+                    self.names[node.index] = f'{function}_{array}[{angles.index(node.args[0])}]'
+        return schedule
+
+    def _elementary(self, function: str, angles: list[Expr], results: Sequence[str]) -> None:
+        """Call an elementary function for all its arguments."""
+        real, count = self.precision.c, len(angles)
+        values = ', '.join(self._value(x) for x in angles)
+        arrays = [f'{function}_{name}' for name in results]
+        self.lines += [f'    const {real} {function}_x[{count}] = {{{values}}};',
+                       f'    {real} {", ".join(f"{name}[{count}]" for name in arrays)};',
+                       f'    {function}({function}_x, {count}, {", ".join(arrays)});']
+
     def _define(self, node: Expr, name: str, expression: str) -> None:
-        self.lines.append(f'    const double {name} = {expression};')
+        self.lines.append(f'    const {self.precision.c} {name} = {expression};')
         self.names[node.index] = name
 
     def _value(self, x: Expr | float) -> str:
-        return self.names[x.index] if isinstance(x, Expr) else literal(x)
+        return self.names[x.index] if isinstance(x, Expr) else constant(x, self.precision)
 
     def _operation(self, node: Expr) -> None:
         name = f'v{node.index}'
@@ -82,30 +129,45 @@ class _Function:
             a, b = (self._value(arg) for arg in node.args)
             self._define(node, name, f'{a} {ARITHMETIC[node.op]} {b}')
         else:
-            self._define(node, name, f'{node.op}({self._value(node.args[0])})')
+            function = f'{node.op}{self.precision.suffix}'
+            self._define(node, name, f'{function}({self._value(node.args[0])})')
 
     def _call(self, node: Expr) -> None:
         """Lay the arguments out in memory and call."""
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)
-        given, i = [], node.index
+        given, i, real = [], node.index, self.precision.c
         for k, (_, shape) in enumerate(callee.inputs):
             entries, flat = flat[:size_of(shape)], flat[size_of(shape):]
             values = ', '.join(self._value(x) for x in entries)
-            self.lines.append(f'    const double a{i}_{k}[{len(entries)}] = {{{values}}};')
+            self.lines.append(f'    const {real} a{i}_{k}[{len(entries)}] = {{{values}}};')
             given.append(f'a{i}_{k}')
-        self.lines += [f'    double r{i}[{max(callee.n_outputs, 1)}];',
+        self.lines += [f'    {real} r{i}[{max(callee.n_outputs, 1)}];',
                        f'    {self.prefix}_{callee.name}({", ".join([*given, f"r{i}"])});']
 
 
-def prototype(program: Program, name: str) -> str:
+def _abreast(angles: list[Expr]) -> list[Expr]:
+    """
+    Return angles with some repeated, so that they fill registers.
+
+    The last register holds the last angles, which lie side by side in memory as the others do:
+    one that is pieced together would wait for its pieces to be stored.
+    """
+    missing = -len(angles) % ABREAST
+    if len(angles) < ABREAST:
+        return [*angles, *angles[-1:] * missing]
+    return [*angles[:len(angles) + missing - ABREAST], *angles[-ABREAST:]]
+
+
+def prototype(program: Program, name: str, precision: Precision) -> str:
     """Return the head of a program's function: its inputs, then the result it writes."""
-    inputs = [f'const double *{argument}' for argument, _ in program.inputs]
-    return f'void {name}({", ".join([*inputs, "double *result"])})'
+    inputs = [f'const {precision.c} *{argument}' for argument, _ in program.inputs]
+    return f'void {name}({", ".join([*inputs, f"{precision.c} *result"])})'
 
 
-def c_functions(program: Program, name: str, defaults: Mapping[str, str]) -> str:
+def c_functions(program: Program, name: str, defaults: Mapping[str, str],
+                precision: Precision, versions: str) -> str:
     """
     Return a program as the C function `name`, and what it calls as static functions before it.
 
@@ -117,6 +179,10 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str]) -> str
         A C identifier; also the prefix of the static functions' names.
     defaults : mapping
         C arrays that stand in for the inputs of these names when NULL is passed.
+    precision : Precision
+        Of the arithmetic.
+    versions : str
+        What is written before the function for compilers that make versions of it.
 
     Raises
     ------
@@ -124,18 +190,20 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str]) -> str
         A constant of the program is not finite.
 
     """
-    main = _Function(program, name)
-    heads = [f'{prototype(program, name)}\n{{']
+    main = _Function(program, name, precision)
+    given = ', '.join([*(argument for argument, _ in program.inputs), 'result'])
+    heads = [f'{versions}\nstatic {prototype(program, f"{name}_body", precision)}\n{{']
     heads += [f'    if ({argument} == NULL) {argument} = {array};'
               for argument, array in defaults.items()]
-    texts = ['\n'.join([*heads, *main.lines, '}'])]
+    texts = ['\n'.join([*heads, *main.lines, '}', '', prototype(program, name, precision), '{',
+                        f'    {name}_body({given});', '}'])]
     pending, known = list(main.callees), set()
     while pending:
         callee = pending.pop(0)
         if callee.name not in known:
             known.add(callee.name)
-            function = _Function(callee, name)
-            head = f'static {prototype(callee, f"{name}_{callee.name}")}\n{{'
+            function = _Function(callee, name, precision)
+            head = f'static {prototype(callee, f"{name}_{callee.name}", precision)}\n{{'
             texts.insert(0, '\n'.join([head, *function.lines, '}']))
             pending += function.callees
     return '\n\n'.join(texts)

@@ -153,6 +153,10 @@ class Kernel:
         other.parameters, other._compiling = parameters, Lock()
         return other
 
+    def traced(self) -> Program:
+        """Trace the program."""
+        return self._program()
+
     def _ways_in(self) -> str:
         return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],
                              [largest(a.name) for a in self.arguments], self.shape)

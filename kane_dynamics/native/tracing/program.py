@@ -11,6 +11,10 @@ import numpy as np
 Shape = tuple[int, ...]
 
 
+NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
+                         'div': np.divide, 'neg': np.negative}
+
+
 @dataclass(frozen=True)
 class OperationCount:
     """Arithmetic of one call, as the literature counts it (a subtraction is an addition)."""
@@ -160,6 +164,43 @@ def _rebuilt(trace: Trace, node: Expr, args: list[Any]) -> Any:
     if node.op in ('input', 'output', 'call'):
         return trace.node(node.op, *args)
     return getattr(np, node.op)(args[0])
+
+
+def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -> Any:
+    """
+    Return the result of a program in a numpy type, operation by operation.
+
+    Parameters
+    ----------
+    program : Program
+    inputs : sequence of arrays
+        One a declared input.
+    dtype : numpy scalar type
+        In which every operation is rounded.
+
+    """
+    given = {name: np.ravel(np.asarray(value, dtype=np.float64)).astype(dtype)
+             for (name, _), value in zip(program.inputs, inputs, strict=True)}
+    known: dict[int, Any] = {}
+
+    def of(x: Any) -> Any:
+        return known[x.index] if isinstance(x, Expr) else dtype(x)
+
+    for node in program.schedule():
+        if node.op == 'input':
+            found = given[node.args[0]][node.args[1]]
+        elif node.op == 'call':
+            callee, *flat = node.args
+            values = iter(flat)
+            found = evaluate(callee, [[of(next(values)) for _ in range(size_of(shape))]
+                                      for _, shape in callee.inputs], dtype).ravel()
+        elif node.op == 'output':
+            found = known[node.args[0].index][node.args[1]]
+        else:
+            function = NUMPY.get(node.op) or getattr(np, node.op)
+            found = function(*map(of, node.args))
+        known[node.index] = found
+    return np.array([of(x) for x in program.outputs], dtype=dtype).reshape(program.shape)
 
 
 def size_of(shape: Shape) -> int:

@@ -3,18 +3,22 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
+import time
 
-from kane_dynamics import Inertial, InputError, load_urdf, ModelError, Robot
+from kane_dynamics import Inertial, InputError, load_urdf, ModelError, ModelWarning, Robot
 from kane_dynamics.identification import (base_parameters, base_speeds, fit_base, friction_speeds,
                                           identify, read_recording, Recording, rows)
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical
-from kane_dynamics.identification.regression import compressed, full_regressor, stacked
+from kane_dynamics.identification.regression import (compressed, fit_friction, full_regressor,
+                                                     LOWEST, RegressionRows, stacked)
 from kane_dynamics.identification.result_files import written
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
+import mujoco
 import numpy as np
 import pytest
-from recordings import exciting, quiet, real, simulated
+from recordings import exciting, from_mujoco, present, quiet, real, simulated
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 SUPPLEMENT = {'joints': {joint: {
@@ -23,6 +27,9 @@ SUPPLEMENT = {'joints': {joint: {
 REAL = {'panda': (('panda_unisa.csv', 'fer_hand.urdf', 7),
                   [.29, .79, .28, .22, .40, .20, .06]),
         'ur10': (('ur10_unisa.csv', 'ur10.urdf', 6), [3.0, 2.6, 2.0, .57, .34, 1.9])}
+DAMPING = np.array([3.0, 3.0, 2.0, -2.0, 1.0, 0.5])  # in MuJoCo; a motor helps one
+REAL = {name: arm for name, arm in REAL.items() if present(*arm[0][:2])} | {
+    'mujoco': (None, [.53] * 6)}  # of which .5 is noise
 
 
 @cache
@@ -57,10 +64,16 @@ def identified_arm():
 
 @cache
 def recorded(name):
-    """Return model, recording and its reference torques of a real arm."""
+    """Return model, recording and its reference torques of an arm."""
+    if name == 'mujoco':
+        with TemporaryDirectory() as folder:
+            path = from_mujoco(Path(folder), URDF, (DAMPING, 4.0), 0.5)
+            return (URDF, np.genfromtxt(path, delimiter=',', names=True), load_urdf(URDF),
+                    read_recording(path, load_urdf(URDF).joint_names))
     path, urdf, joints = real(*REAL[name][0])
     model = quiet(urdf, joints)
-    return urdf, path, model, read_recording(path, joints)
+    return (urdf, np.genfromtxt(path, delimiter=',', names=True), model,
+            read_recording(path, joints))
 
 
 @pytest.mark.parametrize('weighted', [True, False])
@@ -101,6 +114,49 @@ def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_pa
     _, *state = exciting(6, 7, duration=0.2)
     tau = Robot(found.model).inverse_dynamics(*state)
     assert np.abs(Robot(again).inverse_dynamics(*state) - tau).max() < 1e-12 * np.abs(tau).max()
+
+
+@pytest.mark.parametrize(('factor', 'share'), [(1.2, 1.0), (1e-4, None)])
+def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
+    """The identified URDF has the identified dynamics, and MuJoCo and `load_urdf` take it."""
+    hand = URDF.with_name('human_hand.urdf')
+    names = load_urdf(hand).joint_names
+    chosen = names[:2]
+    given = load_urdf(hand, joints=chosen)
+    found = replace(given, bodies=tuple(replace(body, inertial=Inertial.from_pseudo_inertia(
+        factor * body.inertial.pseudo_inertia)) for body in given.bodies))
+    if share is None:
+        with pytest.warns(ModelWarning, match='behind locked joints: heavier'):
+            urdf, _ = written(hand, found)
+    else:
+        urdf, _ = written(hand, found)
+    _, *state = exciting(2, 7, duration=0.2)
+    tau = Robot(found, friction=False).inverse_dynamics(*state)
+    again = Robot(load_urdf(urdf, joints=chosen), friction=False).inverse_dynamics(*state)
+    assert np.abs(again - tau).max() < 1e-12 * np.abs(tau).max()
+    whole = load_urdf(urdf)
+    assert whole.joint_names == names
+    originals = {body.name: body.inertial.mass for body in load_urdf(hand).bodies}
+    for body in whole.bodies:
+        assert body.inertial.mass > 0.0
+        assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
+        if share and body.name not in {moving.name for moving in found.bodies}:
+            assert body.inertial.mass == pytest.approx(originals[body.name])
+    Robot(whole).forward_dynamics(*np.zeros((3, len(names))))
+    assert mujoco.MjModel.from_xml_string(urdf).nv == len(names)
+
+
+def test_bounded_friction_is_never_below_its_bound():
+    """The solver leaves bounds by rounding; a damping of -1e-16 makes no model."""
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        u = rng.normal(size=(200, 1))
+        tau = -0.3 * u + 0.1 * rng.normal(size=u.shape)
+        still = Recording(np.arange(200.0), u, u, 0.1 * rng.normal(size=u.shape), tau)
+        data = RegressionRows(still, *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)),
+                              np.abs(u) > 0.0)
+        x, _ = fit_friction(data, 0, 0.05)
+        assert (x >= LOWEST).all(), seed
 
 
 def test_identified_arm_predicts_what_it_has_not_seen():
@@ -177,8 +233,7 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
 
 @pytest.mark.parametrize('name', REAL)
 def test_rigid_body_torque_of_a_recording_is_the_references(name):
-    urdf, path, model, recording = recorded(name)
-    columns = np.genfromtxt(path, delimiter=',', names=True)
+    urdf, columns, model, recording = recorded(name)
     reference = np.column_stack([columns[f'tau_pin_{urdf.stem}_{k + 1}'] for k in range(model.n)])
     tau = Robot(model, friction=False).inverse_dynamics(recording.q, recording.u, recording.udot)
     assert np.abs(tau - reference).max() < 1e-8
@@ -187,7 +242,8 @@ def test_rigid_body_torque_of_a_recording_is_the_references(name):
 @pytest.mark.parametrize('name', REAL)
 def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
     _, _, model, recording = recorded(name)
-    assert (identify(model, recording).held_out < REAL[name][1]).all()
+    worse = identify(model, recording).held_out >= REAL[name][1]
+    assert np.flatnonzero(worse).tolist() == ([3] if name == 'mujoco' else [])  # negative friction
 
 
 @cache
@@ -205,7 +261,7 @@ def test_friction_alone_beats_the_reference_residuals_of_a_real_recording(name):
 
 # The Panda's fourth joint rubs less the faster it turns, in the eyes of a URDF whose masses are a
 # little off: least squares gives it a negative damping. Without, .233 N m are left of that joint.
-BOUNDED = {'panda': [3], 'ur10': []}
+BOUNDED = {'panda': [3], 'ur10': [], 'mujoco': [3]}
 
 
 @pytest.mark.parametrize('name', REAL)
@@ -215,13 +271,15 @@ def test_friction_that_dissipates_beats_them_but_for_a_joint_that_needs_more(nam
     assert found.model.coordinate_joints[0].damping == found.losses[0, 0]
     worse = np.flatnonzero(found.held_out.round(2) > reference)
     assert worse.tolist() == BOUNDED[name]
-    assert (found.held_out[worse] < reference[worse] + 0.015).all()
+    if name != 'mujoco':
+        assert (found.held_out[worse] < reference[worse] + 0.015).all()
 
 
-def test_friction_that_would_drive_a_joint_is_told_but_makes_no_model():
-    found = with_friction_alone('panda', False)
+@pytest.mark.parametrize('name', [name for name in REAL if BOUNDED[name]])
+def test_friction_that_would_drive_a_joint_is_told_but_makes_no_model(name):
+    found = with_friction_alone(name, False)
     assert found.losses[3, 0] < -5.0 * found.deviations[3, 0]
-    with pytest.raises(ModelError, match=r"joint 'fer_joint\d': \w+ is -.*must not be negative"):
+    with pytest.raises(ModelError, match=r"joint '\w+': \w+ is -.*must not be negative"):
         _ = found.model
     with pytest.raises(InputError, match='friction_only alone'):
         identify(found.given, noisy(), bounded=False)
@@ -236,6 +294,45 @@ def test_filter_neither_delays_nor_weakens_slow_motion():
     assert np.abs(clean.u - u)[inner].max() < 0.01
     assert np.abs(clean.udot - udot)[inner].max() < 0.3
     assert np.abs(clean.tau - q)[inner].max() < 1e-3
+
+
+def test_uneven_rows_are_resampled_and_a_measured_speed_needs_one_derivative():
+    """Rows 2 to 8 ms apart, encoders with noise: the arm is found as if they were even."""
+    t, q, u, udot = exciting(2, 8, rate=1000.0)
+    rng = np.random.default_rng(9)
+    kept = np.cumsum(rng.integers(1, 9, len(t)))
+    kept = kept[kept < len(t)]
+    raw = Recording(t[kept], q[kept] + 1e-4 * rng.normal(size=(len(kept), 2)),
+                    u[kept] + 1e-3 * rng.normal(size=(len(kept), 2)), udot[kept], q[kept])
+    assert raw.uneven and not raw.resampled().uneven
+    assert np.diff(raw.resampled(100.0).t) == pytest.approx(0.01)
+    found = [replace(raw, derived=derived).filtered(20.0) for derived in (('u', 'udot'), ())]
+    off = [np.abs(each.udot - np.column_stack([np.interp(each.t, t, column)
+                                               for column in udot.T]))[50:-50].std()
+           for each in found]
+    assert off[1] < 0.05 and off[1] < 0.5 * off[0]
+    for rate in (0.0, np.inf, np.nan):
+        with pytest.raises(InputError, match='rate is'):
+            raw.resampled(rate)
+
+
+def test_noise_of_accelerations_is_measured():
+    given = noisy()
+    noise = np.random.default_rng(0).normal(size=given.udot.shape)
+    size = np.sqrt(np.mean(given.udot**2, axis=0))
+    assert (given.acceleration_noise() < 0.01).all()
+    for share in (0.1, 0.5):
+        made = replace(given, udot=given.udot * np.sqrt(1.0 - share**2) + share * size * noise)
+        assert np.allclose(made.acceleration_noise(), share, rtol=0.1)
+
+
+def test_identification_of_many_rows_takes_seconds_of_processor_time():
+    """Of 21,000 rows: below 10 s."""
+    given = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)
+    begun = time.process_time()
+    found = identify(wrong(), given)
+    assert time.process_time() - begun < 10.0
+    assert (found.held_out < 0.55).all()
 
 
 def test_joint_that_never_moves_is_an_error():

@@ -147,7 +147,7 @@ def test_the_self_test_fails_with_the_functions_number_when_a_reference_is_alter
 
 def test_the_self_test_fails_on_nan(tmp_path):
     source, _ = arm('two_link').export_c(tmp_path / 'arm.c')
-    source.write_text(source.read_text().replace('cos(', '(0.0 / 0.0) * cos('))
+    source.write_text(source.read_text().replace('cosine = ', 'cosine = (0.0 / 0.0) * '))
     assert built(source, tmp_path).arm_self_test() != 0
 
 
@@ -224,3 +224,90 @@ def test_a_process_exports_from_the_command_line(tmp_path):
     assert built(path, tmp_path).arm_self_test() == 0
     done = run('-o', str(path), '--kernel', 'torque')
     assert done.returncode == 2 and "no kernel 'torque'; valid:" in done.stderr
+
+
+def test_poses_and_jacobians_of_frames_are_among_the_kernels(tmp_path):
+    robot = arm('ur10e')
+    source, header = robot.export_c(tmp_path / 'arm.c', ['jacobian:tool0', 'frame_pose:tool0'])
+    assert 'void arm_jacobian_tool0(const double *q, ' in header.read_text()
+    library = built(source, tmp_path)
+    assert library.arm_self_test() == 0
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, robot.n)
+    for function, expected in ((library.arm_jacobian_tool0, robot.partial_velocities('tool0', q)),
+                               (library.arm_frame_pose_tool0, robot.frame_pose('tool0', q))):
+        got = called(function, [q, None], expected.shape)
+        np.testing.assert_allclose(got, expected, atol=1e-14)
+    with pytest.raises(InputError, match=r"'nose'.*tool0"):
+        robot.export_c(tmp_path / 'arm.c', ['jacobian:nose'])
+    with pytest.raises(InputError, match=r"no kernel 'jacobians:tool0'.*jacobian:<frame>"):
+        robot.export_c(tmp_path / 'arm.c', ['jacobians:tool0'])
+
+
+@pytest.mark.parametrize('name', ['ur10e', 'fr3', 'mechanism'])
+def test_single_precision_has_a_self_test_to_fit(name, tmp_path):
+    robot = mechanism() if name == 'mechanism' else arm(name)
+    source, header = robot.export_c(tmp_path / 'arm.c', scalar='float32')
+    assert 'double' not in re.sub(r'/\*.*?\*/', '', source.read_text() + header.read_text(),
+                                  flags=re.DOTALL)
+    text = source.read_text()
+    for more in ([], ['-O3', '-march=native'], ['-DARM_PORTABLE']):
+        library = built(source, tmp_path, ('gcc', '-std=gnu99', *more))
+        assert library.arm_self_test() == 0
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        given = rng.uniform(-1.0, 1.0, (3, robot.n)).astype(np.float32)
+        result = np.empty(robot.n, np.float32)
+        extra = [None] * (len(robot.kernels.quantity('inverse_dynamics').arguments) - 2)
+        library.arm_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
+                                       for x in (*given, *extra, result)))
+        expected = robot.inverse_dynamics(*given.astype(np.float64))
+        assert np.abs(result - expected).max() < 1e-5 * np.abs(expected).max()
+    # and it fits closely: an error of a thousandth is found
+    wrong = re.sub(r'(arm_inverse_dynamics_0_expected\[\d+\] = \{\s*)(-?[\d.e+-]+)f',
+                   lambda match: f'{match[1]}{1.003 * float(match[2]):.9g}f', text)
+    number = re.search(r'inverse_dynamics_0_expected\[\d+\] = \{([^}]*)\}', text)[1]
+    values = np.abs([float(x.strip(' f')) for x in number.replace('\n', '').split(',')])
+    if values[0] > 0.5 * values.max():
+        assert wrong != text
+        source.write_text(wrong)
+        assert built(source, tmp_path).arm_self_test() == 1
+
+
+def test_another_sine_and_cosine_can_be_put_in(tmp_path):
+    robot = arm('fr3')
+    source, _ = robot.export_c(tmp_path / 'arm.c')
+    hook = ['-DARM_SINCOS(x,s,c)=(*(s)=sin(x),*(c)=cos(x))', '-DARM_TANH(x)=tanh(x)']
+    library = built(source, tmp_path, ('gcc', '-std=c99', *hook))
+    assert library.arm_self_test() == 0
+    check(robot, library, 'arm', DEFAULT_KERNELS)
+    wrong = built(source, tmp_path, ('gcc', '-std=c99', '-DARM_SINCOS(x,s,c)=(*(s)=x,*(c)=1)'))
+    assert wrong.arm_self_test() == 1
+
+
+def test_sines_and_tanh_hold_at_every_size_of_their_argument(tmp_path):
+    robot = arm('fr3')
+    library = built(robot.export_c(tmp_path / 'arm.c')[0], tmp_path)
+    rng = np.random.default_rng(7)
+    for size in (1e-300, 1e-9, 0.1, 3.0, 1e3, 9.9e4, 1e7, 1e12):
+        q, u = rng.uniform(-size, size, (2, robot.n))
+        expected = robot.frame_pose('fr3_link8', q)
+        pose, _ = robot.export_c(tmp_path / 'pose.c', ['frame_pose:fr3_link8'])
+        got = called(built(pose, tmp_path).pose_frame_pose_fr3_link8, [q, None], (4, 4))
+        np.testing.assert_allclose(got, expected, atol=3e-15)
+        u = np.minimum(np.abs(u), 1e3) * np.sign(u)
+        want = robot.bias_force(np.zeros(robot.n), u)
+        got = called(library.arm_bias_force, [np.zeros(robot.n), u, None], robot.n)
+        assert np.abs(got - want).max() <= 1e-12 * np.abs(want).max()
+
+
+def test_the_self_test_can_be_left_out_when_writing_and_when_compiling(tmp_path):
+    robot = arm('two_link')
+    source, header = robot.export_c(tmp_path / 'arm.c', self_test=False)
+    assert 'self_test' not in source.read_text() + header.read_text()
+    assert not hasattr(built(source, tmp_path), 'arm_self_test')
+    source, header = robot.export_c(tmp_path / 'arm.c')
+    assert 'self_test' in header.read_text()
+    library = built(source, tmp_path, ('gcc', '-std=c99', '-DARM_NO_SELF_TEST'))
+    assert not hasattr(library, 'arm_self_test')
+    with pytest.raises(InputError, match=r"scalar is 'half'; expected float64 or float32"):
+        robot.export_c(tmp_path / 'arm.c', scalar='half')

@@ -159,7 +159,7 @@ def test_files_keep_every_number(robot, tmp_path):
     ({'q0': np.zeros(3)}, ['q0', '(3,)']),
     ({'q0': np.zeros((2, 4))}, ['q0', '(2, 4)']),
     ({'u0': [0, np.nan, 0, 0]}, ['u0[1]', 'nan']),
-    ({'duration': -1.0}, ['duration', '-1.0', 'positive']),
+    ({'duration': -1.0}, ['duration', '-1 s', 'positive']),
     ({'duration': np.inf}, ['duration', 'inf']),
     ({'duration': 'long'}, ['duration', "'long'"]),
     ({'step': 0.0}, ['step', '0.0']),

@@ -1,0 +1,145 @@
+"""The demo's other processes: their log, their end, and whether they still make progress."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from threading import Thread
+import time
+
+from kane_dynamics.errors import KaneError
+
+PATIENCE = 30.0  # s without progress of any child
+MOST = 300.0  # s for one stage, whatever the children do
+SAY = 10.0  # s between two lines about what is waited for
+LEAST = 0.05  # s of processor time that count as progress
+SHOWN = 20  # last lines of a child that an error repeats
+
+
+class DemoError(KaneError):
+    """Something that the demo needs did not start or answer."""
+
+
+class Child:
+    """
+    A process whose output appears on the terminal, each line behind its name.
+
+    Parameters
+    ----------
+    name : str
+    command : sequence of str
+
+    """
+
+    def __init__(self, name: str, command: Sequence[str]) -> None:
+        self.name, self.lines = name, 0
+        self.last: deque[str] = deque(maxlen=SHOWN)
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE,
+                                        stderr=subprocess.STDOUT, text=True, errors='replace')
+        self._reader = Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.last.append(line.rstrip())
+            self.lines += 1
+            print(f'  {self.name}: {line.rstrip()}', file=sys.stderr, flush=True)
+
+    @property
+    def processor_time(self) -> float:
+        """Return the processor time used so far, s; zero where the system does not tell."""
+        try:
+            fields = Path(f'/proc/{self.process.pid}/stat').read_text(
+                encoding='utf-8').rpartition(')')[2].split()
+        except (OSError, ProcessLookupError):
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+    def end(self) -> None:
+        """End it as an operator would, by SIGINT; by force after 5 s."""
+        try:
+            self.process.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join(timeout=5.0)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+class Waiting:
+    """
+    Wait for the children: as long as one of them makes progress.
+
+    Parameters
+    ----------
+    what : str
+        Is waited for.
+    children : sequence of Child
+
+    """
+
+    def __init__(self, what: str, children: Sequence[Child]) -> None:
+        self._what, self._children = what, children
+        self._began = self._moved = self._said = time.monotonic()
+        self._seen = self._state()
+
+    def _state(self) -> list[tuple[int, float]]:
+        return [(child.lines, child.processor_time) for child in self._children]
+
+    def check(self) -> None:
+        """
+        Raise DemoError where waiting longer is no use.
+
+        A child has ended, or none has written a line or used the processor for `PATIENCE`, or
+        the stage takes longer than `MOST`.
+        """
+        for child in self._children:
+            if (code := child.process.poll()) is not None:
+                raise DemoError(f'{self._what}: {child.name} ended with exit code {code}'
+                                + self._told(child))
+        now, state = time.monotonic(), self._state()
+        if any(lines > before or used > then + LEAST
+               for (lines, used), (before, then) in zip(state, self._seen, strict=True)):
+            self._seen, self._moved = state, now
+        if now - self._said > SAY:
+            self._said = now
+            used = ', '.join(f'{child.name} {time_used:.0f} s' for child, (_, time_used) in zip(
+                self._children, state, strict=True))
+            print(f'  waiting for {now - self._began:.0f} s: {self._what}; processor time: {used}',
+                  file=sys.stderr, flush=True)
+        if now - self._moved > PATIENCE or now - self._began > MOST:
+            raise DemoError(f'{self._what}: nothing for {now - self._began:.0f} s'
+                            + ''.join(map(self._told, self._children)))
+
+    @staticmethod
+    def _told(child: Child) -> str:
+        return ''.join(f'\n  {child.name}: {line}' for line in child.last)
+
+
+@contextmanager
+def children(commands: dict[str, Sequence[str]]) -> Iterator[list[Child]]:
+    """Run commands by name while the block runs."""
+    running: list[Child] = []
+    try:
+        running += [Child(name, command) for name, command in commands.items()]
+        yield running
+    finally:
+        for child in reversed(running):
+            child.process.send_signal(signal.SIGINT)
+        for child in running:
+            child.end()
+
+
+@contextmanager
+def stage(text: str) -> Iterator[None]:
+    """Say what is done, and then how long it took."""
+    start = time.monotonic()
+    print(f'{text} ...', flush=True)
+    yield
+    print(f'{text}: {time.monotonic() - start:.1f} s', flush=True)

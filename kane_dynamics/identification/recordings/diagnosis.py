@@ -1,0 +1,300 @@
+"""
+Whether a recording is of the model at all: units, signs, exchanged joints, gravity, delay.
+
+Positions, speeds and times are compared with each other. Torques are compared with those of the
+model, plus friction and armature that each joint may have: a repair of the recording counts as a
+finding where it at least halves what is left of the joints that it is about. Repairs are made one
+after the other, the most successful first. The masses of a URDF are never so wrong.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+import math
+from typing import Literal, NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import NDArray
+
+CLEARLY = 0.5  # of the error: so much less is a finding
+MOST_ROWS = 1500  # that are looked at, evenly spread
+MOST_FAULTS = 8
+SLIP = 0.05  # rad/s or m/s: where friction is taken to set in
+FLOOR = 0.03  # of the measured torque: an error that small needs no repair
+NOISE = 0.3  # share of the accelerations
+WINDOWS = 200  # of a recording, over which positions and speeds are compared
+UNITS = ((math.degrees(1.0), 'degrees a second'),
+         (math.radians(1.0), 'beside positions in degrees'),
+         (1e3, 'beside times in milliseconds'), (1e6, 'beside times in microseconds'),
+         (1e9, 'beside times in nanoseconds'), (1e-3, 'in units 1000 times as large'))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    What is wrong with a recording.
+
+    Attributes
+    ----------
+    level : 'impossible', 'wrong' or 'remark'
+        Positions, speeds and times that contradict each other; torques that are not the model's
+        in the way that the words say; what a fit may still use.
+    words : str
+
+    """
+
+    level: Literal['impossible', 'wrong', 'remark']
+    words: str
+
+
+class _Repair(NamedTuple):
+    """A repaired recording, the joints it is about, and what was wrong with them."""
+
+    kind: str
+    joints: tuple[int, ...]
+    recording: Recording
+    needed: float  # least fall of the sum of logarithms of errors
+    factor: float = 1.0  # by which its efforts were divided
+
+
+@on_one_processor
+def diagnose(model: Model, recording: Recording) -> list[Finding]:
+    """
+    Return what is wrong with a recording, worst first; nothing for a good one.
+
+    Raises
+    ------
+    InputError
+        The recording is of another number of joints.
+
+    """
+    if recording.tau.shape[1] != model.n:
+        raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
+                         f'{model.n}: {", ".join(model.joint_names)}')
+    found = [Finding('impossible', words) for words in _motion(model, recording)]
+    if not recording.tau.any():
+        found.append(Finding('wrong', 'the measured efforts are all 0: the recording has none'))
+    elif not found:
+        found += _torques(model, recording)
+    noise = recording.acceleration_noise()
+    noisy = np.flatnonzero(noise > NOISE)
+    if len(noisy):
+        found.append(Finding('remark', f'accelerations of {_named(model, noisy)} are noise to '
+                             f'{100.0 * noise[noisy].max():.0f} %; expected filtered ones: '
+                             '--cutoff HZ'))
+    return found
+
+
+def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impossible', 'wrong')
+           ) -> list[Finding]:
+    """Return what is remarkable about a recording; InputError where a finding is of `levels`."""
+    found = diagnose(model, recording)
+    worst = [finding.words for finding in found if finding.level in levels]
+    if worst:
+        raise InputError(f'the recording does not fit the model: {"; ".join(worst)}')
+    return found
+
+
+def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
+    """Return joints in words."""
+    if len(joints) == model.n:
+        return 'all joints' if model.n > 1 else f"joint '{model.joint_names[0]}'"
+    names = [f"'{model.joint_names[j]}'" for j in joints]
+    return f'joint{"s" if len(names) > 1 else ""} {", ".join(names)}'
+
+
+def _motion(model: Model, recording: Recording) -> Iterator[str]:
+    """Yield what is impossible about positions, speeds and times."""
+    limits = Robot(model).limits
+    turning = np.array([name not in model.sliding for name in model.joint_names])
+    most = np.abs(recording.q).max(axis=0)
+    reach = np.where(np.isfinite(limits.upper - limits.lower),
+                     np.maximum(np.abs(limits.lower), np.abs(limits.upper)), 4.0 * math.pi)
+    beyond = np.flatnonzero(turning & (most > 2.0 * reach))
+    if len(beyond) and (np.radians(most) <= 1.1 * reach)[turning].all():
+        yield (f'positions of {_named(model, beyond)} reach {most[beyond].max():.4g} rad, limits '
+               f'{reach[beyond].max():.4g} rad; expected rad: are these degrees?')
+        return
+    step = float(np.median(np.diff(recording.t)))
+    if 'u' in recording.derived:
+        if step >= 0.5:
+            yield (f't: rows are {step:g} s apart, too far to derive speeds; expected seconds: '
+                   'are these milliseconds?')
+        return
+    width = max(1, len(recording) // WINDOWS)
+    mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
+    way = np.vstack([np.zeros(mean.shape[1]), np.cumsum(mean, axis=0)])
+    D, W = (x[width:] - x[:-width] for x in (recording.q, way))
+    size = np.linalg.norm(D, axis=0)
+    moves = np.flatnonzero(np.abs(recording.q - recording.q[0]).max(axis=0) > 0.02)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        likeness = (W.T @ D) / np.outer(np.linalg.norm(W, axis=0), size)
+        factor = np.sum(W * D, axis=0) / size**2
+    said: dict[str, list[int]] = {}
+    for j in moves:
+        own = likeness[j, j]
+        other = int(np.nanargmax(np.where(np.arange(len(size)) == j, -1.0, likeness[j])))
+        if own > 0.8 and 0.6 < factor[j] < 1.6:
+            continue
+        if own > 0.8:
+            words = next((f'{value:.4g} times the derivative of the positions: {unit}?'
+                          for value, unit in UNITS if 0.8 < factor[j] / value < 1.25),
+                         f'{factor[j]:.2g} times the derivative of the positions')
+        elif own < -0.8:
+            words = 'the negative derivative of the positions'
+        elif likeness[j, other] > 0.8:
+            words = f"the derivative of the positions of joint '{model.joint_names[other]}'"
+        else:
+            words = 'not the derivative of the positions'
+        said.setdefault(words, []).append(int(j))
+    for words, joints in said.items():
+        yield f'speeds of {_named(model, joints)} are {words}; expected rad/s or m/s and seconds'
+
+
+def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
+    """Yield what is wrong with torques, by the repairs that help."""
+    given = recording
+    if len(given) > 100 and (given.acceleration_noise() > NOISE).any():
+        given = given.filtered(min(10.0, 0.2 / float(np.diff(given.t).mean())))
+    lag = max(1, len(given) // MOST_ROWS)
+    robot = Robot(model, friction=False)
+    now = _thinned(given, lag)
+    errors = _errors(robot, now)
+    found: dict[str, list[int]] = {}
+    for _ in range(MOST_FAULTS):
+        best: tuple[float, _Repair, Array] | None = None
+        for repair in _repairs(robot, now):
+            left = _errors(robot, repair.recording)
+            own = list(repair.joints)
+            as_measured = left.copy()
+            as_measured[own] *= repair.factor
+            fall = float(np.log(errors / as_measured).sum())
+            if (fall > repair.needed and (as_measured[own] <= 1.01 * errors[own]).all()
+                    and (best is None or fall > best[0] + 1e-3)):
+                best = fall, repair, left
+        if best is None:
+            break
+        _, repair, errors = best
+        now = repair.recording
+        found.setdefault(repair.kind, []).extend(repair.joints)
+    for kind, joints in found.items():
+        which = sorted(set(joints))
+        yield Finding('wrong', kind.format(_named(model, which)))
+    if not found:
+        yield from _delays(model, robot, given, lag)
+
+
+def _thinned(recording: Recording, every: int) -> Recording:
+    """Return every so-manieth row."""
+    return recording.rows(slice(None, None, every))
+
+
+def _errors(robot: Robot, recording: Recording) -> Array:
+    """Return for each joint the RMS of torque that model and any friction leave, (n,)."""
+    rigid = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
+    return np.array([_fitted(recording, j, recording.tau[:, j] - rigid[:, j])[0]
+                     for j in range(robot.n)])
+
+
+def _fitted(recording: Recording, j: int, left: Array, model: Array | None = None
+            ) -> tuple[float, float]:
+    """Return what friction leaves of a torque, no less than the floor, and a model's factor."""
+    u, tau = recording.u[:, j], recording.tau[:, j]
+    columns = [u, coulomb(u, SLIP), recording.udot[:, j], *([] if model is None else [model])]
+    R: Array = np.asarray(np.linalg.qr(np.column_stack([*columns, left]), mode='r'))
+    x, missed = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
+    root = math.sqrt(len(u))
+    return (max(float(missed), FLOOR * float(np.linalg.norm(tau)), 1e-9 * root) / root,
+            float(x[-1]))
+
+
+def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
+    """Yield recordings that differ by one fault each."""
+    n, once = robot.n, math.log(1.0 / CLEARLY)
+    q, tau, gravity = r.q, r.tau, robot.gravity_force(r.q)
+    rigid = robot.inverse_dynamics(q, r.u, r.udot)
+    weighty = np.flatnonzero(np.abs(gravity).max(axis=0) > 1e-6)
+    sets = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
+
+    def with_tau(change: Callable[[Array], Array], joints: tuple[int, ...]) -> Recording:
+        new = tau.copy()
+        new[:, joints] = change(tau)[:, joints]
+        return replace(r, tau=new)
+    for joints in sets:
+        heavy = [j for j in joints if j in weighty]
+        yield _Repair('efforts of {} have the opposite sign of torques on the joints: multiply '
+                      'them by -1', joints, with_tau(lambda tau: -tau, joints),
+                      once * len(joints))
+        if heavy:
+            yield _Repair('efforts of {} fit the torques without gravity: the arm holds its '
+                          'weight by itself, or reports efforts without it; add it, or use '
+                          '--gravity 0 0 0', joints, with_tau(lambda tau: tau + gravity, joints),
+                          once * len(heavy))
+            yield _Repair('efforts of {} have the opposite sign of torques on the joints, and fit '
+                          'these without gravity', joints,
+                          with_tau(lambda tau: gravity - tau, joints), once * len(joints))
+    factors = np.array([_fitted(r, j, tau[:, j], rigid[:, j])[1] for j in range(n)])
+    told = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
+    for joints in sets:
+        known = [j for j in joints if told[j]]
+        if not known:
+            continue
+        factor = float(np.median(factors[known]))
+        if 0.4 < factor < 2.5:
+            continue
+        unit = next((f': {name}?' for value, name in (
+            (1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m')) if 0.6 < factor / value < 1.6),
+            ': another unit, a current, or torque before the gearbox?')
+        yield _Repair(f'efforts of {{}} are about {factor:.3g} times the torques{unit}', joints,
+                      with_tau(lambda tau, factor=factor: tau / factor,  # type: ignore[misc]
+                               joints), once * len(known), factor)
+    for j in range(n):
+        sign = np.ones(n)
+        sign[j] = -1.0
+        turned = replace(r, q=q * sign, u=r.u * sign, udot=r.udot * sign)
+        yield _Repair('positions of {} have the opposite sign', (j,), turned, 2.0 * once)
+        yield _Repair('positions and efforts of {} have the opposite sign', (j,),
+                      replace(turned, tau=tau * sign), 2.0 * once)
+    for pair in combinations(range(n), 2):
+        order = np.arange(n)
+        order[list(pair)] = pair[::-1]
+        moved = {name: getattr(r, name)[:, order] for name in ('q', 'u', 'udot')}
+        exchanged = tau[:, order]
+        yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=exchanged), 2.0 * once)
+        yield _Repair('positions of {} are exchanged', pair, replace(r, **moved), 3.0 * once)
+        yield _Repair('{} are exchanged', pair, replace(r, **moved, tau=exchanged), 3.0 * once)
+
+
+def _delays(model: Model, robot: Robot, r: Recording, every: int) -> Iterator[Finding]:
+    """Yield by how much torques come too late or too early."""
+    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
+    step = float(np.median(np.diff(r.t)))
+    most = min(int(0.2 / step), len(r) // 4)
+    lags = np.unique(np.linspace(-most, most, min(2 * most + 1, 81)).astype(int))
+    inner = np.arange(most, len(r) - most, every)
+    if len(inner) < 20:
+        return
+    at = {name: getattr(r, name)[inner] for name in ('t', 'q', 'u', 'udot')}
+    late: dict[str, dict[int, float]] = {'after': {}, 'before': {}}
+    for j in range(robot.n):
+        left = []
+        for lag in lags:
+            shifted = Recording(**at, tau=r.tau[inner + lag])
+            left.append(_fitted(shifted, j, shifted.tau[:, j] - rigid[inner, j])[0])
+        best = int(np.argmin(left))
+        if left[best] < 0.7 * left[int(np.flatnonzero(lags == 0)[0])]:
+            lag = int(lags[best])
+            late['after' if lag > 0 else 'before'][j] = abs(lag) * step
+    for side, joints in late.items():
+        if joints:
+            times = joints.values()
+            ends = sorted({f'{time:.3g}' for time in (min(times), max(times))}, key=float)
+            yield Finding('remark', f'efforts of {_named(model, list(joints))} come '
+                          f'{" to ".join(ends)} s {side} the motion that they belong to')

@@ -1,0 +1,127 @@
+"""Promises of the diagnosis of recordings: each fault is named by joint, a good one is not."""
+
+from dataclasses import replace
+from functools import cache
+import json
+from pathlib import Path
+import re
+
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics.cli import main
+from kane_dynamics.identification import diagnose
+import numpy as np
+import pytest
+from recordings import simulated
+
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
+FRICTION = {joint: {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_offset': 1.0}
+            for joint in load_urdf(URDF).joint_names}
+
+
+@cache
+def model():
+    """Return an arm as its URDF has it, without friction."""
+    return load_urdf(URDF)
+
+
+@cache
+def good():
+    """Return a recording of the arm with friction and noise."""
+    return simulated(load_urdf(URDF, supplement={'joints': FRICTION}), 2, 0.5, duration=10.0)
+
+
+def turned(r, names, joint=3):
+    """Return the recording with some quantities of a joint reversed."""
+    sign = np.where(np.arange(6) == joint, -1.0, 1.0)
+    return replace(r, **{name: getattr(r, name) * sign for name in names})
+
+
+def exchanged(r, names, a=1, b=2):
+    """Return the recording with some quantities of two joints exchanged."""
+    order = np.arange(6)
+    order[[a, b]] = b, a
+    return replace(r, **{name: getattr(r, name)[:, order] for name in names})
+
+
+def gravity(r):
+    """Return what gravity asks of the joints."""
+    return Robot(model()).gravity_force(r.q)
+
+
+STATE = ('q', 'u', 'udot')
+FAULTS = {
+    'reversed efforts': (lambda r: turned(r, ['tau']), 'wrong',
+                         "efforts of joint 'wrist_1_joint' have the opposite sign"),
+    'reversed positions': (lambda r: turned(r, STATE, 1), 'wrong',
+                           "positions of joint 'shoulder_lift_joint' have the opposite sign"),
+    'reversed joint': (lambda r: turned(r, [*STATE, 'tau'], 2), 'wrong',
+                       "positions and efforts of joint 'elbow_joint' have the opposite sign"),
+    'all reversed': (lambda r: replace(r, tau=-r.tau), 'wrong',
+                     'efforts of all joints have the opposite sign'),
+    'one fifteenth': (lambda r: replace(r, tau=r.tau / 15.0), 'wrong',
+                      'efforts of all joints are about 0.0'),
+    'mN m': (lambda r: replace(r, tau=r.tau * 1000.0), 'wrong', 'mN m'),
+    'mN m of one': (lambda r: replace(r, tau=r.tau * np.where(np.arange(6) == 1, 1e3, 1.0)),
+                    'wrong', "efforts of joint 'shoulder_lift_joint' are about"),
+    'without gravity': (lambda r: replace(r, tau=r.tau - gravity(r)), 'wrong',
+                        'efforts of all joints fit the torques without gravity'),
+    'exchanged efforts': (lambda r: exchanged(r, ['tau']), 'wrong',
+                          "efforts of joints 'shoulder_lift_joint', 'elbow_joint' are exchanged"),
+    'exchanged joints': (lambda r: exchanged(r, [*STATE, 'tau']), 'wrong',
+                         "^joints 'shoulder_lift_joint', 'elbow_joint' are exchanged"),
+    'no efforts': (lambda r: replace(r, tau=0.0 * r.tau), 'wrong', 'efforts are all 0'),
+    'degrees': (lambda r: replace(r, **{name: np.degrees(getattr(r, name)) for name in STATE}),
+                'impossible', 'are these degrees'),
+    'speeds in degrees': (lambda r: replace(r, u=np.degrees(r.u)), 'impossible',
+                          'speeds of all joints are 57.3 times .* degrees a second'),
+    'milliseconds': (lambda r: replace(r, t=1e3 * r.t), 'impossible',
+                     'speeds of all joints .* times in milliseconds'),
+    'milliseconds, no speeds': (lambda r: replace(r, t=1e3 * r.t, derived=('u', 'udot')),
+                                'impossible', 'rows are 10 s apart, .* milliseconds'),
+    'reversed speed': (lambda r: turned(r, ['u']), 'impossible',
+                       "speeds of joint 'wrist_1_joint' are the negative derivative"),
+    'exchanged speeds': (lambda r: exchanged(r, ['u'], 4, 5), 'impossible',
+                         "speeds of joint 'wrist_2_joint' are the derivative .* 'wrist_3_joint'"),
+    'delay': (lambda r: replace(r.rows(slice(10, None)), tau=r.tau[:-10]), 'remark',
+              r'come 0\.[01]\d* .*after the motion'),
+    'noise': (lambda r: replace(r, udot=r.udot + 30.0 * np.random.default_rng(0).normal(
+        size=r.q.shape)), 'remark', 'accelerations of all joints are noise to .*--cutoff'),
+}
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_fault_of_a_recording_is_named(fault):
+    change, level, words = FAULTS[fault]
+    found = diagnose(model(), change(good()))
+    assert {finding.level for finding in found} == {level}
+    matching = [finding.words for finding in found]
+    assert any(re.search(words, each) for each in matching), matching
+
+
+@pytest.mark.parametrize('seed', [2, 3, 4])
+def test_good_recording_of_an_arm_with_friction_and_other_masses_is_not_remarked_on(seed):
+    truth = load_urdf(URDF, supplement={'joints': FRICTION})
+    rng = np.random.default_rng(seed)
+    truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
+        body.inertial.mass * rng.uniform(0.7, 1.4), body.inertial.com, body.inertial.inertia))
+        for body in truth.bodies))
+    assert diagnose(model(), simulated(truth, seed, 0.5, duration=10.0)) == []
+
+
+def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(tmp_path, capsys):
+    def saved(name, r):
+        path = tmp_path / name
+        np.savez(path, t=r.t, q=r.q, u=r.u, udot=r.udot, tau=r.tau)
+        return str(path)
+    wrong = saved('wrong.npz', turned(good(), ['tau']))
+    assert main(['replay', str(URDF), wrong, '--json']) == 0
+    assert 'opposite sign' in json.loads(capsys.readouterr().out)['remarks'][0]
+    arguments = ['identify', str(URDF), wrong, '--friction-only']
+    assert main(arguments) == 2
+    assert "'wrist_1_joint' have the opposite sign" in capsys.readouterr().err
+    assert main([*arguments, '--as-recorded']) == 0
+    assert 'warning: efforts of joint' in capsys.readouterr().err
+    impossible = saved('impossible.npz', replace(good(), t=1e3 * good().t))
+    for command in ('replay', 'identify'):
+        assert main([command, str(URDF), impossible]) == 2
+        assert 'milliseconds' in capsys.readouterr().err
