@@ -10,7 +10,7 @@ from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
+from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
@@ -44,7 +44,7 @@ class KernelSet:
     """
 
     def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
-                 parameters: Array, reason: Reason | None = None) -> None:
+                 parameters: Array, reason: ResultCheck | None = None) -> None:
         """Compile nothing yet."""
         self.equations = equations
         self._reason = reason

@@ -28,7 +28,7 @@ class _Quantity:
         return self if workspace is None else workspace._function(self.name)
 
 
-class Workspace(entry.Tabled):
+class Workspace(entry.NativeMethods):
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
 

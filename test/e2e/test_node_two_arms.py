@@ -102,7 +102,7 @@ def test_frames_in_messages_have_the_prefix(arms, client):
     answer = client.call(SetPayload, f'/{side}/kane_dynamics/set_payload', frame='c',
                          payload=load)
     assert not answer.success
-    assert "no frame 'c'; valid: " in answer.message
+    assert "no frame 'c'; expected one of " in answer.message
     assert 'right_c' in answer.message
     assert client.call(SetPayload, f'/{side}/kane_dynamics/set_payload', frame='right_c',
                        payload=load).success

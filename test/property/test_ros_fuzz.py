@@ -113,7 +113,7 @@ class Sent:
         self.messages.append(data)
 
 
-def test_a_mutated_state_gives_the_command_of_the_state_that_rclpy_reads_or_none():
+def test_mutated_state_gives_the_torque_of_rclpys_reading_or_none():
     chance = random.Random(5)
     seeds = [state(chance, names) for names in ([A, B], [B, A], ['x', A, 'yy', B], [A], [])
              for _ in range(3)]
@@ -149,7 +149,7 @@ def test_a_mutated_state_gives_the_command_of_the_state_that_rclpy_reads_or_none
         stamped = deserialize_message(torques.messages[-1], JointState)
         assert stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec == read[0]
         seen[path._reader.full_parses] += 1
-    # Both code paths were used, and states were dropped for many reasons.
+    # Both code paths were used, and most dropped states have a reported reason.
     assert statistics.commands > 0.15 * STATES
     assert 1000 < path._reader.full_parses < STATES - 1000
     assert (statistics.dropped.total() + statistics.foreign_states
@@ -270,7 +270,7 @@ def requests(chance):
             for request, call, answer in kinds]
 
 
-def test_a_mutated_request_is_answered_or_refused_with_a_message():
+def test_mutated_request_is_answered_or_rejected_with_its_reason():
     chance = random.Random(7)
     served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2),
                          np.ones(2), RequestLimits(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')

@@ -1,9 +1,9 @@
 """
-Scalars that carry their time derivative: differentiation of any function, over any scalar.
+Dual numbers: forward-mode automatic differentiation with respect to time, over any scalar type.
 
-A number a + b d with d d = 0 holds a value and its rate; arithmetic on it follows the rules of
-differentiation exactly. Value and rate may themselves be numbers, traced values or symbols, so
-one user-given function of q and t yields, traced once, both itself and its derivative in time.
+A number a + b d with d d = 0 holds a value a and its time derivative b; arithmetic on it applies
+the rules of differentiation exactly. Value and rate may be numbers, traced values or symbols. So
+tracing a user-defined function of q and t once yields its value and its time derivative.
 """
 
 from collections.abc import Callable
@@ -14,33 +14,33 @@ import numpy as np
 
 
 class Dual:
-    """A scalar and its time derivative; `moving` makes them from arrays."""
+    """Dual number: a scalar and its time derivative. `moving` creates arrays of them."""
 
     __slots__ = ('value', 'rate')
 
     def __init__(self, value: Any, rate: Any) -> None:
-        """Keep the two parts."""
+        """Create a dual number from its value and rate."""
         self.value = value
         self.rate = rate
 
     def __repr__(self) -> str:
-        """Show the two parts."""
+        """Return the value and the rate as text."""
         return f'Dual({self.value!r}, {self.rate!r})'
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return _made(self.value + other.value, self.rate + other.rate)
+            return _dual(self.value + other.value, self.rate + other.rate)
         if isinstance(other, np.ndarray):
             return NotImplemented
         return Dual(self.value + other, self.rate)
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return _made(self.value * other.value,
+            return _dual(self.value * other.value,
                          self.value * other.rate + self.rate * other.value)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return _made(self.value * other, self.rate * other)
+        return _dual(self.value * other, self.rate * other)
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -62,14 +62,14 @@ class Dual:
     def __truediv__(self, other: Any) -> Any:
         if isinstance(other, Dual):
             quotient = self.value / other.value
-            return _made(quotient, (self.rate - quotient * other.rate) / other.value)
+            return _dual(quotient, (self.rate - quotient * other.rate) / other.value)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return _made(self.value / other, self.rate / other)
+        return _dual(self.value / other, self.rate / other)
 
     def __rtruediv__(self, other: Any) -> Any:
         quotient = other / self.value
-        return _made(quotient, -(quotient * self.rate) / self.value)
+        return _dual(quotient, -(quotient * self.rate) / self.value)
 
     def __pow__(self, exponent: Any) -> Any:
         if not isinstance(exponent, int) or exponent < 0:
@@ -80,34 +80,34 @@ class Dual:
         return result
 
     def sin(self) -> Any:
-        """Return the sine: numpy's sin calls this."""
-        return _made(np.sin(self.value), np.cos(self.value) * self.rate)
+        """Return the sine; numpy.sin calls this on object arrays."""
+        return _dual(np.sin(self.value), np.cos(self.value) * self.rate)
 
     def cos(self) -> Any:
-        """Return the cosine: numpy's cos calls this."""
-        return _made(np.cos(self.value), -(np.sin(self.value) * self.rate))
+        """Return the cosine; numpy.cos calls this on object arrays."""
+        return _dual(np.cos(self.value), -(np.sin(self.value) * self.rate))
 
     def tanh(self) -> Any:
-        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         y = np.tanh(self.value)
-        return _made(y, (1.0 - y * y) * self.rate)
+        return _dual(y, (1.0 - y * y) * self.rate)
 
     def sqrt(self) -> Any:
-        """Return the square root: numpy's sqrt calls this."""
+        """Return the square root; numpy.sqrt calls this on object arrays."""
         y = np.sqrt(self.value)
-        return _made(y, self.rate / (y + y))
+        return _dual(y, self.rate / (y + y))
 
 
-def _made(value: Any, rate: Any) -> Any:
-    """Return a Dual, or the value alone where it is constant by structure."""
+def _dual(value: Any, rate: Any) -> Any:
+    """Return a Dual, or only the value if the rate is structurally zero."""
     return value if is_zero(rate) else Dual(value, rate)
 
 
 def moving(values: Any, rates: Any) -> Any:
-    """Return scalars, an array of any shape or a single one, that change at the given rates."""
+    """Return dual numbers with these values and time derivatives; any shape, or one scalar."""
     result = np.empty(np.shape(values), dtype=object)
     for k in np.ndindex(result.shape):
-        result[k] = _made(np.asarray(values, dtype=object)[k], np.asarray(rates, dtype=object)[k])
+        result[k] = _dual(np.asarray(values, dtype=object)[k], np.asarray(rates, dtype=object)[k])
     return result if result.shape else result[()]
 
 
@@ -117,7 +117,7 @@ def values(array: Any) -> Any:
 
 
 def rates(array: Any) -> Any:
-    """Return the time derivatives of an array of scalars; those that are not Dual rest."""
+    """Return the time derivatives of an array of scalars; zero for those that are not Dual."""
     return _part(array, lambda x: x.rate if isinstance(x, Dual) else 0.0)
 
 
@@ -128,5 +128,5 @@ def _part(array: Any, take: Callable[[Any], Any]) -> Any:
         result[k] = take(source[k])
     try:
         return result.astype(np.float64)
-    except TypeError:  # traced values or symbols stay what they are
+    except TypeError:  # traced values and symbols are not converted
         return result

@@ -27,7 +27,8 @@ def arm(n=3):
 
 
 @pytest.mark.parametrize(('constraints', 'words'), [
-    ([PointVelocity('hand', (1, 0, 0))], "'velocity of hand': no frame 'hand'; valid: .*tip"),
+    ([PointVelocity('hand', (1, 0, 0))],
+     "'velocity of hand': no frame 'hand'; expected one of .*tip"),
     ([Closure('tip', 'moon')], "'closure of tip and moon': no frame 'moon'"),
     ([Coupling('joint0', {'elbow': 1.0})],
      "'coupling of joint0': no coordinate 'elbow'; valid: joint0, joint1, joint2"),

@@ -1,7 +1,7 @@
-"""Promises of sine, cosine and hyperbolic tangent in native code."""
+"""Accuracy and special values of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics import InputError
-from kane_dynamics.native.backends.llvm_math import LARGEST
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm
@@ -51,8 +51,8 @@ def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, siz
             assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
 
 
-@pytest.mark.parametrize('size', [1e9, LARGEST, 1e3 * LARGEST])
-def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
+@pytest.mark.parametrize('size', [1e9, POSITION_LIMIT, 1e3 * POSITION_LIMIT])
+def test_sine_and_cosine_are_accurate_beyond_the_position_limit(functions, size):
     x = np.random.default_rng(2).uniform(-size, size, N)
     got = functions(x)
     with mpmath.workprec(200):
@@ -84,7 +84,7 @@ def test_zero_and_saturation_are_exact(functions):
 
 
 @pytest.mark.parametrize('size', [3, 300])
-def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(size):
+def test_positions_beyond_the_limit_are_rejected_by_every_entry_point(size):
     kernel = Kernel('f', lambda: trace_program('f', lambda q, none: [np.sin(q[1])], [
         ('q', (size,)), ('none', (1,))]), None, [Argument('q', (size,))], np.zeros(1), (1,))
     q, result = np.full(size, -1e12), np.empty(1)
@@ -94,6 +94,6 @@ def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(siz
         np.testing.assert_allclose(way(*arguments).ravel(), np.sin(-1e12), atol=1e-15)
     q[1] = given[2][0][1] = given[3][0][1, 1] = -1.001e12
     for way, arguments in zip(ways, given):
-        with pytest.raises(InputError, match=r'q\[(1|1, 1)\] is -1001000000000.0; expected a '
+        with pytest.raises(InputError, match=r'q\[(1|1, 1)\]: -1001000000000.0; expected a '
                            r'finite number of at most 1e\+12 rad or m'):
             way(*arguments)

@@ -92,7 +92,7 @@ def test_all_problems_are_reported_at_once(examine):
         assert words in text, text
     assert len(found) == 9
     (_, words), = examine('/**: {ros__parameters: {tip: nonsense}}')[0]
-    assert "tip is 'nonsense', and no such link exists" in words
+    assert "tip: 'nonsense' is no link; expected one of" in words
 
 
 def test_unused_parameters_are_not_checked(examine):

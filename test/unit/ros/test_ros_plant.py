@@ -291,7 +291,7 @@ def test_the_default_initial_position_is_zero_or_the_nearest_limit():
      {'dropout__states': 1.5}),
     (r"'after_timeout': 'float'; expected one of zero, hold", {'after_timeout': 'float'}),
     (r'payload.frame', {'payload__mass': 1.0}),
-    (r"no frame 'hand'; valid: base_link", {'wrench__frames': ['hand']}),
+    (r"no frame 'hand'; expected one of base_link", {'wrench__frames': ['hand']}),
     (r"'wrench.frames': 'base_link', a frame that does not move",
      {'wrench__frames': ['base_link']}),
 ])

@@ -66,7 +66,7 @@ def test_a_simulation_does_not_depend_on_the_others_or_on_threads(robot, monkeyp
     whole = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
     part = simulate(robot, Q0[5:W + 6], U0[5:W + 6], STEPS * 1e-3, torque=torque[5:W + 6])
     monkeypatch.setenv(threads.VARIABLE, '3')
-    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     threaded = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[5:W + 6])
