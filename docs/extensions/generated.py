@@ -184,16 +184,20 @@ def write_class_pages(app):
 
 
 class Modules(Generated):
-    """Every module of a package with all that is public in it; reStructuredText."""
+    """
+    Every module of a package with all that is public in it; reStructuredText.
+
+    A second argument names a module that is documented on another page.
+    """
 
     required_arguments = 1
 
-    def text(self, package):
+    def text(self, package, documented=''):
         """Return one section a module."""
         root = importlib.import_module(package)
         names = [package] + [found.name for found in pkgutil.walk_packages(
             getattr(root, '__path__', ()), f'{package}.')]
-        return '\n'.join(self.section(name) for name in names)
+        return '\n'.join(self.section(name) for name in names if name != documented)
 
     @staticmethod
     def section(name):
