@@ -2,8 +2,8 @@
 Sphinx extension: pages that are generated from the code that they describe.
 
 `command-line` shows the help of every command, `parameters` the table of a node's parameters,
-`interfaces` the messages, services and actions. `public-names` lists the functions and classes that
-a package offers, `modules` what its modules hold. Each public class has a page in `api/classes`,
+`interfaces` the messages, services and actions. `public-names` lists the functions and classes of
+a package, `modules` the contents of its modules. Each public class has a page in `api/classes`,
 which is written when the build begins.
 """
 
@@ -146,8 +146,9 @@ def class_page(path, thing):
     """Return the page of a class: a summary of its methods, then each of them."""
     title = path.rpartition('.')[2]
     own = [base for base in thing.__mro__ if base.__module__.startswith('kane_dynamics')]
-    lines = [title, '=' * len(title), '', f'Import: ``from {path.rpartition(".")[0]} import '
-             f'{title}``. Defined in ``{thing.__module__}``.', '']
+    source = (f'Import: ``from {path.rpartition(".")[0]} import {title}``. '
+              f'Defined in ``{thing.__module__}``.')
+    lines = [title, '=' * len(title), '', source, '']
     for heading, wanted in (('Methods', callable), ('Attributes', inspect.isdatadescriptor)):
         names = []
         for base in own:
