@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 from typing import Any
+import warnings
 
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
-from kane_dynamics.errors import ModelError
+from kane_dynamics.errors import ModelError, ModelWarning
 from kane_dynamics.model.builder_checks import (check_moments, check_properties, checked_turns,
                                                 direction, further, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
@@ -15,7 +16,7 @@ from kane_dynamics.model.placement import Placement
 import numpy as np
 from numpy.typing import ArrayLike
 
-KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating')
+KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating', 'fixed')
 ORIGIN = (0.0, 0.0, 0.0)
 NOTHING = Inertial()
 
@@ -32,6 +33,9 @@ class ModelBuilder:
     name : str
     gravity : (3,) array
         m/s^2, world axes.
+    strict : bool
+        Refuse moments of inertia that no rigid body can have; without it they stand, and `model`
+        warns of them.
 
     Examples
     --------
@@ -44,10 +48,13 @@ class ModelBuilder:
 
     """
 
-    def __init__(self, name: str = 'mechanism', *, gravity: ArrayLike = GRAVITY) -> None:
+    def __init__(self, name: str = 'mechanism', *, gravity: ArrayLike = GRAVITY,
+                 strict: bool = True) -> None:
         """Create a mechanism without bodies."""
         self.name = name
         self.gravity = constant(gravity, (3,), 'gravity')
+        self.strict = strict
+        self._impossible: list[str] = []  # bodies with inertias that strict=True refuses
         self._bodies: list[Body] = []
         self._coordinates: list[str] = []
         self._places = {'world': Placement(WORLD)}
@@ -57,6 +64,7 @@ class ModelBuilder:
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
              matter: Inertial = NOTHING, joint: str | None = None, turns: str = 'xyz',
+             mimic: str | None = None, multiplier: float = 1.0, offset: float = 0.0,
              **properties: Any) -> None:
         """
         Add a body and its joint.
@@ -71,7 +79,7 @@ class ModelBuilder:
             revolute, prismatic; or a joint with more degrees of freedom, which is expanded to
             joints <joint>/x and so on: universal (two rotations) and spherical (three), about
             the axes in `turns`; floating (/x, /y, /z, then three rotations); planar (/x, /y in
-            the plane normal to the axis, then /rz about it).
+            the plane normal to the axis, then /rz about it); or fixed, part of its carrier.
         axis : (3,) array
             Axis of a revolute, prismatic or planar joint, in the joint's axes.
         at, rpy : (3,) arrays
@@ -82,6 +90,11 @@ class ModelBuilder:
             Name of the joint. Default: that of the body.
         turns : str
             Axes of successive rotations, each rotated by the previous ones.
+        mimic : str, optional
+            A joint of one degree of freedom that this one follows: its position is `multiplier`
+            times that joint's position + `offset`. It has no entry in q.
+        multiplier, offset : float
+            Of a joint that mimics another; offset in rad or m.
         **properties
             Properties of a joint of one degree of freedom: limits, damping, friction,
             friction_speed, friction_offset, armature, stiffness, rest. For other joints, see
@@ -96,8 +109,7 @@ class ModelBuilder:
         joint = name if joint is None else joint
         what = f"joint '{joint}'"
         if kind not in KINDS:
-            raise ModelError(f"{what}: kind '{kind}'; expected one of {', '.join(KINDS)} (a fixed "
-                             'part is a frame)')
+            raise ModelError(f"{what}: kind '{kind}'; expected one of {', '.join(KINDS)}")
         turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
         R, p = pose(at, rpy, what)
         singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
@@ -107,18 +119,28 @@ class ModelBuilder:
             raise ModelError(f"{what}: {', '.join(properties)} of {len(singles)} degrees of "
                              f'freedom; expected joint() for one of {names}')
         check_properties(joint, properties)
-        check_moments(name, matter)
         place = self._place(on, what)
         self._check_new(name)
+        if self.strict:
+            check_moments(name, matter)  # before anything is added
+        follows = self._following(what, kind, mimic, multiplier, offset)
+        if kind == 'fixed':
+            if properties:
+                raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected no '
+                                 'property, since it does not move')
+            self._places[name] = place.frame(R, p)
+            self.load(name, matter)
+            return
         for single in singles:
             self._check_joint(single.name)
         for single in singles:
             place = place.frame(single.rotation, single.translation)
             self._bodies.append(Body(single.child, place.body, Joint(
                 single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute',
-                single.axis, place.rotation, place.translation, len(self._coordinates),
-                **properties)))
-            self._coordinates.append(single.name)
+                single.axis, place.rotation, place.translation,
+                **{'coordinate': len(self._coordinates), **follows, **properties})))
+            if not follows:
+                self._coordinates.append(single.name)
             place = Placement(len(self._bodies) - 1)
         self._places[name] = place
         self.load(name, matter)
@@ -145,8 +167,13 @@ class ModelBuilder:
         """
         shape = link.checked(name)
         matter = options.pop('matter', NOTHING)
-        self.body(name, on, kind, matter=matter + shape.inertial, **options)
         first = len(self._coordinates)
+        if kind == 'fixed' and shape.count:
+            self._clamp(name, on, first, **options)
+            self.load(name, matter + shape.inertial)
+        else:
+            self.body(name, on, kind, matter=matter + shape.inertial, **options)
+            first = len(self._coordinates)
         coordinates = tuple(range(first, first + shape.count))
         self._coordinates += shape.names
         self._shapes[name] = shape, coordinates
@@ -215,7 +242,7 @@ class ModelBuilder:
 
         """
         place = self._place(on, 'load')
-        check_moments(on, matter)
+        self._check_moments(on, matter)
         moved = matter.moved(place.rotation, place.translation)
         if place.body == WORLD:
             self._base = self._base + moved
@@ -281,10 +308,57 @@ class ModelBuilder:
         """Return the model; raise ModelError if it has no body."""
         if not self._bodies:
             raise ModelError(f"mechanism '{self.name}': no body; expected at least one")
+        if self._impossible:
+            names = ', '.join(dict.fromkeys(self._impossible))
+            warnings.warn('inertias that no rigid body can have, accepted by strict=False: '
+                          f'{names}', ModelWarning, stacklevel=2)
         frames = [Frame(name, place.body, place.rotation, place.translation)
                   for name, place in self._places.items()]
         return Model(self.name, tuple(self._bodies), tuple(self._coordinates), tuple(frames),
                      self.gravity, 'world', self._base)
+
+    def _clamp(self, name: str, on: str, coordinate: int, **options: Any) -> None:
+        """Add a body that does not move on its carrier: its joint moves 0 times a coordinate."""
+        self.body(name, on, 'fixed', **options)
+        joint = options.get('joint') or name
+        self._check_joint(joint)
+        place = self._places[name]
+        self._bodies.append(Body(name, place.body, Joint(
+            joint, 'revolute', np.array([0.0, 0.0, 1.0]), place.rotation, place.translation,
+            coordinate, multiplier=0.0)))
+        self._places[name] = Placement(len(self._bodies) - 1)
+
+    def _following(self, what: str, kind: str, mimic: str | None, multiplier: float,
+                   offset: float) -> dict[str, Any]:
+        """Return what of a joint follows another one; nothing where it moves freely."""
+        if mimic is None:
+            if (multiplier, offset) != (1.0, 0.0):
+                raise ModelError(f'{what}: multiplier {multiplier}, offset {offset} without '
+                                 'mimic; expected the joint that it follows')
+            return {}
+        if kind not in ('revolute', 'prismatic'):
+            raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind revolute or '
+                             'prismatic')
+        masters = {body.joint.name: body.joint for body in self._bodies
+                   if body.joint.deflection is None and body.joint.multiplier}
+        if mimic not in masters:
+            raise ModelError(f'{what}: mimic is {mimic!r}; expected one of {listing(masters)}')
+        ratio, shift = (float(constant(value, (), f'{what}: {word}')) for value, word in (
+            (multiplier, 'multiplier'), (offset, 'offset')))
+        if not ratio:
+            raise ModelError(f'{what}: multiplier is 0; expected another number')
+        master = masters[mimic]
+        return {'coordinate': master.coordinate, 'multiplier': ratio * master.multiplier,
+                'offset': ratio * master.offset + shift}
+
+    def _check_moments(self, on: str, matter: Inertial) -> None:
+        """Refuse moments of inertia that no rigid body can have, or remember them to warn of."""
+        try:
+            check_moments(on, matter)
+        except ModelError:
+            if self.strict:
+                raise
+            self._impossible.append(on)
 
     def _place(self, on: str, what: str) -> Placement:
         if on not in self._places:

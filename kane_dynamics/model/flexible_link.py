@@ -205,7 +205,7 @@ class AssumedModes:
             for k, end in enumerate(x):
                 places, weights = gauss(float(end), self.count)
                 slope = self.at(places)[1]
-                H[k] = np.einsum('g,gik,gjk->ij', weights, slope, slope)
+                H[k] = np.einsum('gik,gjk->ij', weights[:, None, None] * slope, slope)
         return H
 
     def beam(self, coordinates: tuple[int, ...]) -> Beam:

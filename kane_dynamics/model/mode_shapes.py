@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 import math
 from typing import Literal
 
@@ -77,17 +78,7 @@ class Bending:
 
     def wave_number(self, k: int, mass: float) -> float:
         """Return beta L of mode k (from 0): the root of the beam's frequency equation."""
-        ratio = self.tip_mass / mass
-
-        def clamped(b: float) -> float:
-            return (math.cos(b) + 1.0 / math.cosh(b)
-                    + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
-
-        def pinned(b: float) -> float:
-            return math.sin(b) - math.cos(b) * math.tanh(b)
-        if self.kind == 'clamped_free':
-            return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
-        return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+        return _wave_number(self.kind, self.tip_mass / mass, k)
 
 
 @dataclass(frozen=True)
@@ -145,6 +136,19 @@ class Torsion:
         return np.array(rows).reshape(self.modes, 2, len(x)).swapaxes(0, 1)
 
 
+@cache
+def _wave_number(kind: str, ratio: float, k: int) -> float:
+    def clamped(b: float) -> float:
+        return (math.cos(b) + 1.0 / math.cosh(b)
+                + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
+
+    def pinned(b: float) -> float:
+        return math.sin(b) - math.cos(b) * math.tanh(b)
+    if kind == 'clamped_free':
+        return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
+    return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+
+
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
     """Return the root of f between low and high by bisection, to rounding."""
     sign = math.copysign(1.0, f(low))
@@ -176,7 +180,15 @@ def _pinned(b: float, x: Array) -> Shapes:
     return sine + grown, b * (cosine + faded), b * b * (grown - sine)
 
 
+@cache
+def _legendre(count: int) -> tuple[Array, Array]:
+    """Return places and weights on (-1, 1), an eigenvalue problem that one solution serves."""
+    x, weights = np.polynomial.legendre.leggauss(count)
+    x.flags.writeable = weights.flags.writeable = False
+    return x, weights
+
+
 def gauss(length: float, modes: int) -> tuple[Array, Array]:
     """Return nodes and weights of Gauss quadrature on (0, length), sufficient for the modes."""
-    x, weights = np.polynomial.legendre.leggauss(16 + 8 * modes)
+    x, weights = _legendre(16 + 8 * modes)
     return 0.5 * length * (x + 1.0), 0.5 * length * weights

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.beam import Beam, Deflection
@@ -250,6 +251,11 @@ class Model:
     def flexible(self) -> bool:
         """Return whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)
+
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on '{self.base_name}', q "
+                f'of {short(self.coordinate_names)}>')
 
     def frame(self, name: str) -> Frame:
         """Return the frame of this name; raise InputError that lists the valid names."""

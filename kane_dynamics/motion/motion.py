@@ -12,9 +12,11 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion.spline import segment_coefficients, spline_velocities
+from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolynomial,
+                                                    segment_coefficients, spline_velocities)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -60,6 +62,11 @@ class Motion:
         self._inverse_h: list[float] = (1.0 / h).ravel().tolist()
         for array in (times, positions, self._table):
             array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        return (f'<Motion through {len(self.times)} points in {self.duration:g} s of '
+                f'{short(self.joint_names)}>')
 
     @property
     def n(self) -> int:
@@ -154,6 +161,17 @@ class Motion:
             raise InputError(f'speed: {speed}; expected a positive, finite number')
         times = _times(self.times / speed)
         return Motion(self.joint_names, times, self.positions, self._table[..., :self._n].copy())
+
+    def joint_polynomial(self, joint: str) -> PiecewisePolynomial:
+        """Return the position of one joint as a function over any scalar, for `Prescribed`."""
+        if joint not in self.joint_names:
+            raise InputError(f"the motion has no joint '{joint}'; expected one of "
+                             f'{", ".join(self.joint_names)}')
+        if not 2 <= len(self.times) <= MOST_PIECES:
+            raise InputError(f'the motion has {len(self.times)} points; expected 2 to '
+                             f'{MOST_PIECES} for a prescribed joint')
+        k = self.joint_names.index(joint)
+        return PiecewisePolynomial(self.times, self._table[:, :, k])
 
     def sample(self, t: ArrayLike) -> State:
         """

@@ -57,6 +57,9 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     except (OSError, TypeError, ValueError) as error:
         if isinstance(error, UrdfError):
             raise
+        if isinstance(error, FileNotFoundError):
+            raise UrdfError(f'no such file: {_short_path(os.fspath(source))}; expected the path '
+                            'of a URDF file, or its XML as str or bytes') from None
         reason = error.strerror if isinstance(error, OSError) else error
         raise UrdfError(f'source: {_short_path(os.fspath(source))}: {reason}; expected '
                         'the path of a URDF file, or its XML as str or bytes') from None

@@ -9,6 +9,7 @@ from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 
 UNLIMITED = Limits()
+DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
 ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
 
 
@@ -47,11 +48,13 @@ def _limits(single: SingleJoint, notices: Notices) -> Limits:
         missing = ['lower', 'upper', *missing]
     if missing:
         notices.no_limit.append(f'{name} ({", ".join(missing)})')
-    return _sensible(name, stated, continuous, notices)
+    return _sensible(single, stated, notices)
 
 
-def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notices) -> Limits:
+def _sensible(single: SingleJoint, stated: StatedLimits, notices: Notices) -> Limits:
     """Return the stated limits, infinite where invalid, with notices."""
+    name, kind = single.name, single.source.kind
+    continuous, turns = kind == 'continuous', kind == 'revolute'
     lower, upper = stated.lower, stated.upper
     zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
     if zero:
@@ -65,6 +68,8 @@ def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notice
         if bounds[0] >= bounds[1]:
             notices.bad_limit.append(f'{name} ({bounds[0]:g} to {bounds[1]:g})')
             bounds = (-math.inf, math.inf)
+        if turns and DEGREES < max(abs(bound) for bound in (lower or 0.0, upper or 0.0)) <= 720.0:
+            notices.degrees.append(f'{name} ({lower or 0.0:g} to {upper or 0.0:g})')
     return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
 
 
@@ -72,8 +77,7 @@ def _led(master: Limits, single: SingleJoint, mimic: Mimic, notices: Notices) ->
     """Return the limits of a master combined with those of its mimic joint."""
     if single.source.limits is None:
         return master
-    own = _sensible(single.name, single.source.limits, single.source.kind == 'continuous',
-                    notices)
+    own = _sensible(single, single.source.limits, notices)
     if own.effort not in (math.inf, master.effort):
         notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
                          single.name)

@@ -5,10 +5,11 @@ import os
 from typing import Any
 import warnings
 
-from kane_dynamics.errors import ModelWarning
+from kane_dynamics.errors import ModelWarning, UnusedWarning
 from kane_dynamics.model.model import GRAVITY, Model
 from kane_dynamics.urdf import model_cache
 from kane_dynamics.urdf.document import read_source
+from kane_dynamics.urdf.notices import NOT_OURS
 from numpy.typing import ArrayLike
 
 __all__ = ['load_urdf']
@@ -82,5 +83,6 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
             model_cache.store(name, *found)  # unless the supplement's file has just changed
     model, messages = found
     for message in messages:
-        warnings.warn(message, ModelWarning, stacklevel=2)
+        category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
+        warnings.warn(message, category, stacklevel=2)
     return model

@@ -3,6 +3,11 @@
 from dataclasses import dataclass, field, fields
 
 Names = list[str]
+NOT_USED = 'the URDF states these, but they are not used'
+NOT_OURS = 'the URDF states these for actuators and simulators; they are not used'
+NO_INERTIAL = 'moving links without <inertial>; treated as massless'
+# Of actuators, simulators and drivers: no part of the mechanism.
+OTHERS = ('<transmission>', '<gazebo>', '<safety_controller>', '<calibration>')
 
 
 def _kind(text: str) -> Names:
@@ -23,12 +28,14 @@ class Notices:
     zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity; unlimited there')
     no_room: Names = _kind('mimic joints whose <limit> excludes all positions of their master; '
                            'unlimited in position')
+    degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states rad): '
+                           'degrees?')
     indefinite: Names = _kind('links whose inertia has a negative principal moment; used '
                               'unchanged because of strict=False')
     triangle: Names = _kind('links whose inertia is impossible: a principal moment exceeds '
                             'the sum of the other two')
     singular: Names = _kind('links with mass and a principal moment of inertia of zero')
-    no_inertial: Names = _kind('moving links without <inertial>; treated as massless')
+    no_inertial: Names = _kind(NO_INERTIAL)
     massless: Names = _kind('moving bodies without mass; forward dynamics fails if their joints '
                             'move nothing else')
 
@@ -39,10 +46,12 @@ class Notices:
     def messages(self) -> list[str]:
         """Return one warning text for each kind with names."""
         found = []
-        if self.unused:
+        for text, others in ((NOT_USED, False), (NOT_OURS, True)):
             listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
-                               for what, names in self.unused.items())
-            found.append(f'the URDF states these, but they are not used: {listed}')
+                               for what, names in self.unused.items()
+                               if what.startswith(OTHERS) == others)
+            if listed:
+                found.append(f'{text}: {listed}')
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:

@@ -58,6 +58,7 @@ GAZEBO = {'springStiffness', 'springReference', 'spring_stiffness', 'spring_refe
           'implicitSpringDamper', 'dampingFactor', 'damping', 'friction', 'turnGravityOff',
           'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
           'joint', 'link'}
+XACRO = 'xacro FILE.urdf.xacro > FILE.urdf'
 
 
 def check_schema(root: Element, notices: Notices) -> None:
@@ -131,7 +132,7 @@ def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
             NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts):
         expected = ('one finite number, like 0.5 or 1e-3' if count == 1
                     else f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"')
-        hint = '; expand it with xacro first' if '${' in text else ''
+        hint = f'; expand it with xacro first: {XACRO}' if '${' in text else ''
         raise UrdfError(f"{what}: '{text}' (line {element.line}); expected {expected}{hint}")
 
 
@@ -151,7 +152,7 @@ def _note_element(element: Element, owner: str, notices: Notices) -> None:
     tag = element.tag
     if tag.startswith('xacro:'):
         raise UrdfError(f'{owner}: <{tag}> (line {element.line}); expected the output of xacro, '
-                        'which replaces this element')
+                        f'which replaces this element: {XACRO}')
     if tag == 'transmission':
         names = [x.attributes.get('name', '?') for x in element.find_all('joint')]
         for name in names or [element.attributes.get('name', '?')]:

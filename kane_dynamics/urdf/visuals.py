@@ -90,8 +90,10 @@ def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
             else:
                 found.append(shape)
     if missing:
-        warnings.warn(f'meshes are not found, and left out: {", ".join(sorted(missing))}',
-                      ModelWarning, stacklevel=2)
+        warnings.warn(f'{len(missing)} meshes not found: links without another shape are drawn '
+                      'as rods; expected the URDF inside its package or the workspace in '
+                      f'AMENT_PREFIX_PATH; missing: {", ".join(sorted(missing))}', ModelWarning,
+                      stacklevel=2)
     return tuple(found)
 
 

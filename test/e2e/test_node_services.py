@@ -8,8 +8,7 @@ from builtin_interfaces.msg import Duration
 from graph import JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,
-                                          InverseDynamics, Simulate)
+from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
 import numpy as np
 import pytest
 from rclpy.action import ActionClient
@@ -128,7 +127,8 @@ def reference():
 
 def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     motion = Motion.from_points([0.0, 0.4], [Q, [0.5, -0.2, 0.1]], joint_names=JOINTS)
-    expected = simulate(robot, Q, np.zeros(3), 0.5, torque=ComputedTorque(motion, 100.0, 20.0))
+    expected = simulate(robot, Q, np.zeros(3), 0.5,
+                        torque=ComputedTorque(robot, motion, 100.0, 20.0))
     answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.5,
                        torque_source=Simulate.Request.COMPUTED_TORQUE, reference=reference())
     assert answer.success, answer.message

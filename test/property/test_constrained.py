@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from constrained_trees import KINDS, linkage_of_four_bars, rolling_disc, states, T, tree
+from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, rolling_disc,
+                               rolling_pair, ROLLING_TESTED, states, T, tree,
+                               two_bodies_on_a_base)
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import Closure, knife_edge, PointVelocity, Rolling
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -123,3 +125,13 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
             def forward_dynamics(q, u, tau, wrench, parameters, bound=bound):
                 return bound.forward_dynamics(q, u, tau, wrench, parameters, 0.0)
         assert operations(AtTimeZero, mechanism.n) < 3 * cost
+
+
+@pytest.mark.parametrize('kind', CLOSURES)
+def test_compiled_road_is_kanes_definition_under_every_closure(kind):
+    check_roads(choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
+
+
+@pytest.mark.parametrize('kind', ROLLING_TESTED)
+def test_compiled_road_is_kanes_definition_in_rolling_on_what_moves(kind):
+    check_roads(rolling_pair(kind), 4)

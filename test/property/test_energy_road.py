@@ -3,8 +3,9 @@
 from dataclasses import replace
 from functools import cache
 
-from constrained_trees import (KINDS, linkage_of_four_bars, rolling_disc, states, T, tree,
-                               tree_constraints, wavy)
+from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, rolling_disc,
+                               rolling_pair, ROLLING_TESTED, states, T, tree, tree_constraints,
+                               two_bodies_on_a_base, wavy)
 from kane_dynamics import ConstraintError
 from kane_dynamics.mechanics.constraints import Closure, Rolling
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
@@ -174,3 +175,16 @@ def test_singular_speeds_and_constraints_are_named():
     rates = Mechanism(model, None, (coupling,), free=[1], kept=[0])
     with pytest.raises(ConstraintError, match='prescribed joint1 on the speeds joint0 are'):
         admissible(rates, np.zeros(2), np.ones(1), np.ones(1))
+
+
+@pytest.mark.parametrize('kind', CLOSURES)
+def test_energy_road_is_kanes_under_every_closure(kind):
+    mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
+    powers, size = check(mechanism, 3)
+    assert powers.max() < 1e-9 * size
+
+
+@pytest.mark.parametrize('kind', ROLLING_TESTED)
+def test_energy_road_is_kanes_in_rolling_on_what_moves(kind):
+    powers, size = check(rolling_pair(kind), 4)
+    assert powers.max() < 1e-9 * size

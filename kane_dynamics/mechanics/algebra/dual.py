@@ -7,6 +7,7 @@ tracing a user-defined function of q and t once yields its value and its time de
 """
 
 from collections.abc import Callable
+import numbers
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.vector import is_zero
@@ -72,12 +73,19 @@ class Dual:
         return _dual(quotient, -(quotient * self.rate) / self.value)
 
     def __pow__(self, exponent: Any) -> Any:
-        if not isinstance(exponent, int) or exponent < 0:
+        if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        result: Any = 1.0
-        for _ in range(exponent):
-            result = result * self
-        return result
+        if exponent == 0:
+            return 1.0
+        less = exponent - 1
+        return _dual(_power(self.value, exponent),
+                     (exponent * _power(self.value, less)) * self.rate)
+
+    def __lt__(self, other: Any) -> Any:
+        return self.value < (other.value if isinstance(other, Dual) else other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self.value > (other.value if isinstance(other, Dual) else other)
 
     def sin(self) -> Any:
         """Return the sine; numpy.sin calls this on object arrays."""
@@ -96,6 +104,41 @@ class Dual:
         """Return the square root; numpy.sqrt calls this on object arrays."""
         y = np.sqrt(self.value)
         return _dual(y, self.rate / (y + y))
+
+    def exp(self) -> Any:
+        """Return the exponential: numpy's exp calls this."""
+        y = np.exp(self.value)
+        return _dual(y, y * self.rate)
+
+    def log(self) -> Any:
+        """Return the natural logarithm: numpy's log calls this."""
+        return _dual(np.log(self.value), self.rate / self.value)
+
+    def arctan(self) -> Any:
+        """Return the arctangent: numpy's arctan calls this."""
+        return _dual(np.arctan(self.value), self.rate / (1.0 + self.value * self.value))
+
+    def __floor__(self) -> Any:
+        """Return the whole number below, which rests: numpy's floor calls this."""
+        return np.floor(self.value)
+
+
+def select(condition: Any, x: Any, y: Any) -> Any:
+    """Return x where a comparison (`a < b`, over any scalar) holds, else y."""
+    if isinstance(condition, bool | int | float | np.bool_):
+        return x if condition else y
+    if isinstance(x, Dual) or isinstance(y, Dual):
+        parts = [(z.value, z.rate) if isinstance(z, Dual) else (z, 0.0) for z in (x, y)]
+        return _dual(*(select(condition, *pair) for pair in zip(*parts)))
+    return condition.select(x, y)
+
+
+def _power(x: Any, exponent: Any) -> Any:
+    """Return a power; of a negative number, to no whole exponent, it is not a number."""
+    if isinstance(x, float | int):
+        with np.errstate(all='ignore'):
+            return np.float64(x) ** exponent
+    return x ** exponent
 
 
 def _dual(value: Any, rate: Any) -> Any:

@@ -8,6 +8,7 @@ infinitesimals is a vector.
 """
 
 import math
+import numbers
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -81,13 +82,22 @@ class HyperDual:
         return other * self._reciprocal()
 
     def __pow__(self, exponent: Any) -> Any:
-        """Return a power with a nonnegative integer exponent."""
-        if not isinstance(exponent, int) or exponent < 0:
+        """Return a real power."""
+        if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        result: Any = 1.0
-        for _ in range(exponent):
-            result = result * self
-        return result
+        x, p = np.float64(self.value), float(exponent)
+        with np.errstate(all='ignore'):
+            return self._mapped(*(
+                float(factor * x ** power) if factor else 0.0 for factor, power in (
+                    (1.0, p), (p, p - 1.0), (p * (p - 1.0), p - 2.0))))
+
+    def __lt__(self, other: Any) -> bool:
+        """Compare the values."""
+        return bool(self.value < (other.value if isinstance(other, HyperDual) else other))
+
+    def __gt__(self, other: Any) -> bool:
+        """Compare the values."""
+        return bool(self.value > (other.value if isinstance(other, HyperDual) else other))
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -125,8 +135,28 @@ class HyperDual:
 
     def sqrt(self) -> 'HyperDual':
         """Return the square root; numpy.sqrt calls this on object arrays."""
-        y = math.sqrt(self.value)
+        y = math.sqrt(self.value) if self.value >= 0.0 else math.nan
         return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
+
+    def exp(self) -> 'HyperDual':
+        """Return the exponential: numpy's exp calls this."""
+        y = math.exp(self.value)
+        return self._mapped(y, y, y)
+
+    def log(self) -> 'HyperDual':
+        """Return the natural logarithm: numpy's log calls this."""
+        y = 1.0 / self.value
+        value = math.log(self.value) if self.value > 0.0 else math.nan
+        return self._mapped(value, y, -y * y)
+
+    def arctan(self) -> 'HyperDual':
+        """Return the arctangent: numpy's arctan calls this."""
+        slope = 1.0 / (1.0 + self.value * self.value)
+        return self._mapped(math.atan(self.value), slope, -2.0 * self.value * slope * slope)
+
+    def __floor__(self) -> float:
+        """Return the whole number below, a constant: numpy's floor calls this."""
+        return float(math.floor(self.value))
 
     def _reciprocal(self) -> 'HyperDual':
         y = 1.0 / self.value

@@ -189,21 +189,33 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
     return tuple(result)
 
 
-def frame_pose(model: Model, frame: Frame, q: Any) -> tuple[Any, Any]:
-    """Return the axes (3, 3, columns) and the origin (3,) of a frame in the world, m."""
+def frame_pose(model: Model, frame: Frame, q: Any,
+               bodies: Sequence[Configuration] | None = None) -> tuple[Any, Any]:
+    """
+    Return the axes (3, 3, columns) and the origin (3,) of a frame in the world, m.
+
+    `bodies` are the `configurations`, if they are known already.
+    """
     if frame.body == WORLD:
         return frame.rotation, frame.translation
-    body = configurations(model, q)[frame.body]
+    body = (bodies or configurations(model, q))[frame.body]
     return body.R_wb @ frame.rotation, body.p_wb + body.R_wb @ frame.translation
 
 
-def frame_partial_velocities(model: Model, frame: Frame, q: Any) -> Any:
-    """Return the frame Jacobian, (6, n): column r is v^r, then omega^r; world axes."""
+def frame_partial_velocities(model: Model, frame: Frame, q: Any, at: Any = None,
+                             bodies: Sequence[Configuration] | None = None) -> Any:
+    """
+    Return the frame Jacobian, (6, n): column r is v^r, then omega^r; world axes.
+
+    With `at`, (3,), m, it is that of the point of the frame's body at this place; `bodies` as for
+    `frame_pose`.
+    """
     if frame.body == WORLD:
         return np.zeros((6, model.n))
-    body = configurations(model, q)[frame.body]
+    body = (bodies or configurations(model, q))[frame.body]
     w = body.partial_angular_velocity
-    v = body.partial_velocity_origin + w @ skew(body.R_wb @ frame.translation)
+    r = body.R_wb @ frame.translation if at is None else at - body.p_wb
+    v = body.partial_velocity_origin + w @ skew(r)
     return np.concatenate([v.T, w.T])
 
 

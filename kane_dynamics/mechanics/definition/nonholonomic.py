@@ -110,5 +110,14 @@ def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array, t:
     return -(reduced(mechanism, q, active, t) + reduced(mechanism, q, inertia, t))
 
 
+def mass_matrix(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Array:
+    """Return M of the independent speeds, (n, n): F~_r* is linear in u', with this coefficient."""
+    parts = reduction(mechanism, q, t)
+    T = (parts.W[:, mechanism.free]
+         + parts.W[:, dependent_places(mechanism)] @ parts.A)
+    M: Array = T.T @ kane.mass_matrix(mechanism.model, q) @ T
+    return M
+
+
 def _numbers(*values: Any) -> tuple[Array, ...]:
     return tuple(np.array(x, dtype=np.float64) for x in values)

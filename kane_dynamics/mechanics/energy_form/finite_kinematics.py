@@ -14,7 +14,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MechanismState
 from kane_dynamics.mechanics.energy_form.energies import poses
-from kane_dynamics.model.model import WORLD
+from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
 
@@ -70,24 +70,31 @@ class FiniteMechanismState(MechanismState):
         self.count = len(q) + 1
         variables = seeded([*q, t], [*qdot, 1.0], 0, self.count)
         super().__init__(mechanism.model, mechanism.speeds, variables[:-1], variables[-1])
-        self._bodies = poses(self.model, self.q)
+        self._poses = poses(self.model, self.q)
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
         """Return the axes (3, 3, columns) and the origin (3,) of a frame, m."""
-        at = self.model.frame(frame)
+        at = self._frame(frame)
         R, p = at.rotation, at.translation
         if at.body != WORLD:
-            T = self._bodies[at.body]
+            T = self._poses[at.body]
             R, p = T[:3, :3] @ R, T[:3, :3] @ p + T[:3, 3]
         return R, p
 
-    def partial_velocities(self, frame: str) -> Any:
-        """Return the frame Jacobian, (6, n_q): linear at the frame's origin, then angular."""
-        here = self.possible_motion(*self.pose(frame))
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """Return the Jacobian, (6, n_q), of a frame's origin or of its body's point at `at`."""
+        R, p = self.pose(frame)
+        here = self.possible_motion(R, p)
         value = np.concatenate([here.displacement, here.rotation], axis=1).T
         rate = np.concatenate([here.displacement_rate, here.rotation_rate], axis=1).T
         unknown = np.full((*value.shape, self.count), np.nan)
-        return joined(Parts(value, unknown, rate, unknown))
+        J = joined(Parts(value, unknown, rate, unknown))
+        if at is None:
+            return J
+        r = at - p
+        carried = [np.array([w[1] * r[2] - w[2] * r[1], w[2] * r[0] - w[0] * r[2],
+                             w[0] * r[1] - w[1] * r[0]]) for w in J[3:].T]
+        return np.concatenate([J[:3] + np.array(carried).T, J[3:]])
 
     def possible_motion(self, R: Any, p: Any) -> PossibleMotion:
         """
@@ -105,13 +112,13 @@ class FiniteMechanismState(MechanismState):
 
     def center_of_mass(self, body: int) -> PossibleMotion:
         """Return the possible motion of a body's center of mass and axes."""
-        T = self._bodies[body]
+        T = self._poses[body]
         return self.possible_motion(
             T[:3, :3], T[:3, :3] @ self.model.bodies[body].inertial.com + T[:3, 3])
 
     def axes(self, body: int) -> Array:
         """Return the axes of a body as numbers, (3, 3, columns)."""
-        return parts(self._bodies[body][:3, :3], self.count).value
+        return parts(self._poses[body][:3, :3], self.count).value
 
 
 def _vectors(matrices: Array) -> Array:

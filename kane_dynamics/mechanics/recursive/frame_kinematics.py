@@ -33,29 +33,40 @@ def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
     return T[:3, :3], T[:3, 3]
 
 
+def frame_axes(links: Sequence[Link], frame: Frame,
+               poses: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return axes (3, 3, columns) and origin (3,) of a frame in the world, m, by `link_poses`."""
+    R, p = frame_in_link(links, frame)
+    if frame.body == WORLD:
+        return R, p
+    R_wl, p_wl = poses[frame.body]
+    return R_wl @ R, R_wl @ p + p_wl
+
+
 def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
     """Return the pose of a frame in the world, (4, 4)."""
-    R, p = frame_in_link(links, frame)
-    if frame.body != WORLD:
-        R_wl, p_wl = link_poses(links, q)[frame.body]
-        R, p = R_wl @ R, R_wl @ p + p_wl
+    R, p = frame_axes(links, frame, link_poses(links, q))
     return np.concatenate([np.concatenate([R, p[:, None]], axis=1),
                            np.array([[0.0, 0.0, 0.0, 1.0]])])
 
 
-def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None,
+                       poses: Sequence[tuple[Any, Any]] | None = None) -> Any:
     """
     Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular.
+
+    With `at`, (3,), m, it is that of the point of the frame's body at this place. `poses` are the
+    `link_poses`, if they are known already.
 
     With s_r the axis and p_r the origin of a joint between the base and the frame, its column is
     s_r x (p - p_r), s_r if revolute and s_r, 0 if prismatic. All other columns are zero.
     """
     columns: list[Any] = [np.zeros(6)] * len(q)
-    poses = link_poses(links, q)
+    poses = poses or link_poses(links, q)
     _, p_f = frame_in_link(links, frame)
     k = frame.body
     if k != WORLD:
-        p_f = poses[k][0] @ p_f + poses[k][1]
+        p_f = poses[k][0] @ p_f + poses[k][1] if at is None else at
     while k != WORLD:
         link, (R, p) = links[k], poses[k]
         s = R @ Z

@@ -188,16 +188,22 @@ def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
 
 def potential_energy(links: Sequence[Link], q: Any, gravity: Any) -> Any:
     """Return the potential energy of gravity -sum m g . p*, J, zero at the world's origin."""
+    return -(gravity @ first_moment(links, q)[1])
+
+
+def first_moment(links: Sequence[Link], q: Any) -> tuple[Any, Any]:
+    """Return the mass of all links, kg, and sum m p*, (3,), kg m, world axes."""
     links = bent(links, q)
     moments = [(link.mass, link.first_moment) for link in links]
+    whole: Any = 0.0
     total: Any = REST
     for i in reversed(range(len(links))):
         mass, h = moments[i]
         step = JointStep(links[i], q)
         h = step.inward(h) + mass * step.offset
         if links[i].parent == WORLD:
-            total = total + h
+            whole, total = whole + mass, total + h
         else:
             above = moments[links[i].parent]
             moments[links[i].parent] = (above[0] + mass, above[1] + h)
-    return -(gravity @ total)
+    return whole, total

@@ -6,22 +6,22 @@ Model and the run-time parameters: gravity, a payload, external wrenches. Its me
 functions; compilation traces them and tests run them on numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.friction import friction_slope, friction_torque
-from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
-                                               inverse_dynamics, joint_reactions, regressor)
+from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
+                                               frame_kinematics, inverse_dynamics,
+                                               joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.recursive.joint_forces import JointForces, position
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
                                                            regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
-from kane_dynamics.model.beam import Beam
-from kane_dynamics.model.model import Frame, Joint, Model, WORLD
+from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
 RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
@@ -29,7 +29,7 @@ RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynami
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 
 
-class TreeEquations:
+class TreeEquations(JointForces):
     """
     Equations of motion of a model.
 
@@ -206,15 +206,22 @@ class TreeEquations:
     def potential_energy(self, q: Any, parameters: Any) -> Any:
         """Return the potential energy of gravity and springs, J."""
         springs: Any = 0.0
-        for joint in self._joints():
-            stretch = _position(joint, q) - joint.rest
-            springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
         for body in self.model.bodies:
+            stretch = position(body.joint, q) - body.joint.rest
+            springs = springs + 0.5 * body.joint.stiffness * (stretch * stretch)
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
         links = self.links(parameters)
         return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
+
+    def center_of_mass(self, q: Any, parameters: Any) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m."""
+        return masses.center_of_mass(self.links(parameters), q)
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any) -> Any:
+        """Return the velocity of the center of mass per unit of each speed, (3, n)."""
+        return masses.center_of_mass_jacobian(self.links(parameters), q)
 
     def frame_pose(self, frame: Frame, q: Any) -> Any:
         """Return the homogeneous transformation from the frame to the world, (4, 4)."""
@@ -240,70 +247,8 @@ class TreeEquations:
         """Return the joint origins of all bodies, (3,) each, m, world axes."""
         return [origin for _, origin in frame_kinematics.link_poses(self._raw_links, q)]
 
-    def armature(self, x: Any) -> Any:
-        """Return the diagonal matrix of rotor inertias times x, (n,)."""
-        return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
-
-    def friction_force(self, u: Any) -> Any:
-        """Return d u + mu tanh(u / u_s) + offset of every joint, (n,): what torque overcomes."""
-        if not self.friction:
-            return self.zeros
-
-        def force(joint: Joint) -> Any:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier * friction_torque(joint, rate)
-        return self._of_beams(self._by_coordinate(force),
-                              lambda beam: beam.damping @ u[list(beam.coordinates)])
-
-    def _friction_slope(self, u: Any) -> Any:
-        """Return d friction_force / du, (n,)."""
-        if not self.friction:
-            return self.zeros
-
-        def slope(joint: Joint) -> Any:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier**2 * friction_slope(joint, rate)
-        return self._by_coordinate(slope)
-
-    def spring_force(self, q: Any) -> Any:
-        """Return the torque that balances springs k (position - rest) and beams K eta, (n,)."""
-        springs = self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
-                                      * (_position(j, q) - j.rest))
-        return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
-
-    def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
-        """Return a force, (n,), plus the force of all beams on their modes."""
-        result = list(total)
-        for body in self.model.bodies:
-            if body.beam is not None:
-                for k, value in zip(body.beam.coordinates, force(body.beam)):
-                    result[k] = result[k] + value
-        return np.array(result)
-
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        total = self.zeros
-        if wrench is not None:
-            for frame, applied in zip(self.wrench_frames, wrench):
-                partials = frame_kinematics.partial_velocities(self._links, frame, q)
-                total = total + partials.T @ applied
-        return total
-
-    @property
-    def zeros(self) -> Any:
-        """Return n structural zeros, which tracing folds."""
-        return np.zeros(self.n).astype(object)
-
-    def _joints(self) -> list[Joint]:
-        return [body.joint for body in self.model.bodies]
-
-    def _by_coordinate(self, force: Callable[[Joint], Any]) -> Any:
-        """Return the sum of joint forces on the coordinates, (n,)."""
-        total = [0.0] * self.n
-        for joint in self._joints():
-            total[joint.coordinate] = total[joint.coordinate] + force(joint)
-        return np.array(total)
-
-
-def _position(joint: Joint, q: Any) -> Any:
-    return joint.multiplier * q[joint.coordinate] + joint.offset
+        pushes = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
+                   self.zeros)

@@ -12,6 +12,7 @@ import numpy as np
 FUNCTION_LANES = 4  # elementary functions that are evaluated together
 ELEMENTARY = ('sin', 'cos', 'tanh')
 ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
+IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def constant(value: float, precision: Precision) -> str:
@@ -128,8 +129,15 @@ class _Function:
         elif node.op in ARITHMETIC:
             a, b = (self._value(arg) for arg in node.args)
             self._define(node, name, f'{a} {ARITHMETIC[node.op]} {b}')
+        elif node.op == 'less':
+            a, b = (self._value(arg) for arg in node.args)
+            one, zero = (constant(value, self.precision) for value in (1.0, 0.0))
+            self._define(node, name, f'{a} < {b} ? {one} : {zero}')
+        elif node.op == 'select':
+            chosen, a, b = (self._value(arg) for arg in node.args)
+            self._define(node, name, f'{chosen} != 0 ? {a} : {b}')
         else:
-            function = f'{node.op}{self.precision.suffix}'
+            function = f'{IN_C.get(node.op, node.op)}{self.precision.suffix}'
             self._define(node, name, f'{function}({self._value(node.args[0])})')
 
     def _call(self, node: Expr) -> None:

@@ -13,6 +13,15 @@ COS = (4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767
        -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11)
 # exp(r) = 1 + r + r^2 (1/2! + r/3! + ...): the Taylor tail past r^13 is under 1e-17 for ln(2)/2.
 EXP = tuple(1.0 / math.factorial(k) for k in range(2, 14))
+# Interpolated at Chebyshev nodes: (2 artanh(s) - 2 s) / s^3 in s^2 up to sqrt(2), and
+# (arctan(r) - r) / r^3 in r^2 up to tan(pi/8); both leave less than 4e-17.
+LOG = (0.6666666666666666, 0.4000000000000088, 0.28571428570803614, 0.22222222391713917,
+       0.18181795640132906, 0.15386239702814658, 0.13268773138656886, 0.13086626147840102)
+ARCTAN = (-0.3333333333333333, 0.1999999999999552, -0.14285714284666542, 0.11111111015256361,
+          -0.09090904578123903, 0.07692183190826087, -0.06664511447381948, 0.0585814891280221,
+          -0.0508544973794026, 0.03923165829558719, -0.01917688711906226)
+LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)  # its leading bits and the rest
+SQRT_HALF = struct.unpack('<q', struct.pack('<d', math.sqrt(0.5)))[0]
 # Largest position accepted, rad or m. Neighboring doubles of this size are 1e-4 apart. The range
 # reduction of sin and cos fails at 1e15; the margin covers sums and multiples of positions.
 POSITION_LIMIT = 1e12
@@ -143,8 +152,8 @@ class Vector:
         z = self.op('fadd', size, size)
         shifted = self.fma(z, self.const(1.0 / math.log(2.0)), self.const(ROUND))
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, self.const(ROUND)))
-        r = self.fma(k, self.const(6.93147180369123816490e-01), z)
-        r = self.fma(k, self.const(1.90821492927058770002e-10), r)
+        r = self.fma(k, self.const(LN2[0]), z)
+        r = self.fma(k, self.const(LN2[1]), r)
         small = self.fma(self.op('fmul', r, r), self.polynomial(EXP, r), r)
         power = self.double(self.integer_op(
             'shl', self.integer_op('add', self.bits(shifted), 1023), 52))
@@ -152,3 +161,65 @@ class Vector:
         quotient = self.op('fdiv', E, self.op('fadd', E, self.const(2.0)))
         return self.new(f'call {self.type} @llvm.copysign.v{self.width}f64('
                         f'{self.type} {quotient}, {self.type} {x})')
+
+    def exp(self, x: str) -> str:
+        """Return the exponential: 2^k of a whole k in two factors, times that of the rest."""
+        for code, most in (('ogt', 710.0), ('olt', -746.0)):  # NaN stays NaN
+            past = self.new(f'fcmp {code} {self.type} {x}, {self.const(most)}')
+            x = self.select(past, self.const(most), x)
+        shifted = self.fma(x, self.const(1.0 / math.log(2.0)), self.const(ROUND))
+        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, self.const(ROUND)))
+        r = self.fma(k, self.const(LN2[1]), self.fma(k, self.const(LN2[0]), x))
+        power = self.op('fadd', self.const(1.0),
+                        self.fma(self.op('fmul', r, r), self.polynomial(EXP, r), r))
+        whole = self.new(f'sub {self.integer} {self.bits(shifted)}, '
+                         + self.bits(self.const(ROUND)))
+        half = self.integer_op('ashr', whole, 1)
+        for part in (half, self.new(f'sub {self.integer} {whole}, {half}')):
+            power = self.op('fmul', power, self.double(self.integer_op(
+                'shl', self.integer_op('add', part, 1023), 52)))
+        return power
+
+    def log(self, x: str) -> str:
+        """Return log x = k log 2 + log m, m from sqrt(1/2) to sqrt(2); 1 ulp."""
+        tiny = self.new(f'fcmp olt {self.type} {x}, {self.const(sys.float_info.min)}')
+        scaled = self.select(tiny, self.op('fmul', x, self.const(2.0**54)), x)
+        above = self.integer_op('sub', self.bits(scaled), SQRT_HALF)
+        exponent = self.integer_op('ashr', above, 52)
+        m = self.double(self.new(f'sub {self.integer} {self.bits(scaled)}, '
+                                 + self.integer_op('shl', exponent, 52)))
+        k = self.new(f'sitofp {self.integer} {exponent} to {self.type}')
+        k = self.op('fsub', k, self.select(tiny, self.const(54.0), self.const(0.0)))
+        f = self.op('fsub', m, self.const(1.0))
+        s = self.op('fdiv', f, self.op('fadd', f, self.const(2.0)))
+        z = self.op('fmul', s, s)
+        half = self.op('fmul', self.op('fmul', f, f), self.const(0.5))
+        rest = self.op('fmul', s, self.fma(z, self.polynomial(LOG, z), half))
+        rest = self.op('fsub', half, self.fma(k, self.const(LN2[1]), rest))
+        value = self.fma(k, self.const(LN2[0]), self.op('fsub', f, rest))
+        for code, edge, result in (('oeq', 0.0, -math.inf), ('oeq', math.inf, math.inf),
+                                   ('ult', 0.0, math.nan)):  # and what is no number stays so
+            there = self.new(f'fcmp {code} {self.type} {x}, {self.const(edge)}')
+            value = self.select(there, self.const(result), value)
+        return value
+
+    def arctan(self, x: str) -> str:
+        """Return arctan x = b + arctan r, b one of 0, pi/4, pi/2, with the sign of x; 2 ulp."""
+        size = self.new(f'call {self.type} @llvm.fabs.v{self.width}f64({self.type} {x})')
+        r, base, rest = size, self.const(0.0), self.const(0.0)
+        one = self.const(1.0)
+        for edge, reduced, angle, left in (
+                (math.sqrt(2.0) - 1.0, self.op('fdiv', self.op('fsub', size, one),
+                                               self.op('fadd', size, one)),
+                 0.25 * math.pi, 3.061616997868383e-17),
+                (math.sqrt(2.0) + 1.0, self.op('fdiv', self.const(-1.0), size),
+                 0.5 * math.pi, 6.123233995736766e-17)):
+            past = self.new(f'fcmp ogt {self.type} {size}, {self.const(edge)}')
+            r = self.select(past, reduced, r)
+            base = self.select(past, self.const(angle), base)
+            rest = self.select(past, self.const(left), rest)
+        z = self.op('fmul', r, r)
+        tail = self.fma(self.op('fmul', r, z), self.polynomial(ARCTAN, z), rest)
+        value = self.op('fadd', base, self.op('fadd', r, tail))
+        return self.new(f'call {self.type} @llvm.copysign.v{self.width}f64({self.type} {value}, '
+                        f'{self.type} {x})')

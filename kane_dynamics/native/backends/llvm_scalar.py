@@ -13,6 +13,9 @@ from kane_dynamics.native.tracing.program import Program, size_of
 
 MEMSET_ZEROS = 16  # structurally zero results from which memset is smaller than single stores
 ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
+TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)), ('lg', ('log',)),
+            ('at', ('arctan',)))  # elementary functions that share their work, and a label
+ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 
 
 def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
@@ -20,11 +23,11 @@ def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
     level: dict[int, int] = {}
     groups: dict[int, tuple[list[Expr], list[Expr]]] = {}
     for node in schedule:
-        depth = max((level[a.index] + (a.op in ('sin', 'cos', 'tanh'))
+        depth = max((level[a.index] + (a.op in ELEMENTARY)
                      for a in operands(node)), default=0)
         level[node.index] = depth
         plain, functions = groups.setdefault(depth, ([], []))
-        (functions if node.op in ('sin', 'cos', 'tanh') else plain).append(node)
+        (functions if node.op in ELEMENTARY else plain).append(node)
     for depth in sorted(groups):
         yield groups[depth][0]
         yield groups[depth][1]
@@ -45,7 +48,7 @@ class Function:
         schedule = program.schedule()
         self._load_inputs(schedule)
         for group in _levels(schedule):
-            if group and group[0].op in ('sin', 'cos', 'tanh'):
+            if group and group[0].op in ELEMENTARY:
                 self._functions(group)
             else:
                 for node in group:
@@ -101,14 +104,27 @@ class Function:
                            f'  {name} = load {self.type}, ptr {at}']
         elif node.op == 'neg':
             self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
-        elif node.op == 'sqrt':
+        elif node.op in ('sqrt', 'floor'):
             kind = 'f64' if self.lanes == 1 else f'v{self.lanes}f64'
-            self.lines.append(f'  {name} = call {self.type} @llvm.sqrt.{kind}({self.type} '
+            self.lines.append(f'  {name} = call {self.type} @llvm.{node.op}.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
+        elif node.op == 'less':
+            a, b = (self.value(arg) for arg in node.args)
+            self._choice(name, f'fcmp olt {self.type} {a}, {b}', splat(1.0, self.lanes),
+                         splat(0.0, self.lanes))
+        elif node.op == 'select':
+            chosen, a, b = (self.value(arg) for arg in node.args)
+            self._choice(name, f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}', a, b)
         else:
             a, b = (self.value(arg) for arg in node.args)
             self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
         self.names[node.index] = name
+
+    def _choice(self, name: str, comparison: str, a: str, b: str) -> None:
+        """Write a where a comparison holds, else b."""
+        truth = 'i1' if self.lanes == 1 else f'<{self.lanes} x i1>'
+        self.lines += [f'  {name}.if = {comparison}',
+                       f'  {name} = select {truth} {name}.if, {self.type} {a}, {self.type} {b}']
 
     def _call(self, node: Expr) -> None:
         """Store the arguments, call the subroutine; its results stay in memory."""
@@ -145,6 +161,8 @@ class Function:
 
     def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
         """Return a pointer into an argument or a result that holds the entries, or None."""
+        if not entries:
+            return None
         first = entries[0]
         if not (isinstance(first, Expr) and first.op in self.in_place):
             return None
@@ -159,8 +177,8 @@ class Function:
         return f'%row{i}.{k}'
 
     def _functions(self, group: list[Expr]) -> None:
-        """Evaluate the sines, cosines and hyperbolic tangents of a group."""
-        for label, ops in (('sc', ('sin', 'cos')), ('th', ('tanh',))):
+        """Evaluate the elementary functions of a group."""
+        for label, ops in TOGETHER:
             arguments = list({node.args[0].index: node.args[0]
                               for node in group if node.op in ops}.values())
             abreast = FUNCTION_LANES if self.lanes == 1 else 1  # lanes hold different states
@@ -170,7 +188,7 @@ class Function:
                                 FUNCTION_LANES if self.lanes == 1 else self.lanes)
                 packed = self._packed(vector, chunk)
                 results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
-                                   else (vector.tanh(packed),)))
+                                   else (getattr(vector, ops[0])(packed),)))
                 for node in group:
                     if node.op in ops and node.args[0] in chunk:
                         self.names[node.index] = self._unpacked(vector, results[node.op],
@@ -214,7 +232,8 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
                       f'declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})',
                       f'declare {v} @llvm.fabs.v{width}f64({v})',
                       f'declare {v} @llvm.copysign.v{width}f64({v}, {v})',
-                      f'declare {v} @llvm.sqrt.v{width}f64({v})',
-                      'declare double @llvm.sqrt.f64(double)',
+                      *(f'declare {v} @llvm.{name}.v{width}f64({v})'
+                        for name in ('sqrt', 'floor')),
+                      *(f'declare double @llvm.{name}.f64(double)' for name in ('sqrt', 'floor')),
                       'declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)',
                       *main.lines, *(line for lines in functions.values() for line in lines)])

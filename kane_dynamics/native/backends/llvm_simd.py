@@ -169,7 +169,7 @@ class RowFunction(Function):
     def _prefetch(self, rows: list[str], size: int, writing: bool) -> None:
         """Prefetch the rows of a later block."""
         v = self._vector
-        if size > MAX_PREFETCHED_ROW:
+        if size > MAX_PREFETCHED_ROW or not size:
             return
         block = v.width * size
         distance = -(-PREFETCH_BYTES // (8 * block)) * block

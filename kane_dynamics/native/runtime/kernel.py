@@ -25,7 +25,7 @@ import numpy as np
 
 SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = RLock()  # concurrent tracing would only contend for the GIL
-ResultCheck = Callable[[dict[str, Array]], None]
+ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
 
@@ -114,7 +114,7 @@ class Kernel:
         Shape of the result for one state.
     reason : callable, optional
         Called with the arguments of a state whose result is not finite; raises an error that
-        explains it, or returns.
+        explains it, or returns another kernel that answers in its place, or None.
 
     """
 
@@ -147,10 +147,11 @@ class Kernel:
             return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
                                                 lambda: llvm.assemble(source())))
 
-    def with_parameters(self, parameters: Array) -> 'Kernel':
+    def with_parameters(self, parameters: Array,
+                        reason: ResultCheck | None = None) -> 'Kernel':
         """Return a kernel with the same machine code and other parameters."""
         other = copy(self)
-        other.parameters, other._compiling = parameters, Lock()
+        other.parameters, other._compiling, other._reason = parameters, Lock(), reason
         return other
 
     def traced(self) -> Program:
@@ -256,17 +257,19 @@ class Kernel:
         """Raise InputError if the result is not finite."""
         if np.isfinite(result).all():
             return
-        place, state = '', list(arrays)
-        if count is not None:
-            bad = int(np.argmax(~np.isfinite(result).reshape(count, -1).all(axis=1)))
-            place = f' of state {bad}'
+        rows = result.reshape(count or 1, -1)
+        for bad in np.flatnonzero(~np.isfinite(rows).all(axis=1)).tolist():
+            place = '' if count is None else f' of state {bad}'
             state = [x[bad] if x.ndim > len(a.shape) else x
                      for a, x in zip(self.arguments, arrays)]
-        if self._reason is not None:
-            self._reason(dict(zip((a.name for a in self.arguments), state)))
-        raise InputError(f'{self.name}: the result{place} is not finite: the arguments are too '
-                         'large, or the mass matrix is singular at this configuration (a massless '
-                         'moving body); expected a finite result')
+            other = None if self._reason is None else self._reason(
+                dict(zip((a.name for a in self.arguments), state)))
+            if other is None:
+                raise InputError(
+                    f'{self.name}: the result{place} is not finite: the arguments are too large, '
+                    'or the mass matrix is singular at this configuration (a massless moving '
+                    'body); expected a finite result')
+            rows[bad] = np.ravel(other(*state))
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:

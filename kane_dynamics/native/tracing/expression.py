@@ -18,7 +18,6 @@ from typing import Any, Union
 import numpy as np
 
 Scalar = Union['Expr', float]
-FUNCTIONS = {'sin': math.sin, 'cos': math.cos, 'tanh': math.tanh, 'sqrt': math.sqrt}
 
 
 class Trace:
@@ -109,12 +108,33 @@ class Expr:
         return _quotient(other, self) if isinstance(other, _SCALAR) else NotImplemented
 
     def __pow__(self, exponent: Any) -> Any:
-        if not isinstance(exponent, numbers.Integral) or int(exponent) < 0:
+        if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        result: Scalar = 1.0
-        for _ in range(int(exponent)):
-            result = result * self
-        return result
+        power = float(exponent)
+        if power < 0.0:
+            return 1.0 / self ** -power
+        if power == 0.5:
+            return self.sqrt()
+        if not power.is_integer():  # of a negative number: not a number, as for floats of numpy
+            return np.exp(power * self.log())
+        return math.prod([self] * int(power), start=1.0)
+
+    def __lt__(self, other: Any) -> Any:
+        """Return 1.0 where this is less, else 0.0; `select` chooses by it."""
+        return self.trace.node('less', self, other) if isinstance(other, _SCALAR) else (
+            NotImplemented)
+
+    def __gt__(self, other: Any) -> Any:
+        """Return 1.0 where the other is less, else 0.0."""
+        return self.trace.node('less', float(other), self) if isinstance(
+            other, numbers.Real) else NotImplemented
+
+    def select(self, x: Scalar, y: Scalar) -> Scalar:
+        """Return x where this is not 0, else y; neither is looked at where it is not chosen."""
+        if x is y or (not isinstance(x, Expr) and not isinstance(y, Expr) and x == y):
+            return x
+        return self.trace.node('select', self, *(
+            z if isinstance(z, Expr) else float(z) for z in (x, y)))
 
     def sin(self) -> Scalar:
         """Return the sine; numpy.sin calls this on object arrays."""
@@ -133,6 +153,22 @@ class Expr:
     def sqrt(self) -> Scalar:
         """Return the square root."""
         return self.trace.node('sqrt', self)
+
+    def exp(self) -> Scalar:
+        """Return the exponential."""
+        return self.trace.node('exp', self)
+
+    def log(self) -> Scalar:
+        """Return the natural logarithm."""
+        return self.trace.node('log', self)
+
+    def arctan(self) -> Scalar:
+        """Return the arctangent, rad."""
+        return self.trace.node('arctan', self)
+
+    def __floor__(self) -> Scalar:
+        """Return the largest whole number that is not larger."""
+        return self.trace.node('floor', self)
 
 
 _SCALAR: Any = (Expr, numbers.Real)

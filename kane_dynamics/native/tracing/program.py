@@ -12,7 +12,9 @@ Shape = tuple[int, ...]
 
 
 NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
-                         'div': np.divide, 'neg': np.negative}
+                         'div': np.divide, 'neg': np.negative,
+                         'less': lambda a, b: np.float64(a < b),
+                         'select': lambda chosen, a, b: a if chosen else b}
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,10 @@ def _rebuilt(trace: Trace, node: Expr, args: list[Any]) -> Any:
         return -args[0]
     if node.op in ('input', 'output', 'call'):
         return trace.node(node.op, *args)
+    if node.op == 'less':
+        return args[0] < args[1]
+    if node.op == 'select':
+        return args[0].select(*args[1:]) if isinstance(args[0], Expr) else args[2 - args[0]]
     return getattr(np, node.op)(args[0])
 
 

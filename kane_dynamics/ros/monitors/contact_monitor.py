@@ -18,6 +18,7 @@ import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 
+DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by it
 DEFAULT_THRESHOLD = 0.02  # fraction of the effort limit
 
 
@@ -165,7 +166,7 @@ class ContactMonitor:
     def _publish(self, sec: int, nanosec: int, q: Array, torque: Array) -> None:
         """Publish the torques, and the wrench in the axes of its frame."""
         self._workspace.q[:] = q
-        world = frame_wrench(self._partials(), torque).wrench
+        world = frame_wrench(self._partials(), torque, damping=DAMPING).wrench
         for message, publisher, numbers in (
                 (self._torque_message, self._publishers.torques, torque),
                 (self._wrench_message, self._publishers.wrench,

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from kane_dynamics._util.checks import positive_time
-from kane_dynamics.control.controller import ComputedTorque
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index, motion_from_message,
@@ -20,6 +20,7 @@ from kane_dynamics.simulation.step_size import step_warning
 import numpy as np
 
 DEFAULT_STEP = 1e-3   # s
+MOST_CHANGES = 20     # of independent speeds, told in an answer
 DEFAULT_POINTS = 100  # approximate number of points of a trajectory
 
 
@@ -62,7 +63,8 @@ class SimulationRequest:
                                  'expected ZERO or TABLE')
             motion = motion_from_message(request.reference, robot.joint_names,
                                          served.bounds.max_reference)
-            torque = ComputedTorque(motion, vector(request.kp, index, n, 'kp', served.kp),
+            torque = ComputedTorque(served.simulated, motion,
+                                    vector(request.kp, index, n, 'kp', served.kp),
                                     vector(request.kd, index, n, 'kd', served.kd))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source: {request.torque_source}; expected ZERO '
@@ -85,7 +87,8 @@ class SimulationRequest:
         except InputError as error:
             raise error if warning is None else InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
-        response.message = '\n'.join(trajectory.warnings)
+        changes = map(str, trajectory.speed_changes[:MOST_CHANGES])
+        response.message = '\n'.join([*trajectory.warnings, *changes])
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)

@@ -1,8 +1,10 @@
 """`ModelBuilder` builds the same models as a URDF or a manual `Model`."""
 
+from time import process_time
+
 from definition import Definition
-from kane_dynamics import (ball, box, disc, Inertial, load_urdf, ModelBuilder, ModelError,
-                           ModelWarning, point_mass, rod)
+from kane_dynamics import (ball, box, disc, FlexibleLink, Inertial, load_urdf, ModelBuilder,
+                           ModelError, ModelWarning, point_mass, Robot, rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_inertial, random_state
@@ -151,7 +153,12 @@ def built(*steps):
     ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; expected one of world, a"),
     ('body', ('a',), {}, "'a': exists already; expected a unique name"),
     ('body', ('b',), {'joint': 'a'}, "joint 'a': exists already"),
-    ('body', ('b', 'a', 'fixed'), {}, "kind 'fixed'; expected one of revolute, .*is a frame"),
+    ('body', ('b', 'a', 'glued'), {}, "kind 'glued'; expected one of revolute, .*fixed"),
+    ('body', ('b', 'a', 'fixed'), {'damping': 1.0}, 'damping of a fixed joint'),
+    ('body', ('b', 'a'), {'mimic': 'c'}, "mimic is 'c'; expected one of a"),
+    ('body', ('b', 'a', 'floating'), {'mimic': 'a'}, "a floating joint mimics 'a'"),
+    ('body', ('b', 'a'), {'mimic': 'a', 'multiplier': 0.0}, 'multiplier is 0'),
+    ('body', ('b', 'a'), {'multiplier': 2.0}, 'without mimic'),
     ('body', ('b',), {'axis': (0, 0, 0)}, "joint 'b': axis"),
     ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns 'xxy'; expected"),
     ('body', ('b',), {'stifness': 3}, "no property 'stifness'; expected .*stiffness"),
@@ -180,3 +187,69 @@ def test_a_refused_body_leaves_the_builder_as_it_was():
 def test_builder_without_body_is_rejected():
     with pytest.raises(ModelError, match="'empty': no body; expected"):
         ModelBuilder('empty').model()
+
+
+def test_a_mimic_joint_follows_its_master_and_that_ones_master():
+    b = ModelBuilder('gripper')
+    b.body('left', kind='prismatic', axis=(1, 0, 0), matter=box(1.0, (0.1, 0.1, 0.1)))
+    b.body('right', kind='prismatic', axis=(1, 0, 0), matter=box(1.0, (0.1, 0.1, 0.1)),
+           mimic='left', multiplier=-2.0, offset=0.1)
+    b.body('third', 'right', kind='prismatic', axis=(1, 0, 0), mimic='right', multiplier=0.5,
+           offset=0.2, matter=box(1.0, (0.1, 0.1, 0.1)))
+    robot = Robot(b.model())
+    assert robot.joint_names == ('left',)
+    x = 0.3
+    assert robot.frame_pose('right', [x])[0, 3] == pytest.approx(-2.0 * x + 0.1)
+    assert robot.frame_pose('third', [x])[0, 3] == pytest.approx(
+        -2.0 * x + 0.1 + 0.5 * (-2.0 * x + 0.1) + 0.2)
+    assert robot.mass_matrix([x])[0, 0] == pytest.approx(1.0 + 2.0**2 + 3.0**2)
+    assert robot.verify() < 1e-13
+
+
+def test_a_fixed_body_is_part_of_its_carrier():
+    both = []
+    for kind in ('fixed', 'load'):
+        b = ModelBuilder('pair')
+        b.body('arm', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+        if kind == 'fixed':
+            b.body('tool', 'arm', 'fixed', at=(1, 0, 0), rpy=(0, 0.3, 0), matter=disc(0.5, 0.2))
+        else:
+            b.frame('tool', 'arm', at=(1, 0, 0), rpy=(0, 0.3, 0))
+            b.load('tool', disc(0.5, 0.2))
+        both.append(Robot(b.model()))
+    np.testing.assert_allclose(*(robot.mass_matrix([0.2]) for robot in both), rtol=1e-14)
+    np.testing.assert_array_equal(*(robot.frame_pose('tool', [0.2]) for robot in both))
+
+
+@pytest.mark.parametrize('on', ['world', 'arm'])
+def test_a_fixed_beam_is_a_cantilever(on):
+    b = ModelBuilder('cantilever', gravity=(0, 0, 0))
+    b.body('arm', kind='prismatic', axis=(0, 0, 1), matter=disc(1e9, 1.0))
+    b.beam('beam', on, FlexibleLink(1.0, 2.0, 50.0, modes=(3, 0)), 'fixed', at=(0.1, 0.2, 0.3))
+    robot = Robot(b.model())
+    assert robot.joint_names == ('arm', 'beam/mode_1', 'beam/mode_2', 'beam/mode_3')
+    none = np.zeros(4)
+    M = robot.mass_matrix(none)[1:, 1:]
+    K = np.array([robot.bias_force(1e-6 * unit, none) for unit in np.eye(4)[1:]])[:, 1:] / 1e-6
+    found = np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real))
+    waves = np.array([1.87510407, 4.69409113, 7.85475744])  # cos b cosh b = -1
+    np.testing.assert_allclose(found, waves**2 * np.sqrt(50.0 / 2.0), rtol=1e-6)
+    assert robot.verify() < 1e-12
+
+
+def test_impossible_inertias_stand_where_asked_for_with_a_warning_that_names_them():
+    matter = Inertial(1.0, np.zeros(3), np.diag([1.0, 1.0, 5.0]))
+    b = ModelBuilder('loose', strict=False)
+    b.body('a', matter=matter)
+    with pytest.warns(ModelWarning, match='strict=False: a$'):
+        assert b.model().bodies[0].inertial.inertia[2, 2] == 5.0
+    with pytest.raises(ModelError, match="'a': principal moments"):
+        ModelBuilder('tight').body('a', matter=matter)
+
+
+def test_a_beam_of_sixteen_modes_is_prepared_within_a_second():
+    start = process_time()
+    b = ModelBuilder('beam')
+    b.beam('beam', 'world', FlexibleLink(1.0, 2.0, 50.0, modes=(16, 0)))
+    b.model()
+    assert process_time() - start < 1.0

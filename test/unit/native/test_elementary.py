@@ -97,3 +97,54 @@ def test_positions_beyond_the_limit_are_rejected_by_every_entry_point(size):
         with pytest.raises(InputError, match=r'q\[(1|1, 1)\]: -1001000000000.0; expected a '
                            r'finite number of at most 1e\+12 rad or m'):
             way(*arguments)
+
+
+@pytest.fixture(scope='module', params=[1, 2, 4, 8])
+def further_functions(request):
+    """Evaluate exp, log, arctan, floor, a comparison and a choice, in lanes of every width."""
+    width = request.param
+
+    def f(x, none):
+        return [np.exp(x[0]), np.log(x[0]), np.arctan(x[0]), np.floor(x[0]),
+                (x[0] < x[1]) * 1.0, (x[0] < x[1]).select(x[0], 2.0 * x[1])]
+    program = trace_program('f', f, [('x', (2,)), ('none', (1,))])
+    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
+                                   else lane_text(program, 'f', width)))
+
+    def run(x):
+        x, none = np.ascontiguousarray(x, dtype=np.float64), np.zeros(1)
+        out = np.empty((len(x), 6))
+        rows = [Strided(x.ctypes.data, 16), Strided(none.ctypes.data),
+                Strided(out.ctypes.data, 48)]
+        if width == 1:
+            repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
+                   len(x))
+        else:
+            run_batch(code.address('f'), rows, len(x), width=width)
+        return out
+    return run
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e-8, 0.3, 1.0, 3.0, 100.0, 700.0])
+def test_exp_log_and_arctan_err_by_two_ulp_at_most(further_functions, size):
+    x = np.random.default_rng(4).uniform(-size, size, (N, 2))
+    got = further_functions(x)
+    with mpmath.workprec(200):
+        for k, exact in enumerate((mpmath.exp, mpmath.log, mpmath.atan)):
+            for value, of in zip(got[:, k], x[:, 0]):
+                if k == 1 and of < 0.0:
+                    assert np.isnan(value)
+                    continue
+                true = exact(mpmath.mpf(of))
+                assert abs(mpmath.mpf(value) - true) <= 2.0 * np.spacing(abs(float(true)))
+    np.testing.assert_array_equal(got[:, 3], np.floor(x[:, 0]))
+    np.testing.assert_array_equal(got[:, 4], x[:, 0] < x[:, 1])
+    np.testing.assert_array_equal(got[:, 5], np.where(x[:, 0] < x[:, 1], x[:, 0], 2.0 * x[:, 1]))
+
+
+def test_exp_log_and_arctan_are_numpys_at_the_edges(further_functions):
+    x = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, 709.7, 710.0, -745.0, -750.0, 5e-324])
+    got = further_functions(np.column_stack([x, x]))
+    with np.errstate(all='ignore'):
+        for k, exact in enumerate((np.exp, np.log, np.arctan, np.floor)):
+            np.testing.assert_allclose(got[:, k], exact(x), rtol=1e-15, atol=5e-324)

@@ -73,8 +73,9 @@ def test_an_array_beside_a_scalar_is_left_to_numpy(xy):
 def test_powers_are_products(xy):
     x = xy[0]
     assert x**2 is x * x and x**0 == 1.0
+    assert x**0.5 is np.sqrt(x) and x**-2 is 1.0 / (x * x)
     with pytest.raises(TypeError):
-        x**0.5
+        x**'2'
 
 
 def test_only_what_the_outputs_need_is_scheduled():

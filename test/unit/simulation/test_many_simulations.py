@@ -29,7 +29,7 @@ def law(robot):
     """Return computed torque on some motion."""
     motion = Motion.from_points([0.0, 0.02, 0.04], np.cumsum(rng.normal(size=(3, 4)), axis=0),
                                 joint_names=robot.joint_names)
-    return ComputedTorque(motion, 300.0, 30.0)
+    return ComputedTorque(robot, motion, 300.0, 30.0)
 
 
 TORQUES = {
@@ -184,5 +184,5 @@ def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypat
     monkeypatch.setattr('kane_dynamics.native.machine_code.llvm.Code', refuse)
     motion = Motion.from_points([0.0, 0.1], [[0.0, 0.0], [0.1, 0.1]],
                                 joint_names=robot.joint_names)
-    for torque in (None, ComputedTorque(motion, 1.0, 1.0)):
+    for torque in (None, ComputedTorque(robot, motion, 1.0, 1.0)):
         simulate(robot, [0.1, 0.2], [0.0, 0.0], 0.01, torque=torque)

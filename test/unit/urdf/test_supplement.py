@@ -120,7 +120,7 @@ FAULTS = {
     'inertia as list': ({'payload': {**PAYLOAD, 'inertia': [1, 1, 1]}},
                         ('inertia is [1, 1, 1]', 'a mapping of ixx')),
     'no mapping': ([1], ('[1]', 'path of a YAML file, or a dict')),
-    'no file': ('/nowhere/x.yaml', ("'/nowhere/x.yaml'", 'No such file')),
+    'no file': ('/nowhere/x.yaml', ("'/nowhere/x.yaml'", 'no such file')),
     'a directory': ('/', ("'/'", 'directory')),
 }
 
