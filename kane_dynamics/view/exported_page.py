@@ -9,12 +9,12 @@ from kane_dynamics.view.joint_table import html_table, joint_rows
 
 _STYLE = """<style>
 #loads { position: fixed; top: 3.8em; right: 1em; z-index: 1; max-height: calc(100vh - 8em);
-  overflow: auto; padding: 0.6em 0.9em; border-radius: 4px; font: 13px sans-serif; color: #222;
+  overflow: auto; padding: 0.6em 0.9em; border-radius: 4px; font: 12px sans-serif; color: #222;
   background: rgb(255 255 255 / 0.92); box-shadow: 0 1px 6px rgb(0 0 0 / 0.2); }
 #loads summary { font-weight: bold; cursor: pointer; }
 #loads p { margin: 0.4em 0; line-height: 1.45; }
 #loads table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-#loads th, #loads td { padding: 0.15em 0.5em; text-align: right; white-space: nowrap; }
+#loads th, #loads td { padding: 0.15em 0.4em; text-align: right; white-space: nowrap; }
 #loads th { border-bottom: 1px solid #bbb; font-weight: 600; }
 #loads th:first-child, #loads td:first-child { text-align: left; padding-left: 0; }
 #loads .over { color: #b00020; font-weight: bold; }
@@ -63,7 +63,7 @@ def add_panel(page: str, robot: Robot, legend: str, t: Array | None, q: Array,
     legend : str
         HTML: the colours, meanings and scale of the arrows.
     t : (K,) array, optional
-        Times of the pictures, s; None for a single one, of a configuration at rest.
+        Times of the states, s; None for a single one, of a configuration at rest.
     q, tau : (K, n_q) arrays
         Positions in rad or m, and torques of the actuators in N m or N, at those times.
     period : float

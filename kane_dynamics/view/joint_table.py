@@ -8,7 +8,6 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-_COLUMNS = ('joint', 'q', 'range of q', 'τ', 'limit of τ', 'share')
 _NONE = '–'  # where there is no limit
 
 
@@ -58,17 +57,20 @@ def markdown_table(robot: Robot, q: Array, tau: Array) -> str:
 def html_table(robot: Robot, q: Array, tau: Array) -> str:
     """Return positions, torques and limits as a table in HTML; see `joint_rows`."""
     limits, sliding = robot.limits, robot.model.sliding
-    head = ''.join(f'<th>{column}</th>' for column in _COLUMNS)
+    # Units stand in the head if all joints share them, else behind each joint's name.
+    place, load = ('', '') if sliding else (' [rad]', ' [N m]')
+    head = ''.join(f'<th>{column}</th>' for column in (
+        'joint', f'q{place}', 'range', f'τ{load}', 'limit', 'share'))
     lines = [f'<table id="joints"><tr>{head}</tr>']
     for i, row in enumerate(joint_rows(robot, q, tau)):
-        place, load = ('m', 'N') if row.name in sliding else ('rad', 'N m')
-        bounds = (f'{_number(limits.lower[i])} … {_number(limits.upper[i])} {place}'
+        units = '' if not sliding else ' [m, N]' if row.name in sliding else ' [rad, N m]'
+        bounds = (f'{_number(limits.lower[i])} … {_number(limits.upper[i])}'
                   if np.isfinite([limits.lower[i], limits.upper[i]]).any() else _NONE)
-        effort = f'±{limits.effort[i]:.4g} {load}' if np.isfinite(limits.effort[i]) else _NONE
+        effort = f'±{limits.effort[i]:.4g}' if np.isfinite(limits.effort[i]) else _NONE
         lines.append(
-            f'<tr><td>{escape(row.name)}</td>'
-            f'<td><span{_over(row.q_over)}>{row.q}</span> {place}</td><td>{bounds}</td>'
-            f'<td><span{_over(row.tau_over)}>{row.tau}</span> {load}</td><td>{effort}</td>'
+            f'<tr><td>{escape(row.name)}{units}</td>'
+            f'<td><span{_over(row.q_over)}>{row.q}</span></td><td>{bounds}</td>'
+            f'<td><span{_over(row.tau_over)}>{row.tau}</span></td><td>{effort}</td>'
             f'<td><span{_over(row.tau_over)}>{row.share}</span></td></tr>')
     return '\n'.join([*lines, '</table>'])
 

@@ -26,6 +26,7 @@ _SHOWN = ('torques', 'forces')  # at first
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2')
 _CAPTIONS = {'torques': 'joint torques', 'forces': 'reaction forces',
              'moments': 'reaction moments'}
+_ASIDE = 0.2  # the table of an exported page is wider than the controls
 _MOST = 2000  # states of a trajectory
 
 
@@ -118,18 +119,20 @@ class Window:
 
     def export(self, path: Path) -> None:
         """Write a page that needs no server: what `add_panel` says beside the picture."""
+        self._stage.look(*self._box(), aside=_ASIDE)
         serializer = self.server.get_scene_serializer()
-        loads, rows, times = LoadArrows.at_rest(self.robot, self._q[None]), [0], None
+        loads, rows, t = LoadArrows.at_rest(self.robot, self._q[None]), [0], None
         if self.trajectory is not None:
             begin, end = self.trajectory.t[[0, -1]]
-            times = np.append(np.arange(begin, end, 1.0 / _RATE), end)
-            loads, rows = self._loads, [self._row(t) for t in times]
-            for t in times[:-1]:
-                self._show_at(t)
+            times = [*np.arange(begin, end, 1.0 / _RATE), end]
+            loads, rows = self._loads, [self._row(moment) for moment in times]
+            t = self._t[rows]
+            for moment in times[:-1]:
+                self._show_at(moment)
                 serializer.insert_sleep(1.0 / _RATE)
             self._show_at(end)
-        page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), times,
-                         loads.q[rows], loads.tau[rows], 1.0 / _RATE)
+        page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t, loads.q[rows],
+                         loads.tau[rows], 1.0 / _RATE)
         with open(path, 'w', encoding='utf-8') as file:
             file.write(page)
 
