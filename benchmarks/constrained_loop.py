@@ -1,11 +1,17 @@
 """What chosen speeds and constraints cost, beside the plain arm; mechanisms in real time."""
 
+from collections.abc import Callable
+from copy import copy
+from functools import partial
 import sys
 import time
 
 from kane_dynamics import (absolute_rates, Closure, Coupling, FlexibleLink, knife_edge, Model,
                            ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod, simulate)
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
+from kane_dynamics.robot.kernel_set import KernelSet
+from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.torque_input import torque_input
 from native_loop import kernel_loop, Race, shipped_arm, STATES
 import numpy as np
 
@@ -41,6 +47,47 @@ def costs(name: str) -> list[Race]:
                  timing.median(what) / STATES, timing.median(PLAIN) / STATES,
                  timing.ratio(PLAIN, what))
             for what, robot in robots.items() if what != PLAIN]
+
+
+def unwatched(robot: Robot) -> Robot:
+    """Return a constrained robot whose kernels and steps leave out what is watched."""
+    other = Robot(robot.model, constraints=robot.mechanism.constraints,
+                  independent=robot.speed_names)
+    equations = copy(other.equations)
+    equations.watched = False
+    other.equations = equations
+    other.kernels = KernelSet(equations, None, other.parameters.block)
+    return other
+
+
+def watch_costs() -> list[Race]:
+    """Race steps and forward dynamics with their watch against the same without it."""
+    model = shipped_arm('ur10e')
+    robots = {'four-bar': four_bar(),
+              **{what: Robot(model, **given) for what, given in choices(model).items()
+                 if 'constraints' in given}}
+    rng, result = np.random.default_rng(0), []
+    for name, robot in robots.items():
+        q = robot.closed_posture((0.8, 0.0, -1.5) if name == 'four-bar' else
+                                 rng.uniform(-1.0, 1.0, robot.n_q))
+        u = rng.uniform(-0.1, 0.1, robot.n)
+        loops: dict[str, Callable[[], object]] = {}
+        for what, one in (('watched', robot), ('not', unwatched(robot))):
+            source = torque_input(one, 1e-5, STATES, None, None, 'rk4')
+            buffer = np.ones((1, STATES + 1, len(state_names(one))))
+            buffer[0, 0, :robot.n_q], buffer[0, 0, robot.n_q:robot.n_q + robot.n] = q, u
+            loops[f'step {what}'] = partial(source.advance, buffer, 0, True)
+            loops[f'dynamics {what}'] = kernel_loop(
+                one.kernels.quantity('forward_dynamics'),
+                {'q': np.tile(q, (STATES, 1)), 'u': np.tile(u, (STATES, 1)),
+                 'tau': np.tile(u, (STATES, 1))})
+        timing = interleaved(loops)
+        result += [Race(name, robot.n, f'{what} with the watch of constraints', 'without it',
+                        timing.median(f'{what} watched') / STATES,
+                        timing.median(f'{what} not') / STATES,
+                        timing.ratio(f'{what} not', f'{what} watched'))
+                   for what in ('step', 'dynamics')]
+    return result
 
 
 def four_bar() -> Robot:
@@ -100,7 +147,7 @@ def clocked() -> list[Race]:
 
 def races() -> list[Race]:
     """Return all races."""
-    return [*costs('ur10e'), *costs('fr3'), *clocked()]
+    return [*costs('ur10e'), *costs('fr3'), *watch_costs(), *clocked()]
 
 
 def main() -> int:

@@ -31,3 +31,7 @@ class SweepError(KaneError, RuntimeError):
 
 class ModelWarning(UserWarning):
     """Something in a model is legal but is probably not what its author meant."""
+
+
+class UnusedWarning(ModelWarning):
+    """A file states what no dynamics of this package reads: transmissions, for example."""

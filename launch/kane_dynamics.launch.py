@@ -1,5 +1,5 @@
 """
-Start the dynamics node, with a simulated robot and robot_state_publisher if asked to.
+Start the dynamics node and, optionally, a simulated robot and robot_state_publisher.
 
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=/my/arm.yaml namespace:=left
@@ -17,39 +17,39 @@ from launch_ros.actions import Node
 
 PACKAGE = 'kane_dynamics'
 ARGUMENTS = {
-    'config': ('', 'parameter file: a path, or the name of one in share/kane_dynamics/config'),
-    'urdf': ('', 'path of the URDF; wins over the parameter file'),
+    'config': ('', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
+    'urdf': ('', 'path of the URDF; overrides the parameter files'),
     'namespace': ('', 'namespace of all nodes'),
-    'prefix': ('', 'before the names of joints and frames in messages; wins over the files'),
-    'commands': ('commands', 'topic of the torques; a controller has its own, <name>/commands'),
+    'prefix': ('', 'prefix of names of joints and frames; overrides the parameter files'),
+    'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
-    'use_sim_time': ('', 'time from /clock, which the plant then keeps; wins over the files'),
-    'plant': ('', 'parameter file of a simulated robot to start too; found as config is'),
-    'state_publisher': ('false', 'start robot_state_publisher too; needs urdf:='),
+    'use_sim_time': ('', 'use time from /clock, which the plant publishes; overrides the files'),
+    'plant': ('', 'parameter file of a simulated robot to start, given like config'),
+    'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
 }
 
 
 def parameter_file(argument, name):
-    """Return the path of a parameter file, given as such or by a name in share."""
+    """Return the path of a parameter file, given as a path or as a name in share."""
     path = name if os.path.dirname(name) else os.path.join(
         get_package_share_directory(PACKAGE), 'config', name)
     if not os.path.isfile(path):
-        raise FileNotFoundError(f"{argument} is '{path}', which does not exist")
+        raise FileNotFoundError(f"{argument}: no file '{path}'; expected an existing file")
     return path
 
 
 def truth(argument, text):
-    """Return what an argument that is true or false says."""
+    """Return the value of a boolean argument."""
     known = {'true': True, '1': True, 'yes': True, 'false': False, '0': False, 'no': False}
     if text.lower() not in known:
-        raise ValueError(f"{argument} is '{text}'; valid: true or false")
+        raise ValueError(f"{argument}: '{text}'; expected true or false")
     return known[text.lower()]
 
 
 def nodes(context):
-    """Return the nodes to start, now that the arguments are known."""
+    """Return the nodes to start with the values of the arguments."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    # What is not given here is left to the files.
+    # Only given arguments override the parameter files.
     chosen = [{name: value[name]} for name in ('urdf', 'prefix') if value[name]]
     clock, clock_source = [], []
     if value['use_sim_time']:
@@ -68,7 +68,7 @@ def nodes(context):
             output='screen', remappings=remappings))
     if truth('state_publisher', value['state_publisher']):
         if not value['urdf'] or value['prefix']:
-            raise ValueError('state_publisher:=true needs urdf:=, and knows no prefix')
+            raise ValueError('state_publisher: true; expected urdf:= and no prefix:=')
         with open(value['urdf'], encoding='utf-8') as file:
             description = file.read()
         started.append(Node(
@@ -79,7 +79,7 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Declare the arguments; the nodes follow from their values."""
+    """Return the launch description: the arguments and the nodes."""
     declared = [DeclareLaunchArgument(name, default_value=default, description=description)
                 for name, (default, description) in ARGUMENTS.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

@@ -1,10 +1,10 @@
 """
-Results that take long to compute, kept on disk: machine code, and models read from URDF.
+Cache of expensive results on disk: machine code, and models read from URDF.
 
-Files live in ``$KANE_DYNAMICS_CACHE`` if that is set (``off`` turns the cache off), else in
-``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. The directory is private to its owner
-(0700), a file is written whole or not at all, and one that is damaged or not ours is computed
-again. When the files exceed `MOST_BYTES`, the least recently used ones are removed.
+The directory is ``$KANE_DYNAMICS_CACHE`` if set (``off`` disables the cache), else
+``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. It is private to its owner (0700).
+Files are written atomically; a damaged file or one of another owner is computed again. When the
+total size exceeds `MOST_BYTES`, the least recently used files are removed.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ import tempfile
 
 MAGIC = b'kane_dynamics object 1\n'
 MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB, a model some 10 kB
-KEPT_SHARE = 0.75  # of that, after files were removed: not every new file shall remove some
+KEPT_SHARE = 0.75  # of MOST_BYTES after a removal, so that not every new file removes some
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -48,7 +48,7 @@ VERSION = source_digest(Path(__file__).resolve().parent.parent)
 
 
 def key(*parts: str) -> str:
-    """Return the name under which this version of the code keeps what is made from `parts`."""
+    """Return the cache key of these parts and this version of the code."""
     digest = hashlib.sha256()
     for part in (*parts, VERSION):
         content = part.encode('utf-8', 'surrogatepass')
@@ -58,7 +58,7 @@ def key(*parts: str) -> str:
 
 
 def directory() -> Path | None:
-    """Return the cache's directory, made if need be; None when it is off or not safe to use."""
+    """Return the cache directory, created if needed; None if disabled or unsafe to use."""
     setting = os.environ.get('KANE_DYNAMICS_CACHE', '')
     if setting.lower() == 'off':
         return None
@@ -71,12 +71,12 @@ def directory() -> Path | None:
     except OSError:
         return None
     if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
-        return None  # others may write there: machine code from it must not run
+        return None  # never run code from a directory that other users can write
     return path
 
 
 def load(name: str) -> bytes | None:
-    """Return what is kept under a key, or None if there is nothing whole."""
+    """Return the content of a cache entry, or None if it is missing or damaged."""
     path = directory()
     if path is None:
         return None
@@ -86,8 +86,8 @@ def load(name: str) -> bytes | None:
             if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
                 return None
             content = file.read()
-            with suppress(OSError):  # on a disk that is read-only nothing will be removed either
-                os.utime(file.fileno())  # used now: the last to go
+            with suppress(OSError):  # a read-only disk needs no usage order
+                os.utime(file.fileno())  # mark as recently used
     except OSError:
         return None
     head, checksum, body = (content[:len(MAGIC)], content[len(MAGIC):len(MAGIC) + 32],
@@ -98,7 +98,7 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, body: bytes) -> None:
-    """Keep `body` under a key; several processes may do so at once. Failure is no error."""
+    """Write a cache entry atomically; ignore a full or read-only disk."""
     path = directory()
     if path is None:
         return
@@ -113,11 +113,11 @@ def store(name: str, body: bytes) -> None:
             raise
         _prune(path)
     except OSError:
-        return  # a full or read-only disk costs time at the next start, nothing else
+        return  # the next start computes it again
 
 
 def _prune(path: Path) -> None:
-    """Remove the files that were not used for longest where all together are too large."""
+    """Remove the least recently used files if the cache exceeds its size limit."""
     with os.scandir(path) as entries:
         files = sorted((status.st_mtime_ns, status.st_size, entry.path) for entry in entries
                        if stat.S_ISREG((status := entry.stat(follow_symlinks=False)).st_mode))
@@ -127,12 +127,12 @@ def _prune(path: Path) -> None:
     for _, size, file in files:
         if total <= KEPT_SHARE * MOST_BYTES:
             return
-        Path(file).unlink(missing_ok=True)  # another process may do the same
+        Path(file).unlink(missing_ok=True)  # another process may remove it too
         total -= size
 
 
 def fetch(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return what is kept under a key, making and keeping it if it is not there."""
+    """Return a cache entry; create and store it if it does not exist."""
     body = load(name)
     if body is None:
         body = make()

@@ -49,6 +49,9 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
         documents = [each for each in yaml.load_all(Path(source).read_bytes(), _Loader)
                      if each is not None]
     except (OSError, ValueError) as fault:
+        if isinstance(fault, FileNotFoundError):
+            raise error(f'no such file: {os.fspath(source)!r}; expected the path of a YAML file '
+                        f'({what}), or a dict') from None
         reason = fault.strerror if isinstance(fault, OSError) else fault
         raise error(f'{what} {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
                     'file, or a dict') from None

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.urdf.notices import NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +36,9 @@ class Finding:
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
     """Return what is doubtful or wrong about a robot's description."""
-    found = [Finding('doubt', f'URDF: {warning}') for warning in warnings]
+    found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'doubt', f'URDF: {warning}')
+             for warning in warnings]
+    found += examine_masses(robot)
     limits, names = robot.limits, model.joint_names
     for what, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are bounded by nothing'),
@@ -53,6 +57,20 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
             found.append(Finding('doubt', f'no {what} is known of {listed(missing)}: '
                                  f'{consequence}'))
     return found
+
+
+def examine_masses(robot: Robot) -> list[Finding]:
+    """Return joints that move no mass: forward dynamics is impossible, M is singular."""
+    equations = robot.equations
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
+    if isinstance(equations, ConstrainedEquations):
+        return []  # what a mass is missing from, constraints may hold
+    M = np.array(equations.mass_matrix(q, robot.parameters.block), dtype=np.float64)
+    without = [name for name, moved in zip(robot.joint_names, np.abs(M).max(axis=1, initial=0.0))
+               if moved == 0.0]
+    return [Finding('problem', f'no mass moves with {listed(without)}: no torque determines their '
+                    'acceleration, forward dynamics and simulation fail; expected an <inertial> '
+                    'on what they move, or an armature in the supplement')] if without else []
 
 
 def _weight(robot: Robot) -> list[Finding]:
@@ -84,7 +102,7 @@ def heaviest(robot: Robot) -> Array:
         Whose limits hold.
 
     """
-    lower, upper = _range(robot)
+    lower, upper = robot.sampling_range()
     q = np.random.default_rng(0).uniform(lower, upper, (POSTURES, robot.n))
     weights = np.abs(robot.gravity_force(q))
     best = np.argsort(weights, axis=0)[-STARTS:].T.ravel()  # for each joint postures of its own
@@ -104,7 +122,7 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
 
     Steps go along one coordinate, or at once along all of those that lead uphill.
     """
-    lower, upper = _range(robot)
+    lower, upper = robot.sampling_range()
     rows = np.arange(len(q))
 
     def weights(q: Array) -> Array:
@@ -120,16 +138,6 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
     found = np.concatenate([along.reshape(len(q), -1), weights(together)], axis=1)
     best = found.argmax(axis=1)
     return every[rows, best], found[rows, best]
-
-
-def _range(robot: Robot) -> tuple[Array, Array]:
-    """Return the bounds between which postures are tried, (n,) each."""
-    sliding = robot.model.sliding
-    span = np.array([1.0 if name in sliding else np.pi for name in robot.coordinate_names])
-    lower, upper = robot.limits.lower, robot.limits.upper
-    left, right = np.isinf(lower), np.isinf(upper)
-    return (np.where(left, np.where(right, 0.0, upper) - span, lower),
-            np.where(right, np.where(left, 0.0, lower) + span, upper))
 
 
 def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -14,6 +15,8 @@ class PowerBalance(NamedTuple):
     """
     Power, W: of the joints, of the environment, lost to friction, and the energy's rate.
 
+    `constraints` is what constraints put in that prescribe a motion.
+
     Floats, or (N,) arrays of a batch.
     """
 
@@ -21,17 +24,22 @@ class PowerBalance(NamedTuple):
     external: Any
     friction: Any
     energy_rate: Any
+    constraints: Any = 0.0
 
     @property
     def residual(self) -> Any:
         """Return what does not balance, W: zero but for rounding if the equations are right."""
-        return self.joints + self.external - self.friction - self.energy_rate
+        return (self.joints + self.external + self.constraints - self.friction
+                - self.energy_rate)
 
 
 def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
-                  wrench: Array | None = None) -> PowerBalance:
+                  wrench: Array | None = None, t: Any = 0.0) -> PowerBalance:
     """
-    Return the power of a motion: ``tau u + external u = friction u + d(T + V)/dt``.
+    Return the power of a motion: what is put in is lost to friction or stored.
+
+    ``joint torques q' + wrenches v + constraint forces b = friction q' + d(T + V)/dt``, where b
+    are the velocities that constraints prescribe.
 
     The energy's rate comes from the energies alone, by central differences of fourth order along
     the motion, so the residual holds torques against an independent road.
@@ -39,11 +47,13 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds; what constrains it does no work unless it depends on time.
+        With joint rates for speeds.
     q, u, udot : (n_q,), (n,), (n,) or (N, ...) arrays
         rad or m, and s.
     wrench : (k, 6) or (N, k, 6) array, optional
         As in `Robot.inverse_dynamics`.
+    t : float or (N,) array
+        Time, s.
 
     Raises
     ------
@@ -54,17 +64,50 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     if not set(robot.speed_names) <= set(robot.joint_names):
         raise InputError(f'the speeds of this robot are {list(robot.speed_names)}; the balance of '
                          'power needs joint rates')
-    tau = robot.inverse_dynamics(q, u, udot, wrench=wrench)
-    external = robot.external_force(q, wrench=wrench)
-    friction = robot.torque_terms(q, u, udot)[..., TORQUE_TERMS.index('friction'), :]
+    tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
     with np.errstate(over='ignore', invalid='ignore'):  # refused below, in words
-        put_in, pushed, lost = (np.sum(force * u, axis=-1)
-                                for force in (tau, external, friction))
-        balance = PowerBalance(put_in, pushed, lost, _energy_rate(robot, q, u, udot))
+        if isinstance(robot.equations, ConstrainedEquations):
+            powers = _constrained_powers(robot, q, u, tau, wrench, t)
+        else:
+            external = robot.external_force(q, wrench=wrench)
+            friction = robot.torque_terms(q, u, udot)[..., TORQUE_TERMS.index('friction'), :]
+            powers = (*(_product(force, u) for force in (tau, external, friction)), 0.0)
+        joints, pushed, lost, held = powers
+        balance = PowerBalance(joints, pushed, lost, _energy_rate(robot, q, u, udot, t), held)
     if not np.isfinite(balance).all():
         raise InputError(f'the power is not finite: {balance}; the motion is beyond any physical '
                          'range')
     return balance
+
+
+def _constrained_powers(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t: Any
+                        ) -> tuple[Any, Any, Any, Any]:
+    """Return the power of joints, environment, friction and constraints: all joints may move."""
+    equations: Any = robot.equations
+    rates = robot.joint_rates(q, u, t=t)
+    joints = _product(robot.joint_torques(tau, q, t=t), rates)
+    friction = np.reshape([equations.tree.friction_force(row).astype(np.float64) @ row
+                           for row in np.atleast_2d(rates)], np.shape(joints))[()]
+    pushed = 0.0 * joints
+    for k, frame in enumerate(equations.wrench_frames if wrench is not None else ()):
+        pushed = pushed + _product(np.asarray(wrench)[..., k, :],
+                                   robot.frame_velocity(frame.name, q, u, t=t))
+    forces = robot.constraint_forces(q, u, tau, wrench=wrench, t=t)
+    return joints, pushed, friction, _product(forces, _prescribed(robot, q, t))
+
+
+def _prescribed(robot: Robot, q: Any, t: Any) -> Any:
+    """Return the velocity that every constraint row prescribes, (m,) or (N, m)."""
+    equations: Any = robot.equations
+    states = np.atleast_2d(np.asarray(q, dtype=np.float64))
+    times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(states))
+    rows = [np.array(equations.mechanism.rows(equations.mechanism.posture(at, moment)).b,
+                     dtype=np.float64) for at, moment in zip(states, times)]
+    return np.reshape(rows, (*np.shape(q)[:-1], len(equations.mechanism.labels)))
+
+
+def _product(force: Any, speed: Any) -> Any:
+    return np.sum(np.asarray(force) * speed, axis=-1)
 
 
 def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
@@ -86,14 +129,19 @@ def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
     return gained
 
 
-def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any) -> Any:
-    fastest, hardest = (np.abs(rate).max(axis=-1) for rate in (u, udot))
+def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any, t: Any) -> Any:
+    constrained = isinstance(robot.equations, ConstrainedEquations)
+    rates = robot.joint_rates(q, u, t=t)
+    # Under constraints all joints' own accelerations keep loops closed to the second order.
+    bend = robot.joint_accelerations(q, u, udot, t=t) if constrained else np.zeros_like(rates)
+    fastest, hardest = (np.maximum(*(np.abs(x).max(axis=-1, initial=0.0) for x in pair))
+                        for pair in ((rates, u), (bend, udot)))
     h = STEP / np.maximum(np.maximum(fastest, np.sqrt(hardest)), STEP)
-    rates = robot.joint_rates(q, u)
 
     def energy(steps: float) -> Any:
-        t = steps * h[..., None]
-        at, speed = q + t * rates, u + t * udot  # right to the first order, which is asked for
-        return robot.kinetic_energy(at, speed) + robot.potential_energy(at)
+        ahead = steps * h[..., None]
+        at, speed = q + ahead * (rates + 0.5 * ahead * bend), u + ahead * udot
+        moment = {'t': t + steps * h} if constrained else {}
+        return robot.kinetic_energy(at, speed, **moment) + robot.potential_energy(at)
     near, far = energy(1.0) - energy(-1.0), energy(2.0) - energy(-2.0)
     return (8.0 * near - far) / (12.0 * h)

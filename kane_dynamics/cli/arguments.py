@@ -3,16 +3,21 @@
 from argparse import ArgumentParser
 from collections.abc import Callable
 import math
+from typing import Any
 
 from kane_dynamics.cli.plot_arguments import add_plot, KINDS
+
+STEP = 0.01  # s, between samples of a motion given by points
 
 
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
     for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
-    sub.add_argument('--trajectory', metavar='FILE', help='CSV or YAML file; one answer a row')
-    sub.add_argument('--out', metavar='CSV', help='file for the torques of a trajectory')
+    _add_motion(sub, 'CSV or YAML file: its torques, row by row')
+    sub.add_argument('--step', type=float, metavar='S', help='between samples of the motion '
+                     f'(default: {STEP:g} between points of a YAML file; rows of a CSV file)')
+    sub.add_argument('--out', metavar='CSV', help='file for the torques of a motion')
     add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
 
 
@@ -28,12 +33,12 @@ def _simulate(sub: ArgumentParser) -> None:
     sub.add_argument('--integrator', choices=INTEGRATORS, default='rk4',
                      help='implicit: for friction, springs and beams that take a very short step')
     source = sub.add_mutually_exclusive_group()
-    source.add_argument('--motion', metavar='FILE', help='follow it by computed torque')
+    _add_motion(source, 'follow it by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')
     sub.add_argument('--kp', type=float, nargs='+', default=[100.0], metavar='X',
-                     help='for --motion, one or one a joint, 1/s^2; default: 100')
+                     help='for --motion, one value or one per joint, 1/s^2; default: 100')
     sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
-                     help='for --motion, one or one a joint, 1/s; default: 20')
+                     help='for --motion, one value or one per joint, 1/s; default: 20')
     sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
     add_plot(sub, *KINDS, 'tracking')
 
@@ -51,6 +56,8 @@ def _inspect(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
+    sub.add_argument('--operations', action='store_true',
+                     help='also the arithmetic operations of each compiled function')
 
 
 def _bench(sub: ArgumentParser) -> None:
@@ -110,16 +117,17 @@ def _excite(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
     for name, kind, default, text in (
-            ('duration', float, 10.0, 's'), ('periods', int, 1, 'equal ones in that time'),
+            ('duration', float, 10.0, 's'),
+            ('periods', int, 1, 'number of equal periods in the duration'),
             ('harmonics', int, 5, 'sines and cosines of each joint'),
-            ('share', float, 0.9, 'of the limits that may be used'),
+            ('share', float, 0.9, 'fraction of the limits to use'),
             ('seed', int, 0, 'of the motions that the search starts from'),
             ('starts', int, 2, 'how many of these'), ('rate', float, 100.0, 'rows a second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
     for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
-                         help=f'further limit, one or one a joint, {unit}')
+                         help=f'further limit, one value or one per joint, {unit}')
     sub.add_argument('--floor', type=float, metavar='Z',
                      help='height that the origin of no moving link goes below, m')
 
@@ -132,17 +140,17 @@ def _replay(sub: ArgumentParser) -> None:
 
 
 def _feasible(sub: ArgumentParser) -> None:
-    from kane_dynamics.feasibility.samples import STEP
+    from kane_dynamics.feasibility.samples import STEP as FINE
     _add_model(sub)
-    sub.add_argument('--trajectory', metavar='FILE', required=True, help='CSV or YAML file')
+    _add_motion(sub, 'CSV or YAML file', required=True)
     sub.add_argument('--speed', type=float, default=1.0, metavar='S',
                      help='judge the motion S times as fast as in the file')
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
-                     help='largest mechanical power, one or one a joint (default: no limit)')
+                     help='largest mechanical power, one value or one per joint (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK', help='find the largest payload there')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
                      metavar=('X', 'Y', 'Z'), help='its mass centre in that frame, m')
-    sub.add_argument('--step', type=float, default=STEP, metavar='S',
+    sub.add_argument('--step', type=float, default=FINE, metavar='S',
                      help='between samples, default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
                      help='write the motion at the highest speed that fits')
@@ -163,13 +171,17 @@ def _doctor(sub: ArgumentParser) -> None:
 
 def _view(sub: ArgumentParser) -> None:
     _add_model(sub)
-    sub.add_argument('--trajectory', metavar='FILE', help='.npz, CSV or YAML file: a slider over '
-                     'time')
+    _add_motion(sub, '.npz, CSV or YAML file: a slider over time')
     sub.add_argument('--host', default='127.0.0.1', help='address to serve at; by default only '
                      'this machine sees the page')
     sub.add_argument('--port', type=int, default=8080, help='or the next free one; default: 8080')
     sub.add_argument('--no-open', action='store_true', help='open no browser')
     sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
+
+
+def _add_motion(sub: Any, text: str, **options: Any) -> None:
+    """Add --motion, and --trajectory as another name of it."""
+    sub.add_argument('--motion', '--trajectory', metavar='FILE', help=text, **options)
 
 
 def _add_recording(parser: ArgumentParser) -> None:
@@ -198,6 +210,8 @@ def _add_model(sub: ArgumentParser) -> None:
     group.add_argument('--no-strict', action='store_true',
                        help='warn of impossible inertias instead of refusing them')
     sub.add_argument('--json', action='store_true', help='print JSON')
+    sub.add_argument('-v', '--verbose', action='store_true',
+                     help='print all warnings, with every name')
 
 
 ADD: dict[str, Callable[[ArgumentParser], None]] = {

@@ -4,13 +4,14 @@ EXAMPLES = {
     'torque': """
 examples:
   kane-dynamics torque arm.urdf --q 0.1 -0.5 1.2 --u 0 0.3 0 --udot 1 0 0
-  kane-dynamics torque arm.urdf --trajectory motion.csv --out torques.csv
-  kane-dynamics torque arm.urdf --trajectory motion.csv --plot sources.png
+  kane-dynamics torque arm.urdf --motion motion.csv --out torques.csv
+  kane-dynamics torque arm.urdf --motion motion.csv --plot sources.png
   xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
 
-A trajectory is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file
-like a trajectory_msgs/JointTrajectory. Speeds and accelerations that it lacks come from the
-smooth curve through its points.""",
+A motion is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file like
+a trajectory_msgs/JointTrajectory. Speeds and accelerations that it lacks come from the smooth
+curve through its points. The points of a YAML file are sampled every 0.01 s, the rows of a CSV
+file as they are; --step samples both.""",
     'simulate': """
 examples:
   kane-dynamics simulate arm.urdf --q0 0.5 0 0 --duration 5 --plot fall.png
@@ -47,6 +48,7 @@ examples:
   kane-dynamics inspect arm.urdf
   kane-dynamics inspect arm.urdf --tip tool0 --json
   kane-dynamics inspect arm.urdf --against pinocchio
+  kane-dynamics inspect arm.urdf --operations
 
 Exits with 1 if the numbers differ from the peer's.""",
     'bench': """
@@ -106,8 +108,8 @@ with --cutoff.""",
     'view': """
 examples:
   kane-dynamics view arm.urdf
-  kane-dynamics view arm.urdf --trajectory fall.npz
-  kane-dynamics view arm.urdf --trajectory motion.csv --export motion.html
+  kane-dynamics view arm.urdf --motion fall.npz
+  kane-dynamics view arm.urdf --motion motion.csv --export motion.html
 
 Without a trajectory each joint has a slider, and the arrows hold the arm against gravity. A
 trajectory is what torque takes, or an .npz file of simulate. Meshes are looked for beside the
@@ -115,9 +117,9 @@ URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported 
 server.""",
     'feasible': """
 examples:
-  kane-dynamics feasible arm.urdf --trajectory motion.csv
-  kane-dynamics feasible arm.urdf --trajectory motion.yaml --out as_fast_as_it_may.csv
-  kane-dynamics feasible arm.urdf --trajectory motion.csv --payload-frame tool0 --plot use.png
+  kane-dynamics feasible arm.urdf --motion motion.csv
+  kane-dynamics feasible arm.urdf --motion motion.yaml --out as_fast_as_it_may.csv
+  kane-dynamics feasible arm.urdf --motion motion.csv --payload-frame tool0 --plot use.png
 
 Exits with 1 if the motion passes a limit of torque, speed, position or, with --power, of power.
 Says at which speed it would just fit, slower or faster, and how much it may carry.""",

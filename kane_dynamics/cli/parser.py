@@ -2,16 +2,21 @@
 
 import argparse
 from collections.abc import Sequence
+import difflib
 from importlib import import_module
+import re
 import sys
+from typing import Any, NoReturn
 
+from kane_dynamics._util.resources import package_version
 from kane_dynamics.cli.arguments import ADD
 from kane_dynamics.cli.examples import EXAMPLES
+from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import KaneError
 
 # Of each command: what it does, and the function in `cli.commands` that does it.
 COMMANDS = {
-    'torque': ('Inverse dynamics of a state or of a trajectory', 'torque_command.torque'),
+    'torque': ('Inverse dynamics of a state or of a motion', 'torque_command.torque'),
     'simulate': ('Forward dynamics over time', 'simulate_command.simulation'),
     'sweep': ('Many simulations with values that vary, as a table', 'commands.sweep'),
     'inspect': ('Tree, masses, limits, operation counts', 'commands.inspect'),
@@ -27,11 +32,23 @@ COMMANDS = {
     'demo': ('Feedforward on a simulated arm, live', 'commands.demo'),
 }
 
+SYNONYMS = {  # of options, in other tools
+    'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot', 'accelerations': 'udot',
+    'a': 'udot', 'qd': 'u', 'dq': 'u', 'velocity': 'u', 'velocities': 'u', 'v': 'u', 'speed': 'u',
+    'position': 'q', 'positions': 'q', 'tau': 'torque', 'dt': 'step', 'timestep': 'step',
+    'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip', 'end-effector': 'tip'}
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code, 2 for bad usage or input, told on stderr."""
     given = list(sys.argv[1:] if argv is None else argv)
     parser = _parser(given[0] if given else '')
+    if not given:
+        parser.print_help()
+        return 0
+    if given == ['--version']:
+        print(f'kane-dynamics {package_version()}')
+        return 0
     # A blank in front keeps argparse from reading a negative number like -1e-3 as an option.
     marked = {f' {a}': a for a in given if a.startswith('-') and _is_number(a)}
     options, rest = parser.parse_known_args([f' {a}' if f' {a}' in marked else a for a in given])
@@ -42,16 +59,55 @@ def main(argv: Sequence[str] | None = None) -> int:
             setattr(options, name, marked.get(value, value))
     options.rest = [marked.get(argument, argument) for argument in rest]
     if rest and options.command != 'demo':
-        parser.error(f'unrecognized arguments: {" ".join(options.rest)}')
+        _unknown(parser, options)
     try:
         module, function = options.run.split('.')  # imported only now, and only what it needs
         commands = import_module(f'kane_dynamics.cli.commands.{module}')
         return int(getattr(commands, function)(options) or 0)
     except (KaneError, OSError) as error:
-        print(f'kane-dynamics: error: {error}', file=sys.stderr)
+        print(f'kane-dynamics: error: {_in_words(parser, options.command, str(error))}',
+              file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong, and where the usage stands, instead of all usage first."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and leave with 2."""
+        self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
+
+
+def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
+    """Return the options of a command."""
+    return [flag for flag in _command(parser, command)._option_string_actions
+            if flag.startswith('--')]
+
+
+def _command(parser: argparse.ArgumentParser, command: str) -> argparse.ArgumentParser:
+    """Return the parser of a command."""
+    subs: Any = next(action.choices for action in parser._actions if action.dest == 'command')
+    found: argparse.ArgumentParser = subs[command]
+    return found
+
+
+def _in_words(parser: argparse.ArgumentParser, command: str, text: str) -> str:
+    """Return an error of the library with the command's own names of its arguments."""
+    name = re.match(r'\w*', text)
+    flag = '--' + name[0].replace('_', '-') if name else ''
+    return ('--' if flag in _flags(parser, command) else '') + in_options(text)
+
+
+def _unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> NoReturn:
+    """Refuse options that there are not, with what may be meant."""
+    sub, known = _command(parser, options.command), _flags(parser, options.command)
+    wrong = next((word for word in options.rest if word.startswith('--')), options.rest[0])
+    meant = SYNONYMS.get(wrong.lstrip('-').replace('_', '-').lower())
+    near = [f'--{meant}'] if f'--{meant}' in known else difflib.get_close_matches(wrong, known, 1)
+    hint = f'; expected {near[0]}?' if near else ''
+    sub.error(f'unrecognized arguments: {" ".join(options.rest)}{hint}')
 
 
 def _is_number(text: str) -> bool:
@@ -64,8 +120,9 @@ def _is_number(text: str) -> bool:
 
 def _parser(chosen: str) -> argparse.ArgumentParser:
     """Return the parser of all commands, with the arguments of the chosen one."""
-    parser = argparse.ArgumentParser('kane-dynamics', description='Manipulator dynamics by '
-                                     "Kane's method, compiled for one robot at a time.")
+    parser = _Parser('kane-dynamics', description="Manipulator dynamics by Kane's method, "
+                     'compiled for one robot at a time.')
+    parser.add_argument('--version', action='store_true', help='print the version')
     parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, (text, function) in COMMANDS.items():
         sub = parsers.add_parser(name, help=text, description=f'{text}.', epilog=EXAMPLES[name],

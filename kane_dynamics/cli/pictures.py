@@ -27,12 +27,15 @@ def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
          desired: Motion | None = None) -> None:
     """Write the picture that the options ask for."""
     what, sliding = options.plot_of or options.plot_default, robot.model.sliding
+    name = robot.model.name
     if what == 'trajectory':
-        plot.plot_trajectory(trajectory, options.plot, prismatic=sliding)
+        plot.plot_trajectory(trajectory, options.plot, prismatic=sliding, limits=robot.limits,
+                             title=f'{name}: motion over time')
     elif what == 'tracking' and desired is not None:
         wanted, *_ = desired.sample(trajectory.t)
         plot.plot_tracking({'simulated': (trajectory.t, wanted, trajectory.q)},
-                           robot.joint_names, options.plot, prismatic=sliding)
+                           robot.joint_names, options.plot, prismatic=sliding,
+                           title=f'{name}: tracking of the desired motion')
     else:
         draws = {'torque-by-source': plot.plot_torque_by_source, 'energy': plot.plot_energy,
                  'reactions': plot.plot_reactions, 'phase': plot.plot_phase}

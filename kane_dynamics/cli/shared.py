@@ -10,11 +10,16 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.cli.wording import in_options
+from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
 from kane_dynamics.model.model import Model
+from kane_dynamics.robot.configuration_methods import suspected_degrees
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
+
+LONGEST = 180  # characters of a warning
+ROUNDING = 1e-13  # of the largest number that is printed beside it
 
 
 def source_of(options: Namespace) -> str | bytes:
@@ -35,7 +40,7 @@ def selection(options: Namespace) -> dict[str, Any]:
 def load(options: Namespace, caught: list[str] | None = None, **choices: Any
          ) -> tuple[Model, Robot]:
     """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
-    with told(caught):
+    with told(caught, verbose=options.verbose):
         model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
         robot = Robot(model, friction=not options.no_friction, **choices)
     return model, robot
@@ -51,18 +56,48 @@ def every_joint(options: Namespace) -> tuple[str, ...] | None:
 
 
 @contextmanager
-def told(caught: list[str] | None = None) -> Iterator[None]:
-    """Put warnings of models into words, before an error too: to `caught`, or to stderr."""
+def told(caught: list[str] | None = None, *, verbose: bool = False) -> Iterator[None]:
+    """
+    Collect warnings of models in `caught`, or print them to stderr, before an error too.
+
+    What is printed is one line a warning, cut where it lists many names, and nothing of elements
+    that no dynamics reads; `verbose` prints all.
+    """
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter('always', ModelWarning)
         try:
             yield
         finally:
             for record in records:
-                if caught is None:
-                    print(f'kane-dynamics: warning: {record.message}', file=sys.stderr)
-                else:
-                    caught.append(str(record.message))
+                text = in_options(str(record.message))
+                if caught is not None:
+                    caught.append(text)
+                elif verbose or not issubclass(record.category, UnusedWarning):
+                    print(f'kane-dynamics: warning: {text if verbose else brief(text)}',
+                          file=sys.stderr)
+
+
+def brief(text: str) -> str:
+    """Return a message that fits a line or two: of a long list of names the first."""
+    if len(text) <= LONGEST:
+        return text
+    end = text.rfind(', ', 0, LONGEST)
+    end = text.find(', ') if end < 0 else end
+    if end < 0 or text.count(', ', end) < 2:
+        return text
+    return f'{text[:end]} and {text.count(", ", end)} more (--verbose names all)'
+
+
+def without_rounding(values: Array) -> Array:
+    """Return numbers with 0 for those that are rounding errors beside the largest."""
+    return np.where(np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
+
+
+def warn_degrees(robot: Robot, q: Array, what: str) -> None:
+    """Print a warning if positions, (n,) or (K, n), look like degrees."""
+    doubt = suspected_degrees(robot, q)
+    if doubt:
+        print(f'kane-dynamics: warning: {what}: {brief(doubt)}', file=sys.stderr)
 
 
 def vector(options: Namespace, name: str, robot: Robot) -> Array:
@@ -73,15 +108,19 @@ def vector(options: Namespace, name: str, robot: Robot) -> Array:
     try:
         values = np.array([float(part) for part in split(given)])
     except ValueError as error:
-        raise InputError(f'--{name}: {error}') from None
+        part = str(error).partition(': ')[2]
+        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
+                         f'{", ".join(robot.joint_names)}') from None
     if len(values) != robot.n:
         raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
                          f'{", ".join(robot.joint_names)}')
+    if name in ('q', 'q0'):
+        warn_degrees(robot, values, f'--{name}')
     return values
 
 
 def split(tokens: Iterable[str]) -> list[str]:
-    """Return arguments that are parted by blanks or commas."""
+    """Return arguments that are separated by spaces or commas."""
     return [part.strip() for token in tokens for part in token.split(',') if part.strip()]
 
 

@@ -12,20 +12,24 @@ from collections.abc import Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import math
+import os
 from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.yaml_io import mapping, read_yaml, SHORT
+from kane_dynamics.cli.arguments import STEP
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.recordings.reader import distinct
+from kane_dynamics.identification.recordings.reader import distinct, no_header
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
 QUANTITIES = ('q', 'u', 'udot', 'tau')
+MOST_SAMPLES = 1_000_000
+Rows = tuple[Array | None, tuple[Array, Array, Array]]
 MESSAGE = ('joint_names', 'points', 'header')  # of trajectory_msgs/JointTrajectory
 POINT = ('positions', 'velocities', 'accelerations', 'time_from_start', 'effort')
 
@@ -51,7 +55,7 @@ def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
         Names the file and what in it is wrong or missing.
 
     """
-    if Path(path).suffix in ('.yaml', '.yml'):
+    if _is_yaml(path):
         return _read_yaml(path, joint_names)
     states = read_states(path, joint_names)
     if states.t is None or states.q is None:
@@ -74,6 +78,7 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     if len(lines) < 2:
         raise InputError(f'{path}: has {len(lines)} lines; expected a header and rows of numbers')
     header = [name.strip() for name in lines[0]]
+    no_header(path, header, f't,q.{joint_names[0]},...')
     distinct(path, header)
     found: dict[str, Any] = {}
     for quantity in QUANTITIES:
@@ -83,7 +88,9 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
         lacking = [name for name, column in zip(joint_names, wanted, strict=True)
                    if column is None]
         if lacking:
-            raise InputError(f"{path}: has '{quantity}' of some joints, but not of {lacking}")
+            raise InputError(f"{path}: no column '{quantity}.{lacking[0]}'"
+                             f'{more(lacking[1:])}, but {quantity} of other joints; expected '
+                             f'{quantity}.<joint> of every joint (found {", ".join(header)})')
         found[quantity] = _numbers(path, lines, wanted)
     if not found:
         raise InputError(f'{path}: no column is of any joint; expected names like '
@@ -92,12 +99,21 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     return States(_numbers(path, lines, times[:1])[:, 0] if times else None, **found)
 
 
-def read_rows(path: str, joint_names: Sequence[str]
-              ) -> tuple[Array | None, tuple[Array, Array, Array]]:
+def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) -> Rows:
     """
-    Return t and (q, u, udot) of a CSV or YAML file at its own rows; t may be missing.
+    Return t and (q, u, udot) of a CSV or YAML file; t may be missing.
 
-    Speeds and accelerations that the file lacks are those of the smooth curve through its points.
+    The points of a YAML file are a motion, which is sampled; the rows of a CSV file stay what they
+    are. Speeds and accelerations that the file lacks are those of the smooth curve through it.
+
+    Parameters
+    ----------
+    path : str
+        Of the file.
+    joint_names : sequence of str
+        The joints that are wanted, in their order.
+    step : float, optional
+        Largest time between two samples, s, of a CSV file too. Default: that of `STEP` for YAML.
 
     Raises
     ------
@@ -105,16 +121,40 @@ def read_rows(path: str, joint_names: Sequence[str]
         Names the file and what in it is wrong or missing.
 
     """
-    if not path.endswith(('.yaml', '.yml')):
-        states = read_states(path, joint_names)
-        if states.q is not None and states.u is not None and states.udot is not None:
-            if states.t is not None:
-                increasing(states.t, len(states.q), f"{path}: column 't'")
-            return states.t, (states.q, states.u, states.udot)
+    found = complete_rows(path, joint_names) if step is None else None
+    if found is not None:
+        return found
     motion = read_motion(path, joint_names)
-    t = motion.times.copy()
-    t[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
-    return motion.times, motion.sample(t)
+    if step is None and not _is_yaml(path):
+        return sampled(motion, math.inf)
+    return sampled(motion, STEP if step is None else step)
+
+
+def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
+    """Return the rows of a CSV file that has q, u and udot; None if it lacks some, or is YAML."""
+    if _is_yaml(path):
+        return None
+    states = read_states(path, joint_names)
+    if states.q is None or states.u is None or states.udot is None:
+        return None
+    if states.t is not None:
+        increasing(states.t, len(states.q), f"{path}: column 't'")
+    return states.t, (states.q, states.u, states.udot)
+
+
+def sampled(motion: Motion, step: float) -> Rows:
+    """Return a motion at its points, and between them so that no two samples are further apart."""
+    if not step > 0.0:
+        raise InputError(f'--step is {step}; expected a positive time in s')
+    counts = np.maximum(np.ceil(np.diff(motion.times) / step - 1e-9), 1.0).astype(int)
+    if counts.sum() > MOST_SAMPLES:
+        raise InputError(f'--step {step:g} makes {counts.sum()} samples of {motion.duration:g} s; '
+                         f'expected at most {MOST_SAMPLES}')
+    t = np.concatenate([*(np.linspace(a, b, count, endpoint=False) for a, b, count in zip(
+        motion.times[:-1], motion.times[1:], counts, strict=True)), motion.times[-1:]])
+    until = t.copy()
+    until[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
+    return t, motion.sample(until)
 
 
 def read_trajectory(path: str, robot: Robot) -> Trajectory:
@@ -129,7 +169,8 @@ def read_trajectory(path: str, robot: Robot) -> Trajectory:
     """
     if path.endswith('.npz'):
         return Trajectory.load_npz(path)
-    t, state = read_rows(path, robot.joint_names)
+    names = robot.joint_names
+    t, state = complete_rows(path, names) or sampled(read_motion(path, names), STEP)
     if t is None:
         raise InputError(f"{path}: has no column 't'")
     return Trajectory.along(robot, t, *state)
@@ -143,6 +184,15 @@ def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],
                      *(f'{quantity}.{joint}' for quantity in states for joint in joint_names)])
     columns = [*([] if t is None else [t[:, None]]), *states.values()]
     writer.writerows(np.hstack(columns).tolist())
+
+
+def more(names: Sequence[str]) -> str:
+    """Return how many more there are, or nothing."""
+    return f' (nor of {len(names)} more joints)' if names else ''
+
+
+def _is_yaml(path: str | Path) -> bool:
+    return Path(path).suffix in ('.yaml', '.yml')
 
 
 def _column(header: list[str], quantity: str, joint: str) -> int | None:
@@ -206,6 +256,8 @@ def _text(path: str | Path) -> str:
     """Return the text of a file, or raise InputError."""
     try:
         return Path(path).read_text(encoding='utf-8-sig')
+    except FileNotFoundError:
+        raise InputError(f'no such file: {os.fspath(path)!r}') from None
     except OSError as error:
         raise InputError(f'{path}: {error.strerror}') from None
     except UnicodeDecodeError:

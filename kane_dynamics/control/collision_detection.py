@@ -1,12 +1,15 @@
 """What estimated external torques say: whether something unexpected pushes, and how at the tip."""
 
 from typing import NamedTuple
+import warnings
 
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 import numpy as np
 from numpy.typing import ArrayLike
+
+DAMPING = 0.005  # m, of `frame_wrench`: a condition number near 200 for an arm of 1 m
 
 
 class CollisionDetector:
@@ -104,43 +107,82 @@ class CollisionDetector:
 
 class FrameWrench(NamedTuple):
     """
-    A wrench that explains external torques, (6,): force then moment, N and N m, world axes.
+    The wrench at a frame that explains external torques; `frame_wrench` computes it.
 
-    `seen` is the number of its six directions that the torques determine; along the others, those
-    that the arm's posture does not feel, it is zero. `rest` is what of the torques no wrench at
-    the frame explains, (n,), N m or N: large where the push is elsewhere.
+    Attributes
+    ----------
+    wrench : (6,) array
+        Force then moment, N and N m, world axes.
+    seen : int
+        How many of its six directions the torques determine. Along the others it is zero, or too
+        small by damping.
+    rest : (n,) array
+        The residual: what of the torques no wrench at the frame explains, N m or N. It is large
+        where the contact is elsewhere.
+
     """
 
     wrench: Array
     seen: int
     rest: Array
 
+    @property
+    def damped(self) -> int:
+        """Return the number of directions that the joints could show, but damping reduces."""
+        return min(6, len(self.rest)) - self.seen
+
+    @property
+    def residual(self) -> Array:
+        """Return `rest`, (n,): the torques that no wrench at the frame explains, N m or N."""
+        return self.rest
+
 
 def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.3,
-                 damping: float = 0.05) -> FrameWrench:
+                 damping: float | None = None) -> FrameWrench:
     """
     Return the wrench at a frame that explains external torques best: least squares of ``J^T w``.
 
     Where the arm is singular, or has fewer than six joints, some wrenches load structure alone and
-    no torque shows them. Their directions are taken out smoothly: with singular values s of J^T,
-    1/s becomes ``s / damping^2`` below the damping. So a wrench near a singularity comes out too
-    small, never huge.
+    no torque shows them. Near such configurations 1/s, s a singular value of J^T, is damped to
+    ``s / damping^2`` where s is below the damping: the wrench comes out too small there, never
+    huge. Elsewhere it is exact.
 
     Parameters
     ----------
     partial_velocities : (6, n) array
-        J of the frame, linear then angular, world axes.
+        `Robot.jacobian` of the frame, linear then angular, world axes.
     torque : (n,) array
         Of `MomentumObserver`, N m or N.
     length : float
         m; a moment of 1 N m counts like a force of 1 / length.
-    damping : float
-        Largest torque, N m for a force of 1 N, so m, of a direction that counts as unseen.
+    damping : float, optional
+        Largest torque, N m for a force of 1 N, so m, of a direction that counts as unseen. By
+        default 5 mm, and a warning where it acts; more where torques are noisy, for their noise
+        is divided by it.
+
+    Warns
+    -----
+    ModelWarning
+        Damping acts, and was not given: says on how many directions.
+
+    Raises
+    ------
+    InputError
+        The damping is not positive.
 
     """
+    least = DAMPING if damping is None else damping
+    if not least > 0.0:
+        raise InputError(f'damping: {least}; expected a positive number, m')
     scale = np.array([1.0, 1.0, 1.0, length, length, length])
     columns = partial_velocities.T * scale  # (n, 6): torques of scaled directions
     left, s, right = np.linalg.svd(columns, full_matrices=False)
-    inverse = np.where(s >= damping, 1.0 / np.maximum(s, damping), s / damping**2)
+    inverse = np.where(s >= least, 1.0 / np.maximum(s, least), s / least**2)
     scaled = right.T @ (inverse * (left.T @ torque))
-    return FrameWrench(scaled * scale, int((s >= damping).sum()), torque - columns @ scaled)
+    found = FrameWrench(scaled * scale, int((s >= least).sum()), torque - columns @ scaled)
+    if damping is None and found.damped:
+        warnings.warn(f'frame_wrench: {found.damped} of {len(s)} directions damped (smallest '
+                      f'singular value {s[-1]:.2g} m, damping {least:g} m): the wrench is too '
+                      'small along them; expected a configuration away from singular ones, or '
+                      'damping=', ModelWarning, stacklevel=2)
+    return found

@@ -11,8 +11,8 @@ from functools import cached_property
 import math
 
 from kane_dynamics._util.checks import finite_row, per_joint
-from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
@@ -39,38 +39,6 @@ class Terms:
     coriolis: bool = True
     inertia: bool = True
     friction: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class ComputedTorque:
-    """
-    Computed torque on a desired motion, as a torque source of `simulate`.
-
-    ``tau = ID(q, u, udot_d + kd (u_d - u) + kp (q_d - q))``.
-
-    Parameters
-    ----------
-    motion : Motion
-    kp : float or (n,) array_like
-        1/s^2, finite, not negative.
-    kd : float or (n,) array_like
-        1/s, finite, not negative.
-
-    Raises
-    ------
-    InputError
-        Names the gain, the joint and the value.
-
-    """
-
-    motion: Motion
-    kp: Array
-    kd: Array
-
-    def __post_init__(self) -> None:
-        """Check the gains and spread them over the joints."""
-        freeze(self, 'kp', per_joint(self.kp, 'kp', self.motion.joint_names))
-        freeze(self, 'kd', per_joint(self.kd, 'kd', self.motion.joint_names))
 
 
 class Controller:
@@ -120,7 +88,7 @@ class Controller:
     """
 
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
-                 compensate: Terms = Terms(), kp: ArrayLike = 100.0, kd: ArrayLike = 20.0,
+                 compensate: Terms = Terms(), kp: ArrayLike = KP, kd: ArrayLike = KD,
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
                  bending: QuasiStatic | None = None) -> None:
         self.robot, self.bending = robot, bending

@@ -1,4 +1,4 @@
-"""A live demonstration: three processes, a simulated arm that is not ours, and a picture."""
+"""A live demonstration: a MuJoCo arm, the dynamics node, a director, and plots of the result."""
 
 from collections.abc import Sequence
 

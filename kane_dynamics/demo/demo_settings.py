@@ -1,4 +1,4 @@
-"""What plant and director of the demo agree on: the arm, its motion, and the names of topics."""
+"""The settings of the demo: the arm, its motion, gains, and the names of nodes."""
 
 import math
 
@@ -9,20 +9,20 @@ import numpy as np
 
 URDF = resource_path('urdf', 'fr3.urdf')
 JOINTS = tuple(f'fr3_joint{k}' for k in range(1, 8))
-RATE = 500.0  # joint states a second
-STATE_TIMEOUT = 0.1  # s: the node answers no states older than this
+RATE = 500.0  # joint states, 1/s
+STATE_TIMEOUT = 0.1  # s: largest age of the states that the node uses
 NODE, PLANT = '/kane_dynamics', '/plant'
-DURATION = 8.0  # of the motion, s
+DURATION = 8.0  # duration of the motion, s
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
 AMPLITUDE = np.array([0.9, 0.45, 0.6, 0.5, 0.7, 0.6, 0.9])  # rad
-CYCLES = np.array([2.0, 3.0, 2.5, 3.0, 4.0, 3.0, 5.0])  # in the motion
+CYCLES = np.array([2.0, 3.0, 2.5, 3.0, 4.0, 3.0, 5.0])  # oscillations of each joint in the motion
 KP = np.array([150.0, 150.0, 120.0, 120.0, 40.0, 30.0, 15.0])  # N m/rad: a soft servo
 KD = np.array([12.0, 12.0, 10.0, 10.0, 3.0, 2.5, 1.0])  # N m s/rad
 GAINS = (KP, KD)
 
 
 def desired_motion(points: int = 81) -> Motion:
-    """Return a wave of every joint about its home that swells from rest and fades to rest."""
+    """Return a motion in which every joint oscillates about its home, from rest to rest."""
     t = np.linspace(0.0, DURATION, points)
     return Motion.from_points(t, [_wave(moment) for moment in t], joint_names=JOINTS)
 

@@ -1,9 +1,9 @@
 """
-The demo's arm: MuJoCo as an independent engine behind ROS topics.
+The simulated arm of the demo: MuJoCo, an independent engine, behind ROS topics.
 
-Publishes ``joint_states`` at 500 Hz by an absolute clock, applies the torques of ``commands`` and
-a soft servo towards the motion that it is sent on ``desired``. Simulated time equals the stamps: a
-tick that comes late is caught up on. What happened is kept, and written to a file on request.
+It publishes ``joint_states`` at 500 Hz on an absolute schedule and applies the torques of
+``commands`` and of a soft servo, which tracks the motion received on ``desired``. Stamps are
+simulated time; late ticks are caught up. A record of the run is written to a file on request.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 SUBSTEPS = 4  # MuJoCo steps a tick
 COLUMNS = ('t', 'q', 'u', 'command', 'servo', 'late')
-HOLD = 2000.0  # N/m or N m/rad: keeps joints still that are not the arm's
+HOLD = 2000.0  # N/m or N m/rad: holds the joints that are not part of the arm
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -38,7 +38,7 @@ class MujocoArm:
     """The arm in MuJoCo: the URDF's bodies, joints, damping and friction; no contacts."""
 
     def __init__(self, urdf: str) -> None:
-        """Compile the URDF; geometry is of no use here and may name files."""
+        """Compile the URDF without geometry, which may refer to files."""
         bare = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf, flags=re.DOTALL)
         self.model = mujoco.MjModel.from_xml_string(bare)
         self.model.opt.timestep = 1.0 / (RATE * SUBSTEPS)
@@ -58,7 +58,7 @@ class MujocoArm:
 
     @property
     def state(self) -> tuple[Array, Array]:
-        """Positions and speeds of the arm's joints, rad and rad/s."""
+        """Return positions and velocities of the joints of the arm, rad and rad/s."""
         return self.data.qpos[self._q].copy(), self.data.qvel[self._u].copy()
 
     def step(self, tau: Array) -> None:
@@ -75,7 +75,7 @@ class MujocoPlant(Node):
     """The arm behind ROS topics and services."""
 
     def __init__(self, arm: MujocoArm, record: str) -> None:
-        """Open topics and services; `record` is the file that save writes."""
+        """Open topics and services; `record` is the file that ~/save writes."""
         super().__init__(PLANT.strip('/'))
         self.arm = arm
         self._record = record
@@ -85,7 +85,7 @@ class MujocoPlant(Node):
         self._command = np.zeros(len(JOINTS))
         self._rows: list[tuple[Any, ...]] = []
         self._sent: dict[int, int] = {}
-        self._latencies: list[tuple[float, float]] = []  # time of the motion, delay
+        self._latencies: list[tuple[float, float]] = []  # time in the motion, latency, s
         self._message = JointState(name=list(JOINTS))
         self._publisher = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -98,7 +98,7 @@ class MujocoPlant(Node):
         self.create_service(Trigger, '~/save', self._save)
 
     def tick(self, stamp: int) -> None:
-        """Publish the state at `stamp` (ns), then move on by one tick."""
+        """Publish the state at `stamp` (ns), then advance by one tick."""
         q, u = self.arm.state
         t = stamp * 1e-9
         servo = self._servo(t, q, u)
@@ -124,7 +124,7 @@ class MujocoPlant(Node):
         self._command = np.array(message.data)
 
     def _on_torques(self, message: JointState) -> None:
-        """Measure how long after a state its torques arrive."""
+        """Record the latency from a state to its torques."""
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         sent = self._sent.pop(stamp, None)
         if sent is not None:
@@ -139,7 +139,7 @@ class MujocoPlant(Node):
             [p.positions for p in message.points], joint_names=message.joint_names, order=JOINTS)
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Put the arm at rest at home, its servo on or off; forget the motion."""
+        """Reset the arm to rest at home, switch the servo, and drop the motion."""
         self.arm.reset()
         self._motion = None
         self._servo_on = request.data
@@ -148,7 +148,7 @@ class MujocoPlant(Node):
         return response
 
     def _begin_record(self, start: float) -> None:
-        """Record anew, with times from `start` on."""
+        """Start a new record with times relative to `start`."""
         self._started = start
         self._rows.clear()
         self._sent.clear()
@@ -163,7 +163,7 @@ class MujocoPlant(Node):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Serve until a signal comes: URDF file, record file."""
+    """Run the arm until a signal; arguments: URDF file, record file."""
     urdf, record = arguments
     with open(urdf, encoding='utf-8') as file:
         arm = MujocoArm(file.read())

@@ -1,4 +1,4 @@
-"""What came of the demo: numbers on the terminal and pictures in a folder."""
+"""The report of the demo: tracking errors, latencies, and plots."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,25 +13,25 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 
-ENOUGH = 10.0  # feedforward must cut the tracking error at least by this
-ANSWERED = 0.95  # least share of the states that torques come back for, on a machine in time
+MIN_RATIO = 10.0  # smallest accepted ratio of tracking errors without and with feedforward
+MIN_ANSWERED = 0.95  # smallest share of states with torques in a run in real time
 
 
 @dataclass(frozen=True, eq=False)
 class TrackingLog:
     """
-    What the arm did.
+    A record of the arm: states, torques and latencies.
 
     Attributes
     ----------
     t : (K,) array
-        Time from the motion's start, s.
+        Time since the start of the motion, s.
     q, u, command, servo : (K, n) arrays
-        States of the joints, and torques from the node and from the arm's own servo.
+        States of the joints, and torques of the node and of the servo.
     late : (K,) array
-        Time from a state's stamp to its publication, s.
+        Time from each state's stamp to its publication, s.
     latency : (L, 2) array
-        When a state was published that torques came back for, and how long that took, s.
+        Time of each state whose torques were received, and the latency, s.
 
     """
 
@@ -45,12 +45,12 @@ class TrackingLog:
 
     @classmethod
     def load(cls, path: Path) -> 'TrackingLog':
-        """Read what the plant wrote."""
+        """Load the record that the plant saved."""
         with np.load(path) as file:
             return cls(**{name: file[name] for name in cls.__dataclass_fields__})
 
     def within(self, start: float, end: float) -> 'TrackingLog':
-        """Return the part between two times."""
+        """Return the part of the record between two times."""
         def kept(table: Array, times: Array) -> Array:
             return table[(times >= start) & (times <= end)]
         rows = {name: kept(getattr(self, name), self.t) for name in ('t', 'q', 'u', 'command',
@@ -59,7 +59,7 @@ class TrackingLog:
 
 
 def rms(error: Array) -> Array:
-    """Return the root mean square down each column."""
+    """Return the root mean square of each column."""
     result: Array = np.sqrt(np.mean(error * error, axis=0))
     return result
 
@@ -80,24 +80,24 @@ def lateness(run: TrackingLog) -> str | None:
     """Return in words what was late in a run with feedforward; None if it ran in real time."""
     run = run.within(0.0, DURATION)
     longest = float(run.late.max(initial=0.0))
-    if longest < STATE_TIMEOUT and len(run.latency) >= ANSWERED * len(run.t):
+    if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):
         return None
     return (f'{len(run.latency)} of {len(run.t)} states were answered, expected '
-            f'{ANSWERED:.0%}; the latest state was published {1e3 * longest:.0f} ms late, '
+            f'{MIN_ANSWERED:.0%}; the latest state was published {1e3 * longest:.0f} ms late, '
             f'expected less than {1e3 * STATE_TIMEOUT:.0f} ms')
 
 
 def repeated_if_late(motion: Motion, alone: TrackingLog,
                      perform: Callable[[], TrackingLog]) -> TrackingLog:
     """
-    Perform the motion with feedforward; once more if it falls short and states were late.
+    Perform the motion with feedforward; repeat it once if it falls short and states were late.
 
-    Lateness only makes feedforward worse: the servo alone is computed with the arm. What is
-    enough in spite of it needs no repetition.
+    Late states only increase the error with feedforward, since the servo is computed with the
+    arm. A sufficient ratio is therefore valid in any case.
     """
     helped = perform()
     late = lateness(helped)
-    if late is None or improvement(motion, alone, helped) >= ENOUGH:
+    if late is None or improvement(motion, alone, helped) >= MIN_RATIO:
         return helped
     print(f'  the machine is too busy: {late}; the motion is repeated once', flush=True)
     return perform()
@@ -105,7 +105,7 @@ def repeated_if_late(motion: Motion, alone: TrackingLog,
 
 def report(motion: Motion, alone: TrackingLog, helped: TrackingLog, prediction: Any,
            fall: TrackingLog, folder: Path) -> int:
-    """Print the figures, draw the pictures, and return 0 if feedforward did what it must."""
+    """Print the results, save the plot, and return 0 if feedforward is effective, else 1."""
     alone, helped = alone.within(0.0, DURATION), helped.within(0.0, DURATION)
     before, after = (tracking_errors(motion, run) for run in (alone, helped))
     print('\nTracking error, RMS in mrad\n'
@@ -122,29 +122,29 @@ def report(motion: Motion, alone: TrackingLog, helped: TrackingLog, prediction: 
 
 
 def verdict(ratio: float, late: str | None) -> int:
-    """Print what the result is worth; return 0 if feedforward did what it must, 1 if not."""
+    """Print whether the result is valid; return 0 if feedforward is effective, else 1."""
     if late is not None:
         print(f'\nThe machine was too busy for real time: {late}.')
-    if ratio >= ENOUGH:
+    if ratio >= MIN_RATIO:
         return 0
-    print(f'\nFeedforward cut the error {ratio:.1f} times; expected at least {ENOUGH:g}.'
-          + ('' if late is None else ' That says nothing about the node: run the demo again on '
-             'an idle machine.'))
+    print(f'\nRatio of tracking errors: {ratio:.1f}; expected at least {MIN_RATIO:g}.'
+          + ('' if late is None else ' The ratio is not valid: run the demo again on an idle '
+             'machine.'))
     return 1
 
 
 def _print_latency(run: TrackingLog) -> None:
-    """Print how long after a state its torques were there."""
+    """Print the latency from joint states to torques."""
     if not len(run.latency):
-        print('\nNo torques came back.')
+        print('\nNo torques received.')
         return
     p50, p90, p99 = (1e6 * np.percentile(run.latency[:, 1], p) for p in (50, 90, 99))
-    print(f'\nFrom joint state to torque and back, over DDS: p50 {p50:.0f} us, p90 {p90:.0f} us, '
+    print(f'\nLatency from joint state to torque, over DDS: p50 {p50:.0f} us, p90 {p90:.0f} us, '
           f'p99 {p99:.0f} us ({len(run.latency)} torques for {len(run.t)} states)')
 
 
 def _print_fall(prediction: Any, fall: TrackingLog) -> None:
-    """Compare the predicted fall with what the arm then did."""
+    """Print the prediction error of the fall of the arm."""
     points = prediction.trajectory.points
     t = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
     q = np.array([p.positions for p in points])
@@ -153,13 +153,13 @@ def _print_fall(prediction: Any, fall: TrackingLog) -> None:
     moved = np.abs(actual - actual[0]).max(axis=0)
     error = np.abs(q - actual).max(axis=0)
     worst = int(np.argmax(error))
-    print(f'Arm let go for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} ms) '
-          f'foretold its fall of up to {np.degrees(moved.max()):.0f} deg to within '
+    print(f'Free fall for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} ms) '
+          f'predicted its fall of up to {np.degrees(moved.max()):.0f} deg to within '
           f'{np.degrees(error[worst]):.2f} deg ({JOINTS[worst]})')
 
 
 def _draw(motion: Motion, alone: TrackingLog, helped: TrackingLog, folder: Path) -> None:
-    """Draw tracking and torques by source."""
+    """Plot tracking and torques by source."""
     robot = Robot(load_urdf(URDF, joints=JOINTS))
     t = np.linspace(0.0, DURATION, 801)
     terms = robot.torque_terms(*motion.sample(t))

@@ -1,4 +1,4 @@
-"""Whether a motion fits the motors: what it asks, how fast it may be, how much it may carry."""
+"""Feasibility of motions: torque demand, largest speed and largest payload within limits."""
 
 from kane_dynamics.feasibility.payload_bound import largest_payload, PayloadBound
 from kane_dynamics.feasibility.time_scale import fastest, TimeScale

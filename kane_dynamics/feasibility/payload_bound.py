@@ -1,4 +1,4 @@
-"""The largest payload that a motion leaves torque for."""
+"""Largest payload with which a motion satisfies the joint limits."""
 
 from copy import copy
 from dataclasses import dataclass, replace
@@ -16,22 +16,22 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-NOTHING = 1e-13  # of two torques, relative: a difference of rounding
+ROUNDING_SHARE = 1e-13  # relative difference of two torques that is rounding
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadBound:
     """
-    The largest payload of a motion, and what bounds it.
+    Largest payload of a motion, and the limit that bounds it.
 
     Attributes
     ----------
     mass : float
         kg; infinite if nothing bounds it.
     joint, limit : str or None
-        Which limit, 'effort' or 'power', of which joint it reaches.
+        The joint that reaches a limit first, and the limit: 'effort' or 'power'.
     t : float or None
-        When, s.
+        Time of that, s.
 
     """
 
@@ -47,39 +47,41 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     """
     Return the largest mass that a robot can carry along a motion.
 
-    The torque is linear in the mass m of a payload whose mass centre is given and whose inertia
-    grows with it: tau = tau_0 + m tau_1 at each sample, so that each limit bounds m exactly.
+    For a payload with a given center of mass and an inertia proportional to its mass m, the torque
+    is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds m exactly.
 
     Parameters
     ----------
     robot : Robot
-        With a `payload_frame`; what it carries now is put down first.
+        A robot with a `payload_frame`; its current payload is ignored.
     motion : Motion
-        Of its joints, in their order.
+        Motion of the robot's joints, in their order.
     com : (3,) array_like
-        Mass centre from the origin of the payload frame, in its axes, m.
+        Center of mass in the payload frame, m.
     inertia : (3, 3) array_like, optional
-        About the mass centre, in axes of the frame, of each kilogram, m^2; default: a point mass.
+        Inertia per kilogram about the center of mass, in axes of the payload frame, m^2.
+        Default: a point mass.
     speed, step, power
         As in `demand`.
 
     Raises
     ------
     InputError
-        The motion passes a limit without any payload: names the joint, the limit and the time;
-        or the robot has no payload frame.
+        If the motion exceeds a limit without a payload (the message names the joint, the limit
+        and the time), or the robot has no payload frame.
     ModelError
-        The mass centre or the inertia is not valid.
+        If the center of mass or the inertia is invalid.
 
     """
-    unit = Inertial(1.0, constant(com, (3,), 'mass centre'),
+    unit = Inertial(1.0, constant(com, (3,), 'center of mass'),
                     np.zeros((3, 3)) if inertia is None else constant(inertia, (3, 3), 'inertia'))
     check_moments('payload', unit)
     carrier = copy(robot)
     carrier.parameters.payload = None
     empty = demand(carrier, motion, speed=speed, step=step, power=power)
     if not empty.fits:
-        raise InputError(f'the motion passes a limit without a payload: {empty.excesses[0]}')
+        raise InputError(f'motion without a payload: {empty.excesses[0]}; expected a motion '
+                         'within the limits')
     more = NONE
     for _ in range(ROUNDS + 1):
         carrier.parameters.payload = None
@@ -89,22 +91,22 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         best = _bound(empty, slope)
         if math.isinf(best.mass):
             break
-        doubtful = replace(empty, tau=empty.tau + best.mass * slope).in_doubt
-        if not doubtful.size:
+        refined = replace(empty, tau=empty.tau + best.mass * slope).in_doubt
+        if not refined.size:
             break
-        more = np.concatenate([more, speed * doubtful])
+        more = np.concatenate([more, speed * refined])
     return best
 
 
 def _slope(empty: Demand, loaded: Demand) -> Array:
-    """Return the torque that each kilogram asks for, (N, n)."""
+    """Return the torque per kilogram of payload, (N, n)."""
     slope = loaded.tau - empty.tau
-    slope[np.abs(slope) <= NOTHING * (np.abs(loaded.tau) + np.abs(empty.tau))] = 0.0
+    slope[np.abs(slope) <= ROUNDING_SHARE * (np.abs(loaded.tau) + np.abs(empty.tau))] = 0.0
     return np.asarray(slope)
 
 
 def _bound(empty: Demand, slope: Array) -> PayloadBound:
-    """Return the largest mass that limits at samples leave room for."""
+    """Return the largest mass allowed by the limits at the samples."""
     bounds = {'effort': np.broadcast_to(empty.limits.effort, slope.shape),
               'power': torque_of(empty.power_limit, empty.u)}
     best = PayloadBound(math.inf)

@@ -1,19 +1,19 @@
 """
-The highest speed at which a motion's path keeps every limit.
+Highest speed at which a motion along its path satisfies all limits (time scaling).
 
 A motion q(s t), s times as fast as q(t), has the speeds s u and accelerations s^2 udot. Its torque
-at a sample is a quadratic in s plus what Coulomb friction asks for,
+at a sample is a quadratic in s plus Coulomb friction,
 
     tau(s) = s^2 (M udot + Coriolis) + s d u + (gravity + springs + offset) + T(s u),
 
-(Hollerbach, ASME J. Dynamic Systems 106 (1984), with friction added), so that a limit forbids
-intervals of s that are known in closed form, and the highest s outside all of them is the answer:
-exact where there is no Coulomb friction and no limit of power. T(s u) = mu tanh(s u / u_s) only
-grows with s, and tau is bounded by P / (s |u|) where power is by P. Over an interval of s both lie
-between their values at its ends: the most favourable ones forbid too little, the least favourable
-ones too much, and intervals are split until both agree. Where the motion at that speed comes near
-a limit between samples, more are taken there, and the speed is sought again. Slower is not always
-feasible: an arm that cannot hold a posture may swing through it.
+(Hollerbach, ASME J. Dynamic Systems 106 (1984), with friction added). Each limit excludes
+intervals of s in closed form; the result is the highest s outside all of them. It is exact without
+Coulomb friction and power limits. T(s u) = mu tanh(s u / u_s) is monotonic in s, and a power limit
+P bounds tau by P / (s |u|). Over an interval of s both lie between their values at its ends. These
+give an inner and an outer estimate of the excluded intervals; intervals are split until both
+agree. If the motion at the resulting speed comes close to a limit between samples, samples are
+added there and the search is repeated. A slower motion is not always feasible: an arm that cannot
+hold a configuration may swing through it.
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LEAST, MOST = 1e-6, 1e4  # speeds that are looked at
-PRECISION = 1e-10  # of the speed, relative, where friction or power leave no closed form
+LOWEST, HIGHEST = 1e-6, 1e4  # range of the search
+PRECISION = 1e-10  # relative, of the speed with friction or power limits
 
 Indices = NDArray[np.int_]
 
@@ -38,16 +38,16 @@ Indices = NDArray[np.int_]
 @dataclass(frozen=True, eq=False)
 class TimeScale:
     """
-    The highest speed of a motion, and what bounds it.
+    Highest speed of a motion, and the limit that bounds it.
 
     Attributes
     ----------
     speed : float
-        2 is twice as fast as the motion; infinite if nothing bounds it.
+        Factor on the velocities of the motion; infinite if no limit bounds it.
     joint, limit : str or None
-        Which limit, 'effort', 'velocity' or 'power', of which joint is reached; None if none is.
+        The joint that reaches a limit, and the limit: 'effort', 'velocity' or 'power'.
     t : float or None
-        When, s in the time of the scaled motion.
+        Time of that, s, in the scaled motion.
 
     """
 
@@ -60,54 +60,54 @@ class TimeScale:
 def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float = STEP,
             power: ArrayLike = math.inf) -> TimeScale | None:
     """
-    Return the highest speed at which a motion keeps all limits; None if there is none.
+    Return the highest speed at which a motion satisfies all limits; None if there is none.
 
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds.
+        A robot with joint rates as speeds.
     motion : Motion
-        Of its joints, in their order.
+        Motion of the robot's joints, in their order.
     most : float
-        Highest speed to consider: 1 asks how slow the motion must be, not how fast it may be.
+        Highest speed to consider.
     step : float
         Largest time between two samples of the motion at speed 1, s.
     power : float or (n,) array_like
-        Largest size of the mechanical power of each joint, W.
+        Limit on the absolute mechanical power of each joint, W.
 
     Returns
     -------
     TimeScale or None
-        None if a position is out of its limits, or if no speed from a millionth of the motion's
-        on keeps the limits: most often a posture that the motors cannot hold, which
+        None if a position exceeds its limits, or no speed from 1e-6 up satisfies the limits:
+        usually because the motors cannot hold a configuration, which
         ``demand(robot, motion, speed=1e-6).excesses`` names.
 
     Raises
     ------
     InputError
-        The robot or the motion is not of that kind, a number is out of range: names it.
+        If the robot, the motion or a number is invalid; the message names it.
 
     """
     if not most > 0.0:
-        raise InputError(f'most is {most}; expected a positive number')
+        raise InputError(f'most: {most}; expected a positive number')
     more = NONE
     for _ in range(ROUNDS + 1):
-        course = SampledPath(robot, motion, step, power, more)
-        top = min(most, MOST, course.speed_bound)
-        speed = _highest(course, LEAST, top) if course.inside and top >= LEAST else None
+        path = SampledPath(robot, motion, step, power, more)
+        top = min(most, HIGHEST, path.speed_bound)
+        speed = _highest_speed(path, LOWEST, top) if path.inside and top >= LOWEST else None
         if speed is None:
             return None
         asked = demand_at(robot, motion, speed, step, power, more)
-        scale = TimeScale(math.inf) if speed == MOST else _bound(asked, speed)
-        doubtful = asked.in_doubt
-        if not doubtful.size:
+        scale = TimeScale(math.inf) if speed == HIGHEST else _bound(asked, speed)
+        refined = asked.in_doubt
+        if not refined.size:
             break
-        more = np.concatenate([more, speed * doubtful])
+        more = np.concatenate([more, speed * refined])
     return scale
 
 
 def _bound(asked: Demand, speed: float) -> TimeScale:
-    """Return the speed with the limit that a motion reaches."""
+    """Return the speed with the limit that the motion reaches."""
     uses = asked.uses
     limit = max(uses, key=lambda name: float(uses[name].max()))
     j = int(uses[limit].argmax())
@@ -120,7 +120,7 @@ def _bound(asked: Demand, speed: float) -> TimeScale:
 
 class SampledPath:
     """
-    The torque of a motion as a function of its speed; arrays are (N, n).
+    Torque of a motion at its samples as a function of the speed; arrays are (N, n).
 
     Parameters
     ----------
@@ -131,13 +131,13 @@ class SampledPath:
     power : float or (n,) array_like
         As in `fastest`.
     more : (k,) array
-        Further times of the motion to look at, s.
+        Additional times of the motion, s.
 
     """
 
     def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike,
                  more: Array) -> None:
-        """Take the torque apart by powers of the speed."""
+        """Compute the coefficients of the torque by powers of the speed."""
         _, q, self.u, udot = sampled(robot, motion, step, more)
         inertia, coriolis, gravity, _, spring = np.moveaxis(
             robot.torque_terms(q, self.u, udot), 1, 0)
@@ -155,49 +155,49 @@ class SampledPath:
         self.speed_bound = float(np.where(np.isnan(bound), math.inf, bound).min())
 
     def coulomb(self, rows: Indices, speed: float) -> Array:
-        """Return T at a speed: friction without what is linear in the speed."""
+        """Return the Coulomb friction T at a speed."""
         return np.asarray(self.robot.friction_force(speed * self.u[rows]) - self.offset
                           - speed * self.linear[rows])
 
     def bound(self, rows: Indices, speed: float) -> Array:
-        """Return the largest torque that effort and power allow at a speed."""
+        """Return the largest torque allowed by effort and power at a speed."""
         return np.minimum(self.effort, torque_of(self.power, speed * self.u[rows]))
 
     def forbidden(self, rows: Indices, low: float, high: float) -> tuple[Array, Array]:
         """
-        Return forbidden open intervals of speeds between two, (k, 4, n, 2) each.
+        Return excluded open intervals of speeds in (low, high), (k, 4, n, 2) each.
 
         Returns
         -------
         some, all_and_more : arrays
-            Some that are forbidden, and all that are, with others perhaps.
+            Inner estimate and outer estimate of the excluded speeds.
 
         """
         T = [self.coulomb(rows, low), self.coulomb(rows, high)]
         least, largest = np.minimum(*T), np.maximum(*T)
         A, B, C = self.square[rows], self.linear[rows], self.constant[rows]
         wide, narrow = self.bound(rows, low), self.bound(rows, high)
-        some, more = (np.concatenate([positive(A, B, C + under - bound),
-                                      positive(-A, -B, -C - over - bound)], axis=1)
+        some, more = (np.concatenate([positive_intervals(A, B, C + under - bound),
+                                      positive_intervals(-A, -B, -C - over - bound)], axis=1)
                       for under, over, bound in ((least, largest, wide),
                                                  (largest, least, narrow)))
         return some, more
 
 
 def _damping(robot: Robot) -> Array:
-    """Return each coordinate's coefficient of viscous friction, (n,)."""
+    """Return the viscous friction coefficients of the coordinates, (n,)."""
     total = np.zeros(robot.n)
     for body in robot.model.bodies if robot.friction else ():
         total[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.damping
     return total
 
 
-def _highest(course: SampledPath, low: float, high: float) -> float | None:
-    """Return the highest allowed speed between two, None if there is none."""
-    boxes = [(low, high, np.arange(len(course.u)))]
+def _highest_speed(path: SampledPath, low: float, high: float) -> float | None:
+    """Return the highest allowed speed between low and high, or None."""
+    boxes = [(low, high, np.arange(len(path.u)))]
     while boxes:
         low, high, rows = boxes.pop()
-        some, more = course.forbidden(rows, low, high)
+        some, more = path.forbidden(rows, low, high)
         up = highest_free(some.reshape(-1, 2), low, high)
         if up is None:
             continue
@@ -208,24 +208,24 @@ def _highest(course: SampledPath, low: float, high: float) -> float | None:
             if up - low <= PRECISION * up:
                 continue
             down = low
-        # What is forbidden nowhere in between needs no further look.
+        # Samples without excluded speeds in the interval need no further check.
         touched = (more[..., 0] < np.minimum(up, more[..., 1])) & (more[..., 1] > down)
         rows = rows[touched.any(axis=(1, 2))]
-        down = max(low, down * (1.0 - PRECISION))  # rounding may have put it too high
+        down = max(low, down * (1.0 - PRECISION))  # margin for rounding
         middle = math.sqrt(down * up)
         boxes += [(down, middle, rows), (middle, up, rows)]
     return None
 
 
-def positive(A: Array, B: Array, C: Array) -> Array:
+def positive_intervals(A: Array, B: Array, C: Array) -> Array:
     """
     Return the open intervals on which A s^2 + B s + C > 0, (k, 2, n, 2) for (k, n) arrays.
 
-    There are up to two; one that is not there ends where it begins, or before.
+    There are at most two; the end of a missing one is not greater than its beginning.
     """
     inf = math.inf
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-        # The two roots without cancellation; not a number where there is none.
+        # The two roots without cancellation; NaN where there is none.
         half = -0.5 * (B + np.copysign(np.sqrt(B * B - 4.0 * A * C), B))
         roots = half / A, C / half
     first, second = np.fmin(*roots), np.fmax(*roots)
@@ -240,7 +240,7 @@ def positive(A: Array, B: Array, C: Array) -> Array:
 
 
 def highest_free(intervals: Array, low: float, high: float) -> float | None:
-    """Return the highest number from low to high that is in none of open intervals (m, 2)."""
+    """Return the highest number in [low, high] outside all open intervals (m, 2), or None."""
     start, end = intervals[(intervals[:, 0] < np.minimum(high, intervals[:, 1]))
                            & (intervals[:, 1] > low)].T
     order = np.argsort(-end)

@@ -1,4 +1,4 @@
-"""Torque, speed and power along a motion, against the limits of the joints."""
+"""Torque, speed and power along a motion, compared with the joint limits."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +8,8 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.samples import in_doubt, NONE, ROUNDING, ROUNDS, sampled, STEP
+from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
+                                               times_to_refine)
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
@@ -20,7 +21,7 @@ QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power', 'lower'
 
 
 class Excess(NamedTuple):
-    """Where a joint is farthest beyond one of its limits."""
+    """Largest excess of a joint over one of its limits."""
 
     joint: str
     limit: str  # 'effort', 'velocity', 'power', 'lower' or 'upper'
@@ -29,7 +30,7 @@ class Excess(NamedTuple):
     bound: float
 
     def __str__(self) -> str:
-        """Say it in words, with as many digits as part the value from the bound."""
+        """Return the excess as text, with enough digits to distinguish value and bound."""
         digits = next((k for k in range(4, 17) if f'{self.value:.{k}g}' != f'{self.bound:.{k}g}'),
                       17)
         return (f"joint '{self.joint}': {QUANTITIES[self.limit]} {self.value:.{digits}g} at "
@@ -39,19 +40,19 @@ class Excess(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Demand:
     """
-    What a motion asks of the motors, sample by sample; SI units of each joint.
+    Torque, speed and power of a motion at its samples, with the limits; SI units.
 
     Attributes
     ----------
     joint_names : tuple of str
     t : (N,) array
-        s; a time at which the acceleration jumps stands there twice, for both sides.
+        s; the time of an acceleration jump occurs twice, for both sides.
     q, u, udot, tau : (N, n) arrays
         Positions, speeds, accelerations and torques.
     limits : JointLimits
-        Of the robot.
+        Limits of the robot.
     power_limit : (n,) array
-        W; infinite for none.
+        W; infinite for no limit.
 
     """
 
@@ -66,12 +67,12 @@ class Demand:
 
     @property
     def power(self) -> Array:
-        """Return tau u, (N, n), W: negative where a joint brakes."""
+        """Return the mechanical power tau u, (N, n), W; negative where a joint brakes."""
         return self.tau * self.u
 
     @property
     def torque_rms(self) -> Array:
-        """Return the root of the mean square of the torque over time, (n,): what heats motors."""
+        """Return the root mean square of the torque over time, (n,), which heats motors."""
         span = float(self.t[-1] - self.t[0])
         if span == 0.0:
             return np.asarray(np.abs(self.tau[0]))
@@ -81,13 +82,13 @@ class Demand:
 
     @property
     def uses(self) -> dict[str, Array]:
-        """Return the peak of torque, speed and power as a share of each limit, (n,) arrays."""
+        """Return peak torque, speed and power as fractions of their limits, (n,) arrays."""
         return {limit: share(np.abs(values).max(axis=0), bound)
                 for limit, values, bound in self._sizes()}
 
     @property
     def excesses(self) -> tuple[Excess, ...]:
-        """Return where limits are passed farthest, one for each joint and limit."""
+        """Return the largest excess for each joint and exceeded limit."""
         found = []
         for limit, values, bound in self._sizes():
             size = np.abs(values)
@@ -100,27 +101,27 @@ class Demand:
 
     @property
     def fits(self) -> bool:
-        """Tell whether every limit is kept at every sample."""
+        """Return whether all samples satisfy all limits."""
         return not self.excesses
 
     @property
     def in_doubt(self) -> Array:
-        """Return times at which a limit may be passed though the samples keep it, (k,), s."""
+        """Return times between samples at which a limit may be exceeded, (k,), s."""
         shares = [share(np.abs(values), bound) for _, values, bound in self._sizes()]
         with np.errstate(invalid='ignore'):
             shares += [1.0 + sign * (self.q - bound) / np.maximum(1.0, np.abs(bound))
                        for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))]
-        return in_doubt(self.t, np.hstack(shares))
+        return times_to_refine(self.t, np.hstack(shares))
 
     def _sizes(self) -> Iterator[tuple[str, Array, Array]]:
-        """Yield limits on sizes: name, (N, n) values, (n,) bounds."""
+        """Yield the limits on absolute values: name, (N, n) values, (n,) bounds."""
         yield 'effort', self.tau, self.limits.effort
         yield 'velocity', self.u, self.limits.velocity
         yield 'power', self.power, self.power_limit
 
     def _worst(self, limit: str, values: Array, beyond: Array, slack: Array,
                bound: Array) -> list[Excess]:
-        """Return the farthest sample of every joint that passes its bound by more than slack."""
+        """Return the largest excess of each joint beyond its bound plus slack."""
         rows = beyond.argmax(axis=0)
         return [Excess(name, limit, float(self.t[k]), float(values[k, j]), float(bound[j]))
                 for j, (name, k) in enumerate(zip(self.joint_names, rows.tolist()))
@@ -130,64 +131,64 @@ class Demand:
 def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = STEP,
            power: ArrayLike = math.inf) -> Demand:
     """
-    Return what a motion asks of a robot's motors, its payload and friction included.
+    Return torque, speed and power of a motion, including payload and friction.
 
-    The joints stand at both ends of a motion, which counts too. Between samples that keep a limit
-    but come near it more are taken, until what may hide between them is rounding.
+    Rest before and after the motion is included. Samples are added where the motion comes close
+    to a limit, until the remaining excess between samples is rounding.
 
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds.
+        A robot with joint rates as speeds.
     motion : Motion
-        Of its joints, in their order.
+        Motion of the robot's joints, in their order.
     speed : float
-        At which the motion's path is followed: 2 is twice as fast.
+        Factor on the velocities of the motion; 2 is twice as fast.
     step : float
-        Largest time between two samples of the motion at speed 1, s; a peak that is much narrower
-        goes unseen.
+        Largest time between two samples of the motion at speed 1, s; much narrower peaks are
+        missed.
     power : float or (n,) array_like
-        Largest size of the mechanical power of each joint, W: URDF has no word for it.
+        Limit on the absolute mechanical power of each joint, W; not part of URDF.
 
     Raises
     ------
     InputError
-        The robot or the motion is not of that kind, a number is out of range: names it.
+        If the robot, the motion or a number is invalid; the message names it.
 
     """
     more = NONE
     for _ in range(ROUNDS):
         asked = demand_at(robot, motion, speed, step, power, more)
-        doubtful = asked.in_doubt
-        if not doubtful.size:
+        refined = asked.in_doubt
+        if not refined.size:
             return asked
-        more = np.concatenate([more, speed * doubtful])
+        more = np.concatenate([more, speed * refined])
     return demand_at(robot, motion, speed, step, power, more)
 
 
 def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: ArrayLike,
               more: Array) -> Demand:
-    """Return what a motion asks for at its samples, and at further times of the motion."""
+    """Return the demand of a motion at its samples and at additional times."""
     t, q, u, udot = sampled(robot, motion, step, more)
     if not 0.0 < speed < math.inf:
-        raise InputError(f'speed is {speed}; expected a positive, finite number')
+        raise InputError(f'speed: {speed}; expected a positive, finite number')
     u, udot = speed * u, speed**2 * udot
     tau = robot.inverse_dynamics(q, u, udot)
     if not np.isfinite(tau).all():
         k, j = np.argwhere(~np.isfinite(tau))[0].tolist()
-        raise InputError(f"joint '{robot.joint_names[j]}': torque is {tau[k, j]} at "
-                         f'{t[k]:.4g} s; the motion is beyond any physical range')
+        raise InputError(f"joint '{robot.joint_names[j]}': torque {tau[k, j]} at "
+                         f'{t[k]:.4g} s; expected a motion with finite torques')
     return Demand(robot.joint_names, t / speed, q, u, udot, tau, robot.limits,
                   per_joint(power, 'power', robot.joint_names, finite=False))
 
 
 def torque_of(power: Array, u: Array) -> Array:
-    """Return the torque that has a power at speeds, (N, n); infinite at rest."""
+    """Return the torque for a power at given speeds, (N, n); infinite at rest."""
     with np.errstate(divide='ignore', invalid='ignore'):
         return np.asarray(np.where(u == 0.0, math.inf, power / np.abs(u)))
 
 
 def share(value: Array, bound: Array) -> Array:
-    """Return value / bound of sizes: 0 of no limit, and 0 of a limit of 0 if the value is 0."""
+    """Return value / bound; 0 for an infinite bound, and for a value and bound of 0."""
     with np.errstate(divide='ignore', invalid='ignore'):
         return np.asarray(np.where(value == 0.0, 0.0, value / bound))

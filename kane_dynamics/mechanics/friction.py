@@ -4,7 +4,7 @@ The friction law of a joint: viscous damping, smoothed Coulomb friction and an o
     torque(rate) = d rate + mu tanh(rate / u_s) + offset
 
 with ``damping`` d, ``friction`` mu, ``friction_speed`` u_s and ``friction_offset`` of
-`model.Joint`. This is the torque that overcomes friction, so that friction dissipates
+`model.Joint`. This is the torque that overcomes friction; the dissipated power is
 ``torque(rate) rate``. All formulations of the dynamics, the integrators and identification use the
 functions below; to change or to extend the law, edit them and the fields of `model.Joint`.
 

@@ -1,1 +1,1 @@
-"""Models of mechanisms: bodies, joints, inertial properties, flexible links, and their builder."""
+"""Models of mechanisms: bodies, joints, inertial properties, flexible links, and a builder."""

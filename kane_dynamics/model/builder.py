@@ -1,11 +1,12 @@
-"""A `Model` built in a few lines of Python: bodies, joints, matter, frames."""
+"""Build a `Model` in Python: bodies, joints, inertias, frames."""
 
 from dataclasses import replace
 from typing import Any
+import warnings
 
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
-from kane_dynamics.errors import ModelError
+from kane_dynamics.errors import ModelError, ModelWarning
 from kane_dynamics.model.builder_checks import (check_moments, check_properties, checked_turns,
                                                 direction, further, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
@@ -15,27 +16,30 @@ from kane_dynamics.model.placement import Placement
 import numpy as np
 from numpy.typing import ArrayLike
 
-KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating')
+KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating', 'fixed')
 ORIGIN = (0.0, 0.0, 0.0)
 NOTHING = Inertial()
 
 
 class ModelBuilder:
     """
-    A mechanism in the making: add bodies outward from 'world', then take the `model`.
+    Builder of mechanisms: add bodies outward from 'world', then call `model`.
 
-    Every body is a frame of the same name, and so are 'world' and what `frame` adds: places that
-    bodies, matter and constraints are attached to by name.
+    Bodies, inertias and constraints are attached to frames by name. 'world' is a frame, every body
+    is a frame of the same name, and `frame` adds further ones.
 
     Parameters
     ----------
     name : str
     gravity : (3,) array
         m/s^2, world axes.
+    strict : bool
+        Refuse moments of inertia that no rigid body can have; without it they stand, and `model`
+        warns of them.
 
     Examples
     --------
-    A pendulum on a cart that a spring holds:
+    A pendulum on a cart with a spring:
 
     >>> b = ModelBuilder('cart')
     >>> b.body('cart', 'world', 'prismatic', axis=(1, 0, 0), matter=point_mass(2), stiffness=50)
@@ -44,10 +48,13 @@ class ModelBuilder:
 
     """
 
-    def __init__(self, name: str = 'mechanism', *, gravity: ArrayLike = GRAVITY) -> None:
-        """Start with the world alone."""
+    def __init__(self, name: str = 'mechanism', *, gravity: ArrayLike = GRAVITY,
+                 strict: bool = True) -> None:
+        """Create a mechanism without bodies."""
         self.name = name
         self.gravity = constant(gravity, (3,), 'gravity')
+        self.strict = strict
+        self._impossible: list[str] = []  # bodies with inertias that strict=True refuses
         self._bodies: list[Body] = []
         self._coordinates: list[str] = []
         self._places = {'world': Placement(WORLD)}
@@ -57,68 +64,83 @@ class ModelBuilder:
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
              matter: Inertial = NOTHING, joint: str | None = None, turns: str = 'xyz',
+             mimic: str | None = None, multiplier: float = 1.0, offset: float = 0.0,
              **properties: Any) -> None:
         """
-        Add a body and the joint that carries it.
+        Add a body and its joint.
 
         Parameters
         ----------
         name : str
-            Of the body and of its frame.
+            Name of the body and of its frame.
         on : str
-            The frame that carries the joint.
+            The frame to which the joint is attached.
         kind : str
-            revolute, prismatic; or of more freedoms, which become single ones named
-            <joint>/x and so on: universal (two turns) and spherical (three), about the axes that
-            `turns` lists; floating (/x, /y, /z, then three turns); planar (/x, /y in the plane
-            across the axis, then /rz about it).
+            revolute, prismatic; or a joint with more degrees of freedom, which is expanded to
+            joints <joint>/x and so on: universal (two rotations) and spherical (three), about
+            the axes in `turns`; floating (/x, /y, /z, then three rotations); planar (/x, /y in
+            the plane normal to the axis, then /rz about it); or fixed, part of its carrier.
         axis : (3,) array
-            Of a revolute, prismatic or planar joint, in the joint's axes.
+            Axis of a revolute, prismatic or planar joint, in the joint's axes.
         at, rpy : (3,) arrays
-            Where the joint is in the carrier's axes: m, and roll, pitch, yaw about its fixed
-            x, y, z, rad.
+            Pose of the joint in frame `on`: m, and roll, pitch, yaw about its fixed x, y, z, rad.
         matter : Inertial
-            In the body's axes, which are the joint's at zero.
+            Inertia of the body in its axes, which are those of the joint at position 0.
         joint : str, optional
-            Name of the joint; the body's by default.
+            Name of the joint. Default: that of the body.
         turns : str
-            Axes of successive turns, each about axes that the one before has turned.
+            Axes of successive rotations, each rotated by the previous ones.
+        mimic : str, optional
+            A joint of one degree of freedom that this one follows: its position is `multiplier`
+            times that joint's position + `offset`. It has no entry in q.
+        multiplier, offset : float
+            Of a joint that mimics another; offset in rad or m.
         **properties
-            Of a `Joint` of one freedom: limits, damping, friction, friction_speed,
-            friction_offset, armature, stiffness, rest; for joints of more freedoms see `joint`.
+            Properties of a joint of one degree of freedom: limits, damping, friction,
+            friction_speed, friction_offset, armature, stiffness, rest. For other joints, see
+            `joint`.
 
         Raises
         ------
         ModelError
-            A name is taken or unknown, or a value is not possible; names it.
+            If a name exists already or is unknown, or a value is invalid; the message names it.
 
         """
         joint = name if joint is None else joint
         what = f"joint '{joint}'"
         if kind not in KINDS:
-            raise ModelError(f"{what}: kind is '{kind}'; valid: {', '.join(KINDS)}; what does not "
-                             'move is a frame')
+            raise ModelError(f"{what}: kind '{kind}'; expected one of {', '.join(KINDS)}")
         turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
         R, p = pose(at, rpy, what)
         singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
                                            turns=turns), 0)
         if properties and len(singles) > 1:
             names = ', '.join(single.name for single in singles)
-            raise ModelError(f"{what} has {len(singles)} freedoms: give {', '.join(properties)} "
-                             f'by joint() to one of {names}')
+            raise ModelError(f"{what}: {', '.join(properties)} of {len(singles)} degrees of "
+                             f'freedom; expected joint() for one of {names}')
         check_properties(joint, properties)
-        check_moments(name, matter)
         place = self._place(on, what)
         self._check_new(name)
+        if self.strict:
+            check_moments(name, matter)  # before anything is added
+        follows = self._following(what, kind, mimic, multiplier, offset)
+        if kind == 'fixed':
+            if properties:
+                raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected no '
+                                 'property, since it does not move')
+            self._places[name] = place.frame(R, p)
+            self.load(name, matter)
+            return
         for single in singles:
             self._check_joint(single.name)
         for single in singles:
             place = place.frame(single.rotation, single.translation)
             self._bodies.append(Body(single.child, place.body, Joint(
                 single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute',
-                single.axis, place.rotation, place.translation, len(self._coordinates),
-                **properties)))
-            self._coordinates.append(single.name)
+                single.axis, place.rotation, place.translation,
+                **{'coordinate': len(self._coordinates), **follows, **properties})))
+            if not follows:
+                self._coordinates.append(single.name)
             place = Placement(len(self._bodies) - 1)
         self._places[name] = place
         self.load(name, matter)
@@ -126,27 +148,32 @@ class ModelBuilder:
     def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
              **options: Any) -> None:
         """
-        Add a body that bends, and the joint that carries it.
+        Add a flexible body (beam) and its joint.
 
-        Frame `name` is its root's; `name/tip` moves and turns with the other end, `section` adds
-        frames between. Modal coordinates are called `name/mode_1`, `name/twist_1` and so on.
+        Frame `name` is at the root and `name/tip` at the other end; `section` adds frames between
+        them. Modal coordinates are called `name/mode_1`, `name/twist_1` and so on.
 
         Parameters
         ----------
         name : str
-            Of the body.
+            Name of the body.
         on : str
-            The frame that carries the joint.
+            The frame to which the joint is attached.
         link : FlexibleLink
-            The beam; `matter` adds what its root carries.
+            The beam; `matter` adds inertia at its root.
         kind, **options
-            As for `body`, whose errors are also this one's.
+            As in `body`, including its errors.
 
         """
         shape = link.checked(name)
         matter = options.pop('matter', NOTHING)
-        self.body(name, on, kind, matter=matter + shape.inertial, **options)
         first = len(self._coordinates)
+        if kind == 'fixed' and shape.count:
+            self._clamp(name, on, first, **options)
+            self.load(name, matter + shape.inertial)
+        else:
+            self.body(name, on, kind, matter=matter + shape.inertial, **options)
+            first = len(self._coordinates)
         coordinates = tuple(range(first, first + shape.count))
         self._coordinates += shape.names
         self._shapes[name] = shape, coordinates
@@ -157,24 +184,24 @@ class ModelBuilder:
 
     def section(self, name: str, of: str, at: float) -> None:
         """
-        Add a frame that moves and turns with a section of a beam.
+        Add a frame at a section of a beam.
 
         Parameters
         ----------
         name : str
-            Of the frame.
+            Name of the frame.
         of : str
             The beam.
         at : float
-            How far from its root, m; ModelError if it is not on the beam.
+            Distance from its root, m; ModelError if it is not on the beam.
 
         """
         if of not in self._shapes:
-            raise ModelError(f"no beam '{of}'; valid: {listing(list(self._shapes))}")
+            raise ModelError(f"no beam '{of}'; expected one of {listing(list(self._shapes))}")
         shape, coordinates = self._shapes[of]
         if not 0.0 < at <= shape.length:
-            raise ModelError(f"frame '{name}': {at} m is not on beam '{of}', which is "
-                             f'{shape.length:g} m long')
+            raise ModelError(f"frame '{name}': {at} m on beam '{of}'; expected 0 to "
+                             f'{shape.length:g} m')
         self._check_new(name)
         place = self._places[of].frame(np.eye(3), at * shape.axes[0])
         if coordinates:
@@ -187,35 +214,35 @@ class ModelBuilder:
 
     def joint(self, name: str, **properties: Any) -> None:
         """
-        Set properties of a joint that exists: limits, damping, stiffness and so on.
+        Set properties of an existing joint: limits, damping, stiffness and so on.
 
         Parameters
         ----------
         name : str
-            A joint of one freedom, such as 'base/rx' of a floating one.
+            A joint of one degree of freedom, such as 'base/rx' of a floating joint.
         **properties
-            As for `body`.
+            As in `body`.
 
         """
         names = [body.joint.name for body in self._bodies]
         if name not in names:
-            raise ModelError(f"no joint '{name}'; valid: {listing(names)}")
+            raise ModelError(f"no joint '{name}'; expected one of {listing(names)}")
         check_properties(name, properties)
         body = self._bodies[k := names.index(name)]
         self._bodies[k] = replace(body, joint=replace(body.joint, **properties))
 
     def load(self, on: str, matter: Inertial) -> None:
         """
-        Attach more matter, given in the axes of a frame.
+        Add inertia, given in the axes of a frame.
 
         Raises
         ------
         ModelError
-            No such frame, or no matter has these moments of inertia; names the frame.
+            If the frame does not exist, or the moments of inertia are impossible.
 
         """
         place = self._place(on, 'load')
-        check_moments(on, matter)
+        self._check_moments(on, matter)
         moved = matter.moved(place.rotation, place.translation)
         if place.body == WORLD:
             self._base = self._base + moved
@@ -225,7 +252,7 @@ class ModelBuilder:
 
     def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN,
               rpy: ArrayLike = ORIGIN) -> None:
-        """Add a frame fixed on another, at a point, m, and roll, pitch, yaw, rad."""
+        """Add a frame fixed in another, at a point, m, and roll, pitch, yaw, rad."""
         self._check_new(name)
         self._places[name] = self._place(on, f"frame '{name}'").frame(
             *pose(at, rpy, f"frame '{name}'"))
@@ -233,23 +260,23 @@ class ModelBuilder:
     def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
               prefix: str = '') -> None:
         """
-        Attach a whole model, such as an arm that `load_urdf` returned.
+        Attach a whole model, such as an arm from `load_urdf`.
 
         Parameters
         ----------
         model : Model
-            Its gravity is left aside; its frames can carry further bodies.
+            The model; its gravity is ignored. Further bodies can be attached to its frames.
         on : str
-            Frame that carries its base.
+            Frame to which its base is attached.
         at, rpy : (3,) arrays
-            Where its base is in the carrier's axes, m and rad.
+            Pose of its base in frame `on`, m and rad.
         prefix : str
-            Put before every name of its bodies, joints and frames.
+            Prefix of the names of its bodies, joints and frames.
 
         Raises
         ------
         ModelError
-            A name is taken; choose a prefix.
+            If a name exists already; choose a prefix.
 
         """
         base = self._place(on, f"model '{model.name}'").frame(*pose(at, rpy, 'mount'))
@@ -278,23 +305,71 @@ class ModelBuilder:
         self.load(prefix + model.base_name, model.base_inertial)
 
     def model(self) -> Model:
-        """Return what has been built; ModelError while nothing in it moves."""
+        """Return the model; raise ModelError if it has no body."""
         if not self._bodies:
-            raise ModelError(f"mechanism '{self.name}' has no body; add one with body()")
+            raise ModelError(f"mechanism '{self.name}': no body; expected at least one")
+        if self._impossible:
+            names = ', '.join(dict.fromkeys(self._impossible))
+            warnings.warn('inertias that no rigid body can have, accepted by strict=False: '
+                          f'{names}', ModelWarning, stacklevel=2)
         frames = [Frame(name, place.body, place.rotation, place.translation)
                   for name, place in self._places.items()]
         return Model(self.name, tuple(self._bodies), tuple(self._coordinates), tuple(frames),
                      self.gravity, 'world', self._base)
 
+    def _clamp(self, name: str, on: str, coordinate: int, **options: Any) -> None:
+        """Add a body that does not move on its carrier: its joint moves 0 times a coordinate."""
+        self.body(name, on, 'fixed', **options)
+        joint = options.get('joint') or name
+        self._check_joint(joint)
+        place = self._places[name]
+        self._bodies.append(Body(name, place.body, Joint(
+            joint, 'revolute', np.array([0.0, 0.0, 1.0]), place.rotation, place.translation,
+            coordinate, multiplier=0.0)))
+        self._places[name] = Placement(len(self._bodies) - 1)
+
+    def _following(self, what: str, kind: str, mimic: str | None, multiplier: float,
+                   offset: float) -> dict[str, Any]:
+        """Return what of a joint follows another one; nothing where it moves freely."""
+        if mimic is None:
+            if (multiplier, offset) != (1.0, 0.0):
+                raise ModelError(f'{what}: multiplier {multiplier}, offset {offset} without '
+                                 'mimic; expected the joint that it follows')
+            return {}
+        if kind not in ('revolute', 'prismatic'):
+            raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind revolute or '
+                             'prismatic')
+        masters = {body.joint.name: body.joint for body in self._bodies
+                   if body.joint.deflection is None and body.joint.multiplier}
+        if mimic not in masters:
+            raise ModelError(f'{what}: mimic is {mimic!r}; expected one of {listing(masters)}')
+        ratio, shift = (float(constant(value, (), f'{what}: {word}')) for value, word in (
+            (multiplier, 'multiplier'), (offset, 'offset')))
+        if not ratio:
+            raise ModelError(f'{what}: multiplier is 0; expected another number')
+        master = masters[mimic]
+        return {'coordinate': master.coordinate, 'multiplier': ratio * master.multiplier,
+                'offset': ratio * master.offset + shift}
+
+    def _check_moments(self, on: str, matter: Inertial) -> None:
+        """Refuse moments of inertia that no rigid body can have, or remember them to warn of."""
+        try:
+            check_moments(on, matter)
+        except ModelError:
+            if self.strict:
+                raise
+            self._impossible.append(on)
+
     def _place(self, on: str, what: str) -> Placement:
         if on not in self._places:
-            raise ModelError(f"{what}: no body or frame '{on}'; valid: {listing(self._places)}")
+            raise ModelError(f"{what}: no body or frame '{on}'; expected one of "
+                             f'{listing(self._places)}')
         return self._places[on]
 
     def _check_new(self, name: str) -> None:
         if name in self._places:
-            raise ModelError(f"body or frame '{name}' exists; names must be unique")
+            raise ModelError(f"body or frame '{name}': exists already; expected a unique name")
 
     def _check_joint(self, name: str) -> None:
         if name in (body.joint.name for body in self._bodies):
-            raise ModelError(f"joint '{name}' exists; names must be unique")
+            raise ModelError(f"joint '{name}': exists already; expected a unique name")

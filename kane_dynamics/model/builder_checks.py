@@ -1,4 +1,4 @@
-"""What `ModelBuilder` is given, checked and converted."""
+"""Check and convert the arguments of `ModelBuilder`."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -17,46 +17,46 @@ PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offse
 
 
 def further(bent: Any, joints: int) -> Any:
-    """Return a beam or a deflection whose coordinates stand so many places further on."""
+    """Return a beam or a deflection with its coordinate indices shifted by `joints`."""
     return bent and replace(bent, coordinates=tuple(joints + k for k in bent.coordinates))
 
 
 def checked_turns(turns: str, count: int, what: str) -> str:
-    """Return the first `count` letters of x, y, z, each other than the one before."""
+    """Return the first `count` rotation axes; raise ModelError if two in a row are equal."""
     turns = turns[:count] if count == 2 else turns
     if (len(turns) != count or not set(turns) <= set('xyz')
             or any(a == b for a, b in pairwise(turns))):
-        raise ModelError(f"{what}: turns is '{turns}'; expected a letter of x, y, z for each "
-                         'turn, other than the one before')
+        raise ModelError(f"{what}: turns '{turns}'; expected x, y or z for each rotation, "
+                         'different from the previous one')
     return turns
 
 
 def check_properties(joint: str, properties: dict[str, Any]) -> None:
-    """Raise ModelError for a property that joints do not have."""
+    """Raise ModelError for an unknown joint property."""
     unknown = sorted(set(properties) - set(PROPERTIES))
     if unknown:
-        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; valid: "
+        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
                          f'{", ".join(PROPERTIES)}')
 
 
 def check_moments(on: str, matter: Inertial) -> None:
-    """Raise ModelError for moments of inertia that no rigid body can have."""
+    """Raise ModelError for impossible principal moments of inertia."""
     found = principal_moments(matter.inertia)
     if not found.possible:
-        raise ModelError(f"'{on}': principal moments of inertia are {found}; none may be "
-                         'negative, nor larger than the sum of the others')
+        raise ModelError(f"'{on}': principal moments of inertia are {found}; expected none "
+                         'negative or larger than the sum of the others')
 
 
 def direction(axis: ArrayLike, what: str) -> Array:
-    """Return an axis; ModelError for the zero vector."""
+    """Return a direction; raise ModelError for the zero vector."""
     vector = constant(axis, (3,), f'{what}: axis')
     if not vector.any():
-        raise ModelError(f'{what}: axis is {vector.tolist()}; an axis must not be zero')
+        raise ModelError(f'{what}: axis {vector.tolist()}; expected a nonzero vector')
     return vector
 
 
 def pose(at: ArrayLike, rpy: ArrayLike, what: str) -> tuple[Array, Array]:
-    """Return the rotation and translation of a place given as URDF gives it."""
+    """Return the rotation and translation of a pose given as xyz and rpy, as in URDF."""
     R: Array = np.eye(3)
     for axis, angle in zip(np.eye(3), constant(rpy, (3,), f'{what}: rpy')):
         R = rotation_about(axis, float(angle)) @ R

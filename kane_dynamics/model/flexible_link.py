@@ -1,4 +1,4 @@
-"""`FlexibleLink`: a beam in the making, and its integrals."""
+"""Flexible links: description of a beam and computation of its modal integrals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from kane_dynamics.model.mode_shapes import Bending, gauss, Shapes, Torsion
 import numpy as np
 
 Kind = Literal['revolute', 'prismatic']
-DEPENDENT = 1e-10  # relative size of a singular value at which shapes count as one
-ROUNDING = 1e-12  # entries this small beside their array's largest are zero
+DEPENDENT = 1e-10  # relative singular value below which shapes are linearly dependent
+ROUNDING = 1e-12  # relative size below which entries are zero
 
 
 @dataclass(frozen=True, eq=False)
 class FlexibleLink:
     """
-    A beam in the making: its section, its modes, what they are in the two planes of bending.
+    Description of a beam: its section and its modes in the two planes of bending.
 
     Parameters
     ----------
@@ -30,24 +30,24 @@ class FlexibleLink:
     density : float
         Mass per length, kg/m.
     stiffness : float or pair of float
-        EI for bending along `up`, and along e x up, N m^2; one serves both.
+        EI for bending along `up`, and along e x up, N m^2; one number applies to both.
     modes : int or pair of int
-        How many modes, in these two directions.
+        Number of modes in these two directions.
     direction, up : (3,) arrays
-        Along the beam and the first direction of bending, in the body's axes.
+        Directions of the beam and of the first bending, in the body's axes.
     bending : Bending or pair of Bending
-        The assumed shapes: `clamped_free` and so on, one for both directions or one each.
+        The assumed shapes: `clamped_free` and so on, for both directions or one each.
     torsion : Torsion, optional
-        GJ and modes of twist; without it sections do not turn about the beam.
+        GJ and modes of torsion. Default: no torsion.
     damping : float
         Material damping (Kelvin-Voigt): stress per strain rate over stress per strain, s.
     foreshortening : bool
-        Leave it out only to see what happens.
+        Include foreshortening; disable it only for comparison.
 
     Raises
     ------
     ModelError
-        A value is not possible; names it.
+        If a value is invalid; the message names it.
 
     """
 
@@ -67,7 +67,7 @@ class FlexibleLink:
              matter: float, modes: int | Sequence[int] = 3, twists: int = 0,
              **options: Any) -> 'FlexibleLink':
         """
-        Return a beam of round section, bored or not.
+        Return a beam of round section, solid or hollow.
 
         Parameters
         ----------
@@ -78,46 +78,46 @@ class FlexibleLink:
         matter : float
             Mass per volume, kg/m^3.
         modes, twists : int
-            How many modes of bending in each direction, and of torsion.
+            Number of modes of bending in each direction, and of torsion.
         **options
-            Further fields of the link.
+            Further parameters of the class.
 
         Raises
         ------
         ModelError
-            The bore is not smaller than the radius.
+            If the bore is negative or not smaller than the radius.
 
         """
         if not 0.0 <= bore < radius:
-            raise ModelError(f'a tube of radius {radius} m has a bore of {bore} m; it must not be '
-                             'negative, and less than the radius')
+            raise ModelError(f'tube: bore {bore} m, radius {radius} m; expected 0 <= bore < '
+                             'radius')
         polar = 0.5 * math.pi * (radius**4 - bore**4)
         torsion = Torsion(shear * polar, matter * polar, twists)
         return cls(length, matter * math.pi * (radius**2 - bore**2), 0.5 * young * polar, modes,
                    torsion=torsion, **options)
 
     def checked(self, name: str) -> 'AssumedModes':
-        """Return the beam's numbers, with the name of its link in every message."""
+        """Return the assumed modes; errors name the link."""
         what = f"beam '{name}'"
         numbers = {key: float(constant(getattr(self, key), (), f'{what}: {key}'))
                    for key in ('length', 'density', 'damping')}
         for key, value in numbers.items():
             if not value > 0.0 and not (key == 'damping' and value == 0.0):
-                raise ModelError(f'{what}: {key} is {value:g}; it must '
-                                 f'{"not be negative" if key == "damping" else "be positive"}')
+                raise ModelError(f'{what}: {key} {value:g}; expected a '
+                                 f'{"nonnegative" if key == "damping" else "positive"} number')
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (2,))
         modes = np.broadcast_to(np.asarray(self.modes), (2,))
         if modes.dtype.kind not in 'iu' or modes.min() < 0:
-            raise ModelError(f'{what}: modes is {self.modes!r}; expected numbers of modes, 0 or '
-                             'more, in one or two directions')
+            raise ModelError(f'{what}: modes {self.modes!r}; expected one or two numbers of '
+                             'modes, 0 or more')
         if not (np.isfinite(stiffness).all() and stiffness[modes > 0].min(initial=1.0) > 0.0):
-            raise ModelError(f'{what}: stiffness is {self.stiffness!r}; EI must be positive')
+            raise ModelError(f'{what}: stiffness {self.stiffness!r}; expected positive EI')
         e, up = (constant(getattr(self, key), (3,), f'{what}: {key}')
                  for key in ('direction', 'up'))
         side = np.cross(e, up)
         if not np.linalg.norm(side) > 1e-9 * float(np.linalg.norm(e)):
-            raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()} must be two '
-                             'directions')
+            raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()}; expected two '
+                             'different directions')
         e = e / np.linalg.norm(e)
         side = side / np.linalg.norm(side)
         bending = self.bending if isinstance(self.bending, Sequence) else [self.bending] * 2
@@ -129,7 +129,7 @@ class FlexibleLink:
 
 
 class AssumedModes:
-    """A checked beam: its modes as functions of the place, orthonormal in mass."""
+    """Assumed modes of a beam as functions of the position, orthonormal in mass."""
 
     def __init__(self, name: str, length: float, density: float, damping: float,
                  stiffness: Array, modes: Array, axes: Array, bending: Sequence[Bending],
@@ -146,13 +146,13 @@ class AssumedModes:
 
     @property
     def names(self) -> list[str]:
-        """Return what the modal coordinates are called, after the beam: mode_1, twist_1, ..."""
+        """Return the names of the modal coordinates: <beam>/mode_1, <beam>/twist_1, ..."""
         return [f'{self.name}/{kind}_{k + 1}' for kind, count in (
             ('mode', self._bends), ('twist', self._torsion.modes)) for k in range(count)]
 
     @property
     def inertial(self) -> Inertial:
-        """Return that of the straight beam: a rod, thin if its sections have no inertia."""
+        """Return the inertial of the straight beam: a rod with the rotary inertia of torsion."""
         mass, e = self.density * self.length, self.axes[0]
         end, polar = self.length * e, self._torsion.inertia * self.length
         return Inertial(mass, 0.5 * end, mass / 12.0 * (
@@ -160,7 +160,7 @@ class AssumedModes:
             np.eye(3) + np.outer(e, e)))
 
     def _orthonormal(self, plane: int) -> Array:
-        """Return the weights, (k, k), that make the assumed shapes orthonormal in mass."""
+        """Return the matrix, (k, k), that makes the assumed shapes orthonormal in mass."""
         count = int(self._modes[plane])
         if not count:
             return np.zeros((0, 0))
@@ -170,8 +170,9 @@ class AssumedModes:
         gram = gram + self._bending[plane].tip_mass * np.outer(tip, tip)
         size = np.linalg.eigvalsh(gram)
         if not size[0] > DEPENDENT * size[-1]:
-            raise ModelError(f"beam '{self.name}': the {count} shapes of bending depend on each "
-                             f'other (singular values {size[0]:.3g} to {size[-1]:.3g})')
+            raise ModelError(f"beam '{self.name}': {count} linearly dependent shapes of bending "
+                             f'(singular values {size[0]:.3g} to {size[-1]:.3g}); expected '
+                             'independent ones')
         return np.linalg.inv(np.linalg.cholesky(gram))
 
     def _assumed(self, plane: int, x: Array) -> Shapes:
@@ -179,7 +180,7 @@ class AssumedModes:
                                        int(self._modes[plane]))
 
     def at(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return phi, phi' and phi'', (len(x), m, 3) each, at places along the beam."""
+        """Return phi, phi' and phi'', (len(x), m, 3) each, at positions x along the beam."""
         result = np.zeros((3, len(x), self.count, 3))
         first = 0
         for plane, mixing in enumerate(self._mixing):
@@ -192,23 +193,23 @@ class AssumedModes:
         return result[0], result[1], result[2]
 
     def twists(self, x: Array) -> tuple[Array, Array]:
-        """Return psi and psi', (len(x), m) each, at places along the beam."""
+        """Return psi and psi', (len(x), m) each, at positions x along the beam."""
         result = np.zeros((2, len(x), self.count))
         result[:, :, self._bends:] = np.transpose(self._torsion.at(x, self.length), (0, 2, 1))
         return result[0], result[1]
 
     def shortening(self, x: Array) -> Array:
-        """Return H, (len(x), m, m)."""
+        """Return the foreshortening matrices H at positions x, (len(x), m, m)."""
         H = np.zeros((len(x), self.count, self.count))
         if self._foreshortening:
             for k, end in enumerate(x):
                 places, weights = gauss(float(end), self.count)
                 slope = self.at(places)[1]
-                H[k] = np.einsum('g,gik,gjk->ij', weights, slope, slope)
+                H[k] = np.einsum('gik,gjk->ij', weights[:, None, None] * slope, slope)
         return H
 
     def beam(self, coordinates: tuple[int, ...]) -> Beam:
-        """Return the integrals that the equations of motion hold."""
+        """Return the modal integrals for the equations of motion."""
         phi, _, curvature = self.at(self.x)
         dm, e = self._weights * self.density, self.axes[0]
         H, points = self.shortening(self.x), np.multiply.outer(self.x, e)
@@ -217,7 +218,7 @@ class AssumedModes:
         slope[:, :3, 3] = slope[:, 3, :3] = np.einsum('g,gmk->mk', dm, phi)
         outer = np.einsum('g,gk,gml->mkl', dm, points, phi)
         slope[:, :3, :3] = outer + outer.transpose(0, 2, 1)
-        shorter = -np.einsum('g,gij->ij', dm, H)  # second derivatives of c's moment
+        shorter = -np.einsum('g,gij->ij', dm, H)  # second derivatives of the moment of c
         bend[:, :, :3, 3] = bend[:, :, 3, :3] = np.multiply.outer(shorter, e)
         square = np.einsum('g,gik,gjl->ijkl', dm, phi, phi)
         along = -2.0 * np.einsum('g,g,gij->ij', dm, self.x, H)
@@ -238,7 +239,7 @@ class AssumedModes:
 
     def deflections(self, x: float, coordinates: tuple[int, ...]
                     ) -> list[tuple[str, Kind, Array, Deflection]]:
-        """Return a section's joints, one after another: name, kind, axis, deflection."""
+        """Return the joints of a section in series: name, kind, axis, deflection."""
         place = np.array([x])
         phi, slope, _ = (values[0] for values in self.at(place))
         none = np.zeros((self.count, self.count))
@@ -255,7 +256,7 @@ class AssumedModes:
 
 
 def _clean(array: Array) -> Array:
-    """Return an array with what quadrature left where zeros belong cleared, and frozen."""
+    """Return a read-only array with rounding errors of zeros removed."""
     largest = float(np.abs(array).max(initial=0.0))
     result = np.where(np.abs(array) < ROUNDING * largest, 0.0, array)
     result.flags.writeable = False

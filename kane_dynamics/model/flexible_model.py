@@ -1,4 +1,4 @@
-"""Links of a loaded model made beams, and beams made rigid."""
+"""Replace links of a model by beams, and beams by rigid links."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -10,43 +10,43 @@ from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 
-ON_AXIS = 1e-9  # of the length: a joint this close to a section is at it
+ON_AXIS = 1e-9  # relative to the length: distance at which a joint is at a section
 
 
 def with_beam(model: Model, link: str, beam: FlexibleLink,
               riders: Collection[tuple[str, Inertial]] = ()) -> Model:
     """
-    Return the model with one of its links bending.
+    Return the model with one of its links replaced by a beam.
 
-    The beam begins at the link's joint. Its matter takes the place of all that the body has, but
-    for `riders`. Joints and frames on the link move and turn with the beam's section beside which
-    they are; what is behind the joint stays with the root.
+    The beam begins at the link's joint. Its inertia replaces that of the body, except for
+    `riders`. Joints and frames on the link are attached to the nearest section of the beam; those
+    behind the joint are attached to the root.
 
     Parameters
     ----------
     model : Model
         A chain or tree, rigid or with other beams.
     link : str
-        The name of a moving body; its axes are those of the beam's `direction` and `up`.
+        Name of a moving body, in whose axes the beam's `direction` and `up` are given.
     beam : FlexibleLink
-        What it becomes.
+        The beam.
     riders : collection of (str, Inertial)
-        What is welded to the link and stays: a frame on the link, and matter in its axes. It
-        rides with that frame; what is given in the link's own, with the section beside its mass
-        centre.
+        Inertias attached to the link that are kept: a frame on the link, and the inertia in its
+        axes. They move with that frame; inertia in the link's own frame moves with the section
+        nearest to its center of mass.
 
     Raises
     ------
     ModelError
-        No such body, or it is a beam already; or a value of the beam is not possible.
+        If the body does not exist or is a beam already, or a value of the beam is invalid.
 
     """
     names = [body.name for body in model.bodies]
     if link not in names:
-        raise ModelError(f"no moving link '{link}' to bend; valid: {', '.join(names)}")
+        raise ModelError(f"no moving link '{link}' to bend; expected one of {', '.join(names)}")
     k = names.index(link)
     if model.bodies[k].beam is not None:
-        raise ModelError(f"link '{link}' is a beam already")
+        raise ModelError(f"link '{link}': is a beam already; expected a rigid link")
     shape = beam.checked(link)
     coordinates = tuple(range(model.n, model.n + shape.count))
     own = replace(model.bodies[k], inertial=shape.inertial,
@@ -58,7 +58,7 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
               for frame in model.frames if frame.body == k}
     tip = sections.place(shape.length * shape.axes[0], np.eye(3))
     for name, matter in riders:
-        own = sections.carrying(model.frame(name), matter, own)
+        own = sections.with_load(model.frame(name), matter, own)
     more = len(sections.bodies)
 
     def number(i: int) -> int:
@@ -79,14 +79,14 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
 
 
 def stiffened(model: Model) -> Model:
-    """Return the model with its beams straight and rigid: without modal coordinates."""
+    """Return the model with rigid straight links in place of beams, without modal coordinates."""
     if not model.flexible:
         return model
     modal = model.modal_coordinates
     numbers = {k: number for number, k in enumerate(
         k for k in range(model.n) if k not in modal)}
     bodies: list[Body] = []
-    places: list[tuple[int, Array, Array]] = []  # where each body of the model is, on which
+    places: list[tuple[int, Array, Array]] = []  # carrier and pose of each body of the model
 
     def placed(on: int, R: Array, p: Array) -> tuple[int, Array, Array]:
         if on == WORLD:
@@ -113,15 +113,15 @@ def stiffened(model: Model) -> Model:
 
 
 class _Sections:
-    """Sections of a beam as they are asked for: massless bodies behind one another."""
+    """Sections of a beam, created on demand as massless bodies in series."""
 
     def __init__(self, modes: AssumedModes, body: int, coordinates: tuple[int, ...]) -> None:
         self.bodies: list[Body] = []
         self._shape, self._body, self._coordinates = modes, body, coordinates
         self._ends: dict[float, int] = {}
 
-    def carrying(self, frame: Frame, matter: Inertial, own: Body) -> Body:
-        """Load matter, given in a frame's axes, on its section; return the beam's own body."""
+    def with_load(self, frame: Frame, matter: Inertial, own: Body) -> Body:
+        """Add inertia, given in a frame's axes, to its section; return the beam's root body."""
         at = frame.translation if frame.name != self._shape.name else matter.com
         body, p, R = self.place(at, frame.rotation)
         moved = matter.moved(R, p + frame.translation - at)
@@ -132,7 +132,7 @@ class _Sections:
         return own
 
     def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
-        """Return the body that a place of the straight beam rides on, and where it is on it."""
+        """Return the carrying body of a pose on the straight beam, and the pose on that body."""
         e, length = self._shape.axes[0], self._shape.length
         x = min(float(p @ e), length)
         if x <= ON_AXIS * length or not self._coordinates:

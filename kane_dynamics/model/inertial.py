@@ -1,4 +1,4 @@
-"""Mass, mass centre and inertia of a body, and the checks that all constants pass."""
+"""Inertial properties of a body (mass, center of mass, inertia), and their checks."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -14,21 +14,21 @@ from numpy.typing import ArrayLike
 @dataclass(frozen=True, eq=False)
 class Inertial:
     """
-    Mass, mass centre and central inertia of a body.
+    Inertial properties of a body: mass, center of mass and central inertia.
 
     Parameters
     ----------
     mass : float
-        kg, not negative.
+        kg, nonnegative.
     com : (3,) array
-        Mass centre from the body's origin, in body axes, m.
+        Center of mass from the body's origin, in body axes, m.
     inertia : (3, 3) array
-        Inertia tensor about the mass centre, in body axes, kg m^2; symmetric.
+        Inertia tensor about the center of mass, in body axes, kg m^2; symmetric.
 
     Raises
     ------
     ModelError
-        A value is not finite, the mass is negative, or the tensor is not symmetric.
+        If a value is not finite, the mass is negative, or the tensor is not symmetric.
 
     """
 
@@ -40,20 +40,20 @@ class Inertial:
         """Check and freeze the numbers."""
         freeze(self, 'mass', float(constant(self.mass, (), 'mass')))
         if self.mass < 0.0:
-            raise ModelError(f'mass is {self.mass} kg; a mass must not be negative')
-        freeze(self, 'com', constant(self.com, (3,), 'mass centre'))
+            raise ModelError(f'mass: {self.mass} kg; expected a nonnegative number')
+        freeze(self, 'com', constant(self.com, (3,), 'center of mass'))
         inertia = constant(self.inertia, (3, 3), 'inertia')
         if np.abs(inertia - inertia.T).max() > 1e-9 * max(np.abs(inertia).max(), 1e-300):
-            raise ModelError(f'inertia is {inertia.tolist()}; an inertia tensor is symmetric')
+            raise ModelError(f'inertia: {inertia.tolist()}; expected a symmetric tensor')
         freeze(self, 'inertia', constant(0.5 * (inertia + inertia.T), (3, 3), 'inertia'))
 
     @property
     def pseudo_inertia(self) -> Array:
         """
-        Return the (4, 4) pseudo-inertia about the body's origin, int [r;1][r;1]^T dm.
+        Return the pseudo-inertia about the body's origin, int [r;1][r;1]^T dm, (4, 4).
 
-        Its blocks are the second moment, the first moment m c, and the mass, so that inertials of
-        bodies that move together simply add. Source: Wensing, Kim & Slotine, RA-L 3 (2018).
+        Its blocks are the second moment, the first moment m c, and the mass. Pseudo-inertias of
+        rigidly connected bodies add up. Source: Wensing, Kim & Slotine, RA-L 3 (2018).
         """
         second = (0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
                   + self.mass * np.outer(self.com, self.com))
@@ -62,7 +62,7 @@ class Inertial:
 
     @classmethod
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> 'Inertial':
-        """Return the inertial whose (4, 4) pseudo-inertia about the body's origin is given."""
+        """Return the inertial with this pseudo-inertia about the body's origin, (4, 4)."""
         P = np.asarray(pseudo, dtype=np.float64)
         mass = P[3, 3]
         com = P[:3, 3] / mass if mass > 0.0 else np.zeros(3)
@@ -70,14 +70,14 @@ class Inertial:
         return cls(mass, com, np.trace(central) * np.eye(3) - central)
 
     def moved(self, rotation: ArrayLike, translation: ArrayLike) -> 'Inertial':
-        """Return the same matter seen from a frame in which this one sits at (R, p)."""
+        """Return the inertial in the axes of a frame in which this one is at (R, p)."""
         R, p = np.asarray(rotation), np.asarray(translation)
         return Inertial(self.mass, R @ self.com + p, R @ self.inertia @ R.T)
 
     def __add__(self, other: 'Inertial') -> 'Inertial':
-        """Return the inertial of both, welded together in one frame."""
+        """Return the combined inertial of two rigidly connected bodies in one frame."""
         if other.mass == 0.0 and not other.inertia.any():
-            return self  # keeps the numbers of the larger part free of rounding
+            return self  # avoids rounding
         if self.mass == 0.0 and not self.inertia.any():
             return other
         mass = self.mass + other.mass
@@ -91,18 +91,18 @@ class Inertial:
 
 class PrincipalMoments(NamedTuple):
     """
-    Principal moments of an inertia tensor, and whether a body can have them.
+    Principal moments of an inertia tensor, and whether they are physically possible.
 
     Attributes
     ----------
     moments : tuple of float
         In ascending order, kg m^2.
     indefinite : bool
-        The smallest is negative, beyond rounding.
+        The smallest moment is negative, beyond rounding.
     singular : bool
-        The smallest is zero: a point mass or a thin rod, which is legal.
+        The smallest moment is zero: a point mass or a thin rod, which is legal.
     triangle : bool
-        The largest exceeds the sum of the other two, which no distribution of mass has.
+        The largest moment exceeds the sum of the other two, which is impossible.
 
     """
 
@@ -124,16 +124,16 @@ class PrincipalMoments(NamedTuple):
 def principal_moments(inertia: ArrayLike, *, mass: float = 0.0,
                       rounding: float = 1e-9) -> PrincipalMoments:
     """
-    Return the principal moments of a central inertia tensor and what is impossible about them.
+    Return the principal moments of a central inertia tensor, with their checks.
 
     Parameters
     ----------
     inertia : (3, 3) array
         About the center of mass, kg m^2; symmetric.
     mass : float
-        kg; allows for what this mass has a micrometre off the axis.
+        kg; the tolerance includes the inertia of this mass at a distance of one micrometer.
     rounding : float
-        Relative to the largest moment; what the numbers were rounded to.
+        Tolerance relative to the largest moment.
 
     """
     a, b, c = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64)).tolist()

@@ -1,5 +1,5 @@
 """
-Joints as a URDF or a builder states them, expanded into joints of one degree of freedom.
+Expand joints of a URDF or builder into joints of one degree of freedom.
 
 A floating, planar, spherical or universal joint becomes prismatic and revolute ones in series,
 with documented names.
@@ -23,7 +23,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class StatedLimits:
-    """What <limit> says; None where it is silent."""
+    """Attributes of <limit>; None where not stated."""
 
     lower: float | None = None
     upper: float | None = None
@@ -34,10 +34,10 @@ class StatedLimits:
 @dataclass(frozen=True, eq=False)
 class StatedJoint:
     """
-    A joint of a URDF; (rotation, translation) place its frame in the parent link.
+    Joint of a URDF or builder; (rotation, translation) is the pose of its frame in the parent.
 
-    `turns` are the axes of the successive turns of a floating, spherical or universal joint; the
-    last two kinds are not URDF's, but `build` has them.
+    `turns` are the axes of the successive rotations of a floating, spherical or universal joint.
+    The last two kinds exist only in `ModelBuilder`.
     """
 
     name: str
@@ -57,10 +57,10 @@ class StatedJoint:
 @dataclass(frozen=True)
 class SingleJoint:
     """
-    A joint of one freedom (or none: kind 'fixed'), as `expand_joint` makes them of any joint.
+    Joint of one degree of freedom (or none: kind 'fixed'), from `expand_joint`.
 
-    `child_name` names the body behind it: a link, or one that stands between the freedoms of a
-    floating or planar joint. `order` sorts by place in the URDF.
+    `child_name` is the body that it carries: a link, or an intermediate body of an expanded joint.
+    `order` sorts by the position in the URDF.
     """
 
     name: str
@@ -76,14 +76,14 @@ class SingleJoint:
 
 def expand_joint(joint: StatedJoint, index: int) -> list[SingleJoint]:
     """
-    Return a joint as joints of at most one freedom, outward.
+    Expand a joint into joints of at most one degree of freedom, from the parent outward.
 
     floating becomes <joint>/x /y /z, prismatic along the axes of the joint's frame in the parent,
-    then <joint>/rx /ry /rz, revolute, each about an axis of the frame that the one before has
-    turned; spherical and universal have turns only, and a second turn about z is <joint>/rz2.
-    planar becomes <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and
-    <joint>/rz about it; x is the direction of the joint frame's x axis in that plane (of its y
-    axis, where the axis lies along x), and y completes the right-handed (x, y, axis).
+    then <joint>/rx /ry /rz, revolute, each about an axis rotated by the previous ones. spherical
+    and universal have rotations only; a second rotation about z is <joint>/rz2. planar becomes
+    <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and <joint>/rz about it. x
+    is the projection of the joint frame's x axis on that plane (of its y axis, if the axis is
+    along x), and y completes the right-handed (x, y, axis).
     """
     eye = np.eye(3)
     if joint.kind == 'floating':
@@ -111,7 +111,7 @@ def expand_joint(joint: StatedJoint, index: int) -> list[SingleJoint]:
 
 
 def _turns(axes: str) -> list[tuple[str, str, Array]]:
-    """Return suffix, kind and axis of successive turns."""
+    """Return suffix, kind and axis of successive rotations."""
     again = [axes[:k].count(s) for k, s in enumerate(axes)]
     return [(f'/r{s}{count + 1 if count else ""}', 'revolute', np.eye(3)['xyz'.index(s)])
             for s, count in zip(axes, again)]

@@ -1,7 +1,8 @@
-"""Assumed shapes of beams that bend or twist: in closed form, or a user's own."""
+"""Assumed mode shapes of beams in bending and torsion: closed-form or user-defined."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 import math
 from typing import Literal
 
@@ -17,15 +18,15 @@ Function = Callable[[Array], Shapes]
 @dataclass(frozen=True, eq=False)
 class Bending:
     """
-    A family of assumed shapes; `clamped_free`, `pinned_free` and `shapes` make one.
+    Family of assumed bending shapes; create one by `clamped_free`, `pinned_free` or `shapes`.
 
     Parameters
     ----------
     kind : 'clamped_free', 'pinned_free' or 'own'
     tip_mass : float
-        What the shapes assume at the tip, kg; the beam does not carry it for that.
+        Tip mass assumed by the shapes only, kg; it is not added to the beam.
     function : callable, optional
-        Of kind 'own': returns phi, phi' and phi'' at places x.
+        For kind 'own': returns phi, phi' and phi'' at positions x.
 
     """
 
@@ -37,37 +38,36 @@ class Bending:
     def clamped_free(cls, tip_mass: float = 0.0) -> 'Bending':
         """Return the modes of a beam clamped at its root, with a mass at its tip, kg."""
         if not (math.isfinite(tip_mass) and tip_mass >= 0.0):
-            raise ModelError(f'tip_mass is {tip_mass}; it must not be negative')
+            raise ModelError(f'tip_mass: {tip_mass}; expected a nonnegative number')
         return cls('clamped_free', float(tip_mass))
 
     @classmethod
     def pinned_free(cls) -> 'Bending':
-        """Return the modes of a beam pinned at its root, its turn as a whole left out."""
+        """Return the modes of a beam pinned at its root, without the rigid-body mode."""
         return cls('pinned_free')
 
     @classmethod
     def shapes(cls, function: Function) -> 'Bending':
         """
-        Return a user's own shapes.
+        Return user-defined shapes.
 
         Parameters
         ----------
         function : callable
-            ``function(x)`` returns phi, phi' and phi'' at places x, (k, len(x)) arrays of k
-            shapes. They are made orthonormal; phi and phi' at 0 are 0 for a clamped root.
+            ``function(x)`` returns phi, phi' and phi'' at positions x, (k, len(x)) arrays of k
+            shapes. They are orthonormalized. For a clamped root, phi(0) = phi'(0) = 0.
 
         """
         return cls('own', 0.0, function)
 
     def at(self, x: Array, length: float, mass: float, count: int) -> Shapes:
-        """Return phi, phi' and phi'' of the first `count` shapes at places x, (count, len(x))."""
+        """Return phi, phi' and phi'' of the first `count` shapes at x, (count, len(x))."""
         if self.function is not None:
             values = [np.asarray(part, dtype=np.float64) for part in self.function(x)]
             if any(part.shape != (count, len(x)) or not np.isfinite(part).all()
                    for part in values):
-                raise ModelError('shapes of bending must be three finite arrays of shape '
-                                 f'({count}, {len(x)}); given '
-                                 f'{[part.shape for part in values]}')
+                raise ModelError(f'shapes of bending: {[part.shape for part in values]}; expected '
+                                 f'three finite arrays of shape ({count}, {len(x)})')
             return values[0], values[1], values[2]
         wave = np.array([self.wave_number(k, mass) for k in range(count)])
         of = _clamped if self.kind == 'clamped_free' else _pinned
@@ -78,23 +78,13 @@ class Bending:
 
     def wave_number(self, k: int, mass: float) -> float:
         """Return beta L of mode k (from 0): the root of the beam's frequency equation."""
-        ratio = self.tip_mass / mass
-
-        def clamped(b: float) -> float:
-            return (math.cos(b) + 1.0 / math.cosh(b)
-                    + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
-
-        def pinned(b: float) -> float:
-            return math.sin(b) - math.cos(b) * math.tanh(b)
-        if self.kind == 'clamped_free':
-            return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
-        return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+        return _wave_number(self.kind, self.tip_mass / mass, k)
 
 
 @dataclass(frozen=True)
 class Torsion:
     """
-    A beam's twist: its stiffness, and its modes, those of a uniform clamped-free shaft.
+    Torsion of a beam: stiffness, and the modes of a uniform clamped-free shaft.
 
     Parameters
     ----------
@@ -103,9 +93,9 @@ class Torsion:
     inertia : float
         rho I_p: moment of inertia about the beam per length, kg m.
     modes : int
-        How many.
+        Number of modes.
     tip_inertia : float
-        What the shapes assume at the tip, kg m^2; the beam does not carry it for that.
+        Tip inertia assumed by the shapes only, kg m^2; it is not added to the beam.
 
     """
 
@@ -115,24 +105,24 @@ class Torsion:
     tip_inertia: float = 0.0
 
     def checked(self, what: str) -> 'Torsion':
-        """Return it with numbers that are possible; ModelError says what of `what` is not."""
+        """Return the torsion with checked numbers; raise ModelError that names the fault."""
         numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: {key}'))
                    for key in ('stiffness', 'inertia', 'tip_inertia')}
         count = self.modes
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
-            raise ModelError(f'{what}: torsion: modes is {count!r}; expected how many, 0 or more')
+            raise ModelError(f'{what}: torsion: modes {count!r}; expected an integer, 0 or more')
         for key, value in numbers.items():
             if value < 0.0 or (value == 0.0 and count and key != 'tip_inertia'):
-                raise ModelError(f'{what}: torsion: {key} is {value:g}; it must '
-                                 f'{"not be negative" if key == "tip_inertia" else "be positive"}')
+                sign = 'nonnegative' if key == 'tip_inertia' else 'positive'
+                raise ModelError(f'{what}: torsion: {key} {value:g}; expected a {sign} number')
         return Torsion(**numbers, modes=int(count))
 
     def at(self, x: Array, length: float) -> Array:
         """
-        Return psi and psi', (2, modes, len(x)), at places x of a beam of some length.
+        Return psi and psi', (2, modes, len(x)), at positions x of a beam of this length.
 
-        psi = sin(b x / L) where cot b = b J / (rho I_p L), J the inertia at the tip: these are
-        orthogonal with respect to the inertia of shaft and tip, and scaled to be orthonormal.
+        psi = sin(b x / L) with cot b = b J / (rho I_p L) and J the inertia at the tip. The modes
+        are orthonormal with respect to the inertia of shaft and tip.
         """
         def free(b: float) -> float:
             return math.cos(b) - self.tip_inertia / (self.inertia * length) * b * math.sin(b)
@@ -146,8 +136,21 @@ class Torsion:
         return np.array(rows).reshape(self.modes, 2, len(x)).swapaxes(0, 1)
 
 
+@cache
+def _wave_number(kind: str, ratio: float, k: int) -> float:
+    def clamped(b: float) -> float:
+        return (math.cos(b) + 1.0 / math.cosh(b)
+                + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
+
+    def pinned(b: float) -> float:
+        return math.sin(b) - math.cos(b) * math.tanh(b)
+    if kind == 'clamped_free':
+        return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
+    return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
+
+
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return the root between two signs, to rounding."""
+    """Return the root of f between low and high by bisection, to rounding."""
     sign = math.copysign(1.0, f(low))
     for _ in range(100):
         middle = 0.5 * (low + high)
@@ -177,7 +180,15 @@ def _pinned(b: float, x: Array) -> Shapes:
     return sine + grown, b * (cosine + faded), b * b * (grown - sine)
 
 
+@cache
+def _legendre(count: int) -> tuple[Array, Array]:
+    """Return places and weights on (-1, 1), an eigenvalue problem that one solution serves."""
+    x, weights = np.polynomial.legendre.leggauss(count)
+    x.flags.writeable = weights.flags.writeable = False
+    return x, weights
+
+
 def gauss(length: float, modes: int) -> tuple[Array, Array]:
-    """Return places and weights of Gauss's quadrature on (0, length), enough for so many modes."""
-    x, weights = np.polynomial.legendre.leggauss(16 + 8 * modes)
+    """Return nodes and weights of Gauss quadrature on (0, length), sufficient for the modes."""
+    x, weights = _legendre(16 + 8 * modes)
     return 0.5 * length * (x + 1.0), 0.5 * length * weights

@@ -1,9 +1,9 @@
 """
-The mechanism as data: inertials, joints, bodies, frames, and the tree that they form.
+Mechanism as data: a tree of bodies with joints, inertial properties and frames.
 
-A `Model` is immutable. Every joint in it has one degree of freedom; what a URDF says with more
-(floating, planar) or with none (fixed, locked) has been expanded or merged before. Bodies stand
-in topological order, parents first, so that a single pass over them is an outward recursion.
+A `Model` is immutable. Every joint has one degree of freedom: joints with more (floating, planar)
+are expanded, joints with none (fixed, locked) are merged when a model is created. Bodies are in
+topological order, parents first, so that one pass over them is an outward recursion.
 """
 
 from collections.abc import Iterator
@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.beam import Beam, Deflection
@@ -24,12 +25,12 @@ __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', '
            'constant', 'freeze']
 
 GRAVITY = (0.0, 0.0, -9.81)
-WORLD = -1  # the parent index of a body, or the body of a frame, that is fixed in the world
+WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of a joint: position (rad or m), speed (rad/s or m/s), effort (N m or N)."""
+    """Limits of a joint: position (rad or m), velocity (rad/s or m/s), effort (N m or N)."""
 
     lower: float = -math.inf
     upper: float = math.inf
@@ -40,17 +41,17 @@ class Limits:
 @dataclass(frozen=True, eq=False)
 class Joint:
     """
-    A joint of one degree of freedom between a body and its parent.
+    Joint of one degree of freedom between a body and its parent.
 
-    The joint's position is ``multiplier * q[coordinate] + offset``; a joint that is the only one
-    on its coordinate has 1 and 0, a mimic joint shares the coordinate of its master.
+    The position of the joint is ``multiplier * q[coordinate] + offset``. A mimic joint shares the
+    coordinate of its master; other joints have multiplier 1 and offset 0.
 
     Parameters
     ----------
     name : str
     kind : 'revolute' or 'prismatic'
     axis : (3,) array
-        Direction in the joint frame (equal to the body's frame); normalised here.
+        Direction in the joint frame (equal to the body's frame); it is normalized.
     rotation, translation : (3, 3), (3,) arrays
         Pose of the joint frame in the parent body's frame at position 0 (columns are the joint
         frame's axes), m.
@@ -65,20 +66,20 @@ class Joint:
     friction_speed : float
         rad/s or m/s, positive.
     friction_offset : float
-        What friction asks for at rest, N m or N: Coulomb friction that differs by direction, or
-        the zero of a torque sensor.
+        Constant torque added to friction, N m or N: Coulomb friction that depends on direction,
+        or the offset of a torque sensor.
     armature : float
-        Rotor inertia seen through the gear, kg m^2 or kg.
+        Rotor inertia reflected through the gear, kg m^2 or kg.
     stiffness, rest : float
-        Spring that pulls the joint's position to `rest`, N m/rad or N/m; rad or m.
+        Stiffness and rest position of a joint spring, N m/rad or N/m; rad or m.
     deflection : Deflection, optional
-        A place on a beam that bends: the joint's position is `offset` plus this function of
-        modal coordinates, instead of what its coordinate gives.
+        For a section of a bending beam: the joint's position is `offset` plus this function of
+        the modal coordinates.
 
     Raises
     ------
     ModelError
-        Names the joint, the value, and what is valid.
+        If a value is invalid; the message names the joint and the value.
 
     """
 
@@ -101,19 +102,19 @@ class Joint:
     deflection: Deflection | None = None
 
     def __post_init__(self) -> None:
-        """Check and freeze the numbers."""
+        """Check the numbers and make them read-only."""
         what = f"joint '{self.name}'"
         if self.kind not in ('revolute', 'prismatic'):
-            raise ModelError(f"{what}: kind is '{self.kind}'; valid: revolute, prismatic")
+            raise ModelError(f"{what}: kind '{self.kind}'; expected revolute or prismatic")
         axis = constant(self.axis, (3,), f'{what}: axis')
         length = math.sqrt(axis @ axis)
         if length < 1e-12:
-            raise ModelError(f'{what}: axis is {axis.tolist()}; an axis must not be zero')
+            raise ModelError(f'{what}: axis {axis.tolist()}; expected a nonzero vector')
         freeze(self, 'axis', constant(axis / length if abs(length - 1.0) > 1e-15 else axis, (3,),
                                       f'{what}: axis'))
         R = constant(self.rotation, (3, 3), f'{what}: rotation')
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
-            raise ModelError(f'{what}: rotation is {R.tolist()}; expected a rotation matrix')
+            raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation matrix')
         freeze(self, 'rotation', R)
         freeze(self, 'translation', constant(self.translation, (3,), f'{what}: translation'))
         for name in ('multiplier', 'offset', 'rest', 'friction_offset'):
@@ -121,15 +122,15 @@ class Joint:
         for name in ('damping', 'friction', 'friction_speed', 'armature', 'stiffness'):
             value = float(constant(getattr(self, name), (), f'{what}: {name}'))
             if value < 0.0:
-                raise ModelError(f'{what}: {name} is {value}; it must not be negative')
+                raise ModelError(f'{what}: {name} {value}; expected a nonnegative number')
             if name == 'friction_speed' and value == 0.0:
-                raise ModelError(f'{what}: {name} is 0; it must be positive')
+                raise ModelError(f'{what}: {name} 0; expected a positive number')
             freeze(self, name, value)
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body: its name, the index of its parent (WORLD: -1), its joint, its inertial, its beam."""
+    """Body: name, index of its parent (WORLD: -1), joint, inertial and beam."""
 
     name: str
     parent: int
@@ -140,7 +141,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A named frame at (rotation, translation) in the axes of body number `body` (or WORLD)."""
+    """Named frame with pose (rotation, translation) on body `body` (or WORLD)."""
 
     name: str
     body: int
@@ -151,7 +152,7 @@ class Frame:
 @dataclass(frozen=True, eq=False)
 class Model:
     """
-    A tree of bodies on a fixed base, rigid but for those that are beams.
+    Kinematic tree of rigid bodies and beams on a fixed base.
 
     Parameters
     ----------
@@ -159,19 +160,19 @@ class Model:
     bodies : tuple of Body
         The moving bodies, parents before children.
     coordinate_names : tuple of str
-        Names of the entries of q, in order: the joints that move freely, and beams' modes.
+        Names of the entries of q, in order: free joints and modes of beams.
     frames : tuple of Frame
-        Every frame that may be asked for by name; each link of a URDF is one.
+        All named frames; each link of a URDF is one.
     gravity : (3,) array
         m/s^2, world axes.
     base_name : str
     base_inertial : Inertial
-        The fixed root link: it weighs on no joint, but it is part of the robot.
+        Inertial of the fixed root link, which does not affect the dynamics.
 
     Raises
     ------
     ModelError
-        The bodies do not form a tree in topological order, or names clash.
+        If the bodies do not form a tree in topological order, or names are not unique.
 
     """
 
@@ -184,23 +185,23 @@ class Model:
     base_inertial: Inertial = field(default_factory=Inertial)
 
     def __post_init__(self) -> None:
-        """Check that the parts fit together."""
+        """Check the consistency of bodies, joints, coordinates and frames."""
         for name in ('bodies', 'coordinate_names', 'frames'):
             freeze(self, name, tuple(getattr(self, name)))
         freeze(self, 'gravity', constant(self.gravity, (3,), 'gravity'))
         n = len(self.coordinate_names)
         for i, body in enumerate(self.bodies):
             if not WORLD <= body.parent < i:
-                raise ModelError(f"body '{body.name}' is number {i} and its parent number "
-                                 f'{body.parent}; a parent stands before its children')
+                raise ModelError(f"body '{body.name}': index {i} with parent {body.parent}; "
+                                 'expected parents before children')
             if not 0 <= body.joint.coordinate < n:
-                raise ModelError(f"joint '{body.joint.name}': coordinate is "
-                                 f'{body.joint.coordinate}; valid: 0 to {n - 1}')
+                raise ModelError(f"joint '{body.joint.name}': coordinate "
+                                 f'{body.joint.coordinate}; expected 0 to {n - 1}')
         used = {body.joint.coordinate for body in self.bodies}
         used |= {k for body in self.bodies if body.beam for k in body.beam.coordinates}
         for k, name in enumerate(self.coordinate_names):
             if k not in used:
-                raise ModelError(f"coordinate '{name}' moves no joint")
+                raise ModelError(f"coordinate '{name}': moves no joint; expected at least one")
         for what, names in (('body', [b.name for b in self.bodies]),
                             ('joint', [b.joint.name for b in self.bodies]),
                             ('coordinate', list(self.coordinate_names)),
@@ -208,7 +209,8 @@ class Model:
             twice = {name for name in names if names.count(name) > 1} if (
                 len(set(names)) < len(names)) else set()
             if twice:
-                raise ModelError(f'{what} names must be unique; given twice: {sorted(twice)}')
+                raise ModelError(f'{what} names: {sorted(twice)} more than once; expected unique '
+                                 'names')
 
     @property
     def n(self) -> int:
@@ -217,15 +219,15 @@ class Model:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints that move freely, in the order of q, u and tau."""
+        """Names of the free joints, in the order of q, u and tau."""
         return self.coordinate_names
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
         """
-        Return the joint that carries each coordinate (never a mimic's), in the order of q.
+        Return the joint of each coordinate (never a mimic joint), in the order of q.
 
-        A mode has none; a joint without limits stands in for it.
+        For a mode, a joint without limits is returned.
         """
         by_name = {body.joint.name: body.joint for body in self.bodies}
         modal = {self.coordinate_names[k]: body.beam for body in self.bodies if body.beam
@@ -236,30 +238,35 @@ class Model:
 
     @property
     def modal_coordinates(self) -> tuple[int, ...]:
-        """Places in q of the coordinates of beams' modes."""
+        """Return the indices in q of the modal coordinates of beams."""
         return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
 
     @property
     def sliding(self) -> frozenset[str]:
-        """Names of the coordinates that are lengths, whose units are m and N."""
+        """Names of the coordinates that are lengths, with units m and N."""
         return frozenset(name for name, joint in zip(
             self.coordinate_names, self.coordinate_joints) if joint.kind == 'prismatic')
 
     @property
     def flexible(self) -> bool:
-        """Tell whether any body is a beam."""
+        """Return whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)
 
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on '{self.base_name}', q "
+                f'of {short(self.coordinate_names)}>')
+
     def frame(self, name: str) -> Frame:
-        """Return the frame called `name`; InputError lists the valid names."""
+        """Return the frame of this name; raise InputError that lists the valid names."""
         for frame in self.frames:
             if frame.name == name:
                 return frame
         valid = ', '.join(sorted(frame.name for frame in self.frames)) or 'none'
-        raise InputError(f"no frame '{name}'; valid: {valid}")
+        raise InputError(f"no frame '{name}'; expected one of {valid}")
 
     def prefixed(self, prefix: str) -> 'Model':
-        """Return this model with `prefix` before the name of every joint, body and frame."""
+        """Return the model with `prefix` added to all names of joints, bodies and frames."""
         return replace(
             self, base_name=prefix + self.base_name,
             coordinate_names=tuple(prefix + name for name in self.coordinate_names),
@@ -268,18 +275,18 @@ class Model:
                 body.joint, name=prefix + body.joint.name)) for body in self.bodies))
 
     def path(self, body: int) -> Iterator[int]:
-        """Yield `body` and its ancestors, tip to base."""
+        """Yield `body` and its ancestors up to the base."""
         while body != WORLD:
             yield body
             body = self.bodies[body].parent
 
     def digest(self) -> str:
-        """Return a hash of everything that the dynamics depend on, names included."""
+        """Return a hash of everything that affects the dynamics, including names."""
         return hashlib.sha256(repr(_plain(self)).encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:
-    """Reduce a record to nested tuples of strings and exactly printed numbers."""
+    """Convert a record to nested tuples of strings and exactly printed numbers."""
     if isinstance(value, np.ndarray):
         return tuple(value.ravel().tolist())
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Poses of frames in the axes of the bodies that carry them."""
+"""Placements: poses of frames on bodies."""
 
 from dataclasses import dataclass, field
 import math
@@ -14,10 +14,10 @@ SNAP = 1e-14
 
 def snapped(values: Any) -> Array:
     """
-    Return an array with entries within `SNAP` of 0, 1 or -1 made exact.
+    Return an array with entries within `SNAP` of 0, 1 or -1 rounded to them.
 
-    Rotations by multiples of pi/2 then fold away. The bound is far below any angle that was
-    rounded in decimal (3.14159265359 misses pi by 2e-13): what a file says stays.
+    Tracing then folds rotations by multiples of pi/2. The tolerance is far below the error of a
+    decimal angle (3.14159265359 differs from pi by 2e-13), so stated angles do not change.
     """
     array = np.array(values, dtype=np.float64)
     whole = np.rint(array)
@@ -49,6 +49,6 @@ class Placement:
         offset = self.rotation @ translation
         moved = self.translation + offset
         size = np.abs(self.translation).max() + np.abs(offset).max()
-        moved[np.abs(moved) < 1e-15 * size] = 0.0  # what cancels leaves no residue
+        moved[np.abs(moved) < 1e-15 * size] = 0.0  # cancellation leaves exact zeros
         R = self.rotation if np.array_equal(rotation, EYE) else self.rotation @ rotation
         return Placement(self.body, snapped(R), moved)

@@ -1,4 +1,4 @@
-"""Matter of simple uniform shapes, as `Inertial`s; they add up with ``+``."""
+"""Inertials of uniform primitive shapes; combine them with ``+``."""
 
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
@@ -11,21 +11,21 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """Return lengths, m; ModelError where one is not finite, or negative."""
+    """Return lengths, m; raise ModelError if one is negative or not finite."""
     lengths = constant(value, shape, what)
     if (lengths < 0.0).any():
-        raise ModelError(f'{what} is {lengths.tolist()} m; a length must not be negative')
+        raise ModelError(f'{what}: {lengths.tolist()} m; expected nonnegative lengths')
     return lengths
 
 
 def point_mass(mass: float, at: ArrayLike = ORIGIN) -> Inertial:
-    """Return a particle of `mass`, kg, at a point, m."""
+    """Return the inertial of a particle of `mass`, kg, at a point, m."""
     return Inertial(mass, constant(at, (3,), 'place of a point mass'))
 
 
 def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
     """
-    Return a thin rod: m/12 (l^2 1 - l l^T), l from end to end.
+    Return the inertial of a thin rod: m/12 (l^2 1 - l l^T), with l from end to end.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
 def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
          at: ArrayLike = ORIGIN, thickness: float = 0.0) -> Inertial:
     """
-    Return a disc or, with a thickness, a cylinder: m r^2/2 about its axis.
+    Return the inertial of a disc or, with a thickness, a cylinder: m r^2/2 about its axis.
 
     Parameters
     ----------
@@ -56,34 +56,34 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
     axis : (3,) array
         Direction, of any length.
     at : (3,) array
-        Centre, m.
+        Center, m.
 
     Raises
     ------
     ModelError
-        The axis is zero, or a length negative.
+        If the axis is zero or a length is negative.
 
     """
     n = constant(axis, (3,), 'axis of a disc')
     if not n.any():
-        raise ModelError(f'axis of a disc is {n.tolist()}; it must not be zero')
+        raise ModelError(f'axis of a disc: {n.tolist()}; expected a nonzero vector')
     along = np.outer(n, n) / (n @ n)
     m = float(constant(mass, (), 'mass'))
     r, h = (float(_size(x, (), f'{what} of a disc'))
             for x, what in ((radius, 'radius'), (thickness, 'thickness')))
     inertia = 0.5 * m * r * r * along + m * (r * r / 4.0 + h * h / 12.0) * (np.eye(3) - along)
-    return Inertial(mass, constant(at, (3,), 'centre of a disc'), inertia)
+    return Inertial(mass, constant(at, (3,), 'center of a disc'), inertia)
 
 
 def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
-    """Return a solid ball, 2/5 m r^2 about every diameter; kg and m."""
+    """Return the inertial of a solid ball: 2/5 m r^2 about every diameter; kg and m."""
     size = float(_size(radius, (), 'radius of a ball'))
-    return Inertial(mass, constant(at, (3,), 'centre of a ball'),
+    return Inertial(mass, constant(at, (3,), 'center of a ball'),
                     0.4 * float(constant(mass, (), 'mass')) * size**2 * np.eye(3))
 
 
 def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
-    """Return a box with edges `size`, (3,), m, along the axes: m/12 (b^2 + c^2) about a."""
+    """Return the inertial of a box with edges `size`, (3,), m: m/12 (b^2 + c^2) about a."""
     squares: Array = _size(size, (3,), 'size of a box')**2
     inertia = float(constant(mass, (), 'mass')) / 12.0 * np.diag(squares.sum() - squares)
-    return Inertial(mass, constant(at, (3,), 'centre of a box'), inertia)
+    return Inertial(mass, constant(at, (3,), 'center of a box'), inertia)

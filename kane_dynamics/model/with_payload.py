@@ -1,4 +1,4 @@
-"""A payload as part of the model: matter welded to the body that carries a frame."""
+"""Add a payload to a model: an inertial attached to the body of a frame."""
 
 from dataclasses import replace
 
@@ -7,21 +7,21 @@ from kane_dynamics.model.model import Inertial, Model, WORLD
 
 def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
     """
-    Return the model with a payload welded on.
+    Return the model with a payload attached.
 
     Parameters
     ----------
     model : Model
         The mechanism.
     frame : str
-        Name of the frame in whose axes, and from whose origin, the payload is given.
+        Name of the frame in whose axes and from whose origin the payload is given.
     payload : Inertial
-        What is carried.
+        Inertial properties of the payload.
 
     Raises
     ------
     InputError
-        No such frame; the message lists the valid ones.
+        If the frame does not exist; the message lists the valid ones.
 
     """
     at = model.frame(frame)

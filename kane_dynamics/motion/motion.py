@@ -1,9 +1,10 @@
 """
-The desired motion: a smooth curve through the points of a joint trajectory.
+Desired motion: a smooth curve through the points of a joint trajectory.
 
-Interpolation follows joint_trajectory_controller: points with velocities are joined by cubics,
-points with accelerations too by quintics. Points with positions only, which that controller joins
-by straight lines, become one cubic spline here, because a feedforward torque needs accelerations.
+Interpolation follows joint_trajectory_controller: cubic segments for points with velocities,
+quintic segments for points with velocities and accelerations. Points with positions only, which
+that controller interpolates linearly, give a cubic spline here, because a feedforward torque needs
+accelerations.
 """
 
 from bisect import bisect_right
@@ -11,9 +12,11 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion.spline import segment_coefficients, spline_velocities
+from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolynomial,
+                                                    segment_coefficients, spline_velocities)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,17 +26,18 @@ State = tuple[Array, Array, Array]
 
 class Motion:
     """
-    A desired motion q(t), u(t), udot(t) of named joints; immutable.
+    Desired motion q(t), u(t), udot(t) of named joints; immutable.
 
-    Outside its points it stands still, at the nearest. Make one with `Motion.from_points`.
+    Before the first and after the last point the motion rests there. Create one with
+    `Motion.from_points`.
 
     Attributes
     ----------
     joint_names : tuple of str
     times : (K,) array
-        Of the points, s from the beginning of the motion.
+        Times of the points, s from the start of the motion.
     positions : (K, n) array
-        Of the points, rad or m.
+        Positions of the points, rad or m.
     duration : float
         Time of the last point, s.
 
@@ -41,13 +45,13 @@ class Motion:
 
     def __init__(self, joint_names: tuple[str, ...], times: Array, positions: Array,
                  coefficients: Array) -> None:
-        """Take checked arrays; `coefficients` is (K - 1, 6, n), in each segment's own x."""
+        """Store checked arrays; `coefficients` is (K - 1, 6, n), in x from 0 to 1 per segment."""
         self.joint_names = joint_names
         self.times = times
         self.positions = positions
         self.duration = float(times[-1])
         self._n = len(joint_names)
-        # A row of powers times one (6, 3 n) matrix gives q, u and udot: fast at a single time.
+        # One (6, 3 n) matrix per segment gives q, u and udot, which is fast for a single time.
         h = np.diff(times)[:, None, None]
         power = np.arange(6.0)[:, None]
         first, second = np.zeros_like(coefficients), np.zeros_like(coefficients)
@@ -58,6 +62,11 @@ class Motion:
         self._inverse_h: list[float] = (1.0 / h).ravel().tolist()
         for array in (times, positions, self._table):
             array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        return (f'<Motion through {len(self.times)} points in {self.duration:g} s of '
+                f'{short(self.joint_names)}>')
 
     @property
     def n(self) -> int:
@@ -71,50 +80,50 @@ class Motion:
                     joint_names: Sequence[str], order: Sequence[str] | None = None,
                     start: Start | None = None) -> 'Motion':
         """
-        Return the motion through points, by the rules of joint_trajectory_controller.
+        Return the motion through points, interpolated as joint_trajectory_controller does.
 
         Parameters
         ----------
         times : (K,) array_like
-            s from the beginning of the motion; not negative, strictly increasing, K >= 1.
+            s from the start of the motion; nonnegative, strictly increasing, K >= 1.
         positions : (K, n) array_like
-            rad or m. Alone: one cubic spline with continuous udot, at rest at both ends (or with
-            the velocity of `start`).
+            rad or m. Without velocities: a cubic spline with continuous udot, at rest at both
+            ends (or with the velocity of `start`).
         velocities : (K, n) array_like, optional
-            rad/s or m/s: cubic Hermite segments, udot may jump at points. No rows, or only empty
-            ones, are the same as None.
+            rad/s or m/s. Gives cubic Hermite segments; udot may jump at points. No rows, or only
+            empty rows, are treated as None.
         accelerations : (K, n) array_like, optional
-            rad/s^2 or m/s^2, only with velocities: quintic segments.
+            rad/s^2 or m/s^2, only with velocities. Gives quintic segments.
         joint_names : sequence of str
             Names of the columns.
         order : sequence of str, optional
-            The joints that the motion shall have, in this order; columns that it does not name
-            are left out. Default: `joint_names`.
+            The joints of the motion, in this order; other columns are ignored. Default:
+            `joint_names`.
         start : (q, u, udot), optional
-            State at time 0, in the order of the motion, from which the first point is approached
-            if its time is positive; u and udot may be None (rest). Without it the motion waits
-            at the first point until that point's time.
+            State at time 0, in the order of the motion; u and udot may be None (rest). The
+            motion begins there if the time of the first point is positive. Without it the
+            motion rests at the first point until that point's time.
 
         Raises
         ------
         InputError
-            Names the point, the joint, the value and what is expected.
+            If an argument is invalid; the message names the point, the joint and the value.
 
         """
         given = _names(joint_names, 'joint_names')
         names = given if order is None else _names(order, 'order')
         lacking = [name for name in names if name not in given]
         if lacking:
-            raise InputError(f'the motion lacks the joints {lacking}; it names {list(given)}')
+            raise InputError(f'motion: joints {list(given)}; expected {lacking} too')
         columns = [given.index(name) for name in names]
         t = _times(times)
         rows = [_rows(values, what, len(t), given) for values, what in (
             (positions, 'positions'), (velocities, 'velocities'),
             (accelerations, 'accelerations'))]
         if rows[0] is None:
-            raise InputError(f'positions is empty; every point needs those of {list(given)}')
+            raise InputError(f'positions: none; expected one row per point for {list(given)}')
         if rows[2] is not None and rows[1] is None:
-            raise InputError('accelerations are given without velocities; give both or neither')
+            raise InputError('accelerations: given without velocities; expected both or neither')
         q = rows[0][:, columns]
         u, udot = (None if row is None else row[:, columns] for row in rows[1:])
         rest = np.zeros(len(names))
@@ -130,31 +139,43 @@ class Motion:
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
         if np.isfinite(motion._table).all():
             return motion
-        raise InputError(f'the motion, up to {np.abs(q).max():g}, leaves the finite numbers')
+        raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
+                         'finite motion')
 
     def scaled(self, speed: float) -> 'Motion':
         """
-        Return the motion along the same path at another speed: q(speed t).
+        Return the motion along the same path, scaled in time: q(speed t).
 
         Parameters
         ----------
         speed : float
-            2 is twice as fast; positive.
+            Factor on the velocities, positive; 2 is twice as fast.
 
         Raises
         ------
         InputError
-            The speed is not a positive number, or leaves no time between two points.
+            If the speed is not a positive, finite number, or two points get the same time.
 
         """
         if not 0.0 < speed < math.inf:
-            raise InputError(f'speed is {speed}; expected a positive, finite number')
+            raise InputError(f'speed: {speed}; expected a positive, finite number')
         times = _times(self.times / speed)
         return Motion(self.joint_names, times, self.positions, self._table[..., :self._n].copy())
 
+    def joint_polynomial(self, joint: str) -> PiecewisePolynomial:
+        """Return the position of one joint as a function over any scalar, for `Prescribed`."""
+        if joint not in self.joint_names:
+            raise InputError(f"the motion has no joint '{joint}'; expected one of "
+                             f'{", ".join(self.joint_names)}')
+        if not 2 <= len(self.times) <= MOST_PIECES:
+            raise InputError(f'the motion has {len(self.times)} points; expected 2 to '
+                             f'{MOST_PIECES} for a prescribed joint')
+        k = self.joint_names.index(joint)
+        return PiecewisePolynomial(self.times, self._table[:, :, k])
+
     def sample(self, t: ArrayLike) -> State:
         """
-        Return q, u, udot at time t from the beginning of the motion.
+        Return q, u, udot at time t from the start of the motion.
 
         Parameters
         ----------
@@ -175,7 +196,7 @@ class Motion:
         knots = self._knots
         if not knots[0] <= t < knots[-1]:
             if not math.isfinite(t):
-                raise InputError(f't is {t}; expected a finite time in s')
+                raise InputError(f't: {t}; expected a finite time in s')
             return self.positions[0 if t < knots[0] else -1].copy(), np.zeros(n), np.zeros(n)
         k = bisect_right(knots, t) - 1
         x = (t - knots[k]) * self._inverse_h[k]
@@ -187,7 +208,7 @@ class Motion:
     def _sample_many(self, t: Array) -> State:
         """Return (K, n) arrays for a (K,) array of times."""
         if t.ndim != 1 or not np.isfinite(t).all():
-            raise InputError(f't has shape {t.shape}; expected one axis of finite times in s')
+            raise InputError(f't: shape {t.shape}; expected one axis of finite times in s')
         out = np.zeros((len(t), 3 * self._n))
         inside = (t >= self.times[0]) & (t < self.times[-1])
         out[:, :self._n] = self.positions[np.where(t < self.times[0], 0, -1)]
@@ -203,51 +224,51 @@ class Motion:
 
 
 def _names(names: Sequence[str], what: str) -> tuple[str, ...]:
-    """Return unique joint names as a tuple, or raise InputError."""
+    """Return the joint names as a tuple; raise InputError if empty or not unique."""
     names = tuple(names)
     if not names or not all(isinstance(name, str) for name in names) or (
             len(set(names)) != len(names)):
-        raise InputError(f'{what} is {list(names)}; expected one or more different joint names')
+        raise InputError(f'{what}: {list(names)}; expected one or more different joint names')
     return names
 
 
 def _times(times: ArrayLike) -> Array:
-    """Return the times of the points as a (K,) array, or raise InputError."""
+    """Return the times of the points as a (K,) array; raise InputError if invalid."""
     try:
         t = np.array(times, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'times is {times!r}; expected one number a point, in s') from None
+        raise InputError(f'times: {times!r}; expected one number per point, in s') from None
     if t.ndim != 1 or not len(t):
-        raise InputError(f'times has shape {t.shape}; expected one number a point, and at least '
+        raise InputError(f'times: shape {t.shape}; expected one number per point, and at least '
                          'one point')
     for i, value in enumerate(t.tolist()):
         if not math.isfinite(value) or value < 0.0:
-            raise InputError(f'point {i}: time is {value} s; expected a finite time >= 0 s')
+            raise InputError(f'point {i}: time {value} s; expected a finite time >= 0 s')
         if i and value <= t[i - 1]:
-            raise InputError(f'point {i}: time is {value} s; expected more than the {t[i - 1]} s '
+            raise InputError(f'point {i}: time {value} s; expected more than the {t[i - 1]} s '
                              f'of point {i - 1}')
     return t
 
 
 def _rows(values: Sequence[ArrayLike] | ArrayLike | None, what: str, count: int,
           names: tuple[str, ...]) -> Array | None:
-    """Return one row a point as a (K, n) array, None if nothing is given, or raise InputError."""
+    """Return one row per point as a (K, n) array, or None if there are no values."""
     if values is None:
         return None
     try:
         listed = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
     except (TypeError, ValueError):
-        raise InputError(f'{what} is {values!r}; expected one row of {len(names)} numbers a point '
+        raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers per point '
                          f'({", ".join(names)})') from None
     if all(row.size == 0 for row in listed):
         return None
     if len(listed) != count:
-        raise InputError(f'{what} has {len(listed)} rows; expected {count}, one a time')
+        raise InputError(f'{what}: {len(listed)} rows; expected {count}, one per time')
     return np.array([finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
 
 
 def _start(start: Start, names: tuple[str, ...]) -> State:
-    """Return the state before the first point as three (n,) arrays, or raise InputError."""
+    """Return the start state as three (n,) arrays; raise InputError if invalid."""
     q, u, udot = start
     rest = np.zeros(len(names))
     return (finite_row(q, 'start: positions', names),

@@ -1,1 +1,1 @@
-"""Compilation of traced programs to native code."""
+"""Compile traced programs to native code."""

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from kane_dynamics.plot.style import BLUE, Path, RED, styled, time_axis, unit
+from kane_dynamics.plot.style import BLUE, hide_rounding, NOISE, Path, RED, styled, time_axis, unit
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -38,6 +38,7 @@ def plot_demand(asked: 'Demand', path: Path | None = None, *, prismatic: Collect
             for axes, (what, values, bound) in zip(row, columns, strict=True):
                 axes.plot(asked.t, values[:, j], color=BLUE)
                 axes.set_ylabel(f'[{unit(what, names[j:j + 1], prismatic)}]')
+                hide_rounding(axes, NOISE * float(np.abs(values).max(initial=1.0)), 1e-3)
                 for sign in (-1.0, 1.0) if np.isfinite(bound[j]) else ():
                     axes.axhline(sign * bound[j], color=RED, linestyle='--', linewidth=1.0)
             row[0].set_ylabel(f'{names[j]}\n{row[0].get_ylabel()}')

@@ -5,7 +5,7 @@ import copy
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
 from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED,
-                                      show_at_least, SKY, styled, time_axis, zero_line)
+                                      show_at_least, SKY, styled, time_axis, titled, zero_line)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 from matplotlib.figure import Figure
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-                title: str = 'Energy and power') -> Figure:
+                title: str | None = None) -> Figure:
     """
     Draw energies, what the motors put in and friction takes, and what does not balance.
 
@@ -30,8 +30,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -40,10 +40,13 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
 
     """
     trajectory.require(robot, 'plot_energy')
+    title = titled(title, 'energy and power', robot.model.name)
     t, energy = trajectory.t, trajectory.energy.sum(axis=1)
-    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot)
+    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot, t=t)
     strain = strain_energy(robot, trajectory.q)
     springs = {'springs': (strain, GREEN, '-')} if strain.any() else {}
+    drives = ({'prescribed motion': (power.constraints, GREEN, '-')}
+              if np.any(power.constraints) else {})
     with styled(10.0, 9.0, title, path) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 3, 1.4, 1.4))
         draw(panels[0], t, {
@@ -52,8 +55,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
             'total': (energy, INK, '--')})
         draw(panels[1], t, {
             'motors': (power.joints, BLUE, '-'), 'friction': (-power.friction, RED, '-'),
-            'rate of energy': (power.energy_rate, INK, '--')})
-        lost = unaccounted_energy(t, energy, power.joints - power.friction)
+            'rate of energy': (power.energy_rate, INK, '--'), **drives})
+        lost = unaccounted_energy(t, energy, power.joints + power.constraints - power.friction)
         draw(panels[2], t, {f'largest {np.abs(power.residual).max():.2g} W':
                             (power.residual, INK, '-')})
         draw(panels[3], t, {f'largest {np.abs(lost).max():.2g} J': (lost, INK, '-')})

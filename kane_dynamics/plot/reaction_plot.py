@@ -1,7 +1,7 @@
 """What joints transmit."""
 
 from kane_dynamics.plot.style import (beside, BLUE, draw, GREEN, INK, legend_below, Path, RED,
-                                      show_at_least, styled, time_axis, zero_line)
+                                      show_at_least, styled, time_axis, titled, zero_line)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 from matplotlib.figure import Figure
@@ -11,7 +11,7 @@ _AXES = {'x': RED, 'y': GREEN, 'z': BLUE}
 
 
 def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-                   title: str = 'Joint reactions, parent on child, world axes') -> Figure:
+                   title: str | None = None) -> Figure:
     """
     Draw force and moment at every joint: three components each, and their magnitudes.
 
@@ -23,8 +23,8 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -33,6 +33,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
 
     """
     trajectory.require(robot, 'plot_reactions')
+    title = titled(title, 'joint reactions, parent on child, world axes', robot.model.name)
     reactions = robot.joint_reactions(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
     least = 1e-6 * np.abs(reactions).max()
     joints = [body.joint.name for body in robot.model.bodies]

@@ -19,6 +19,9 @@ Path = str | os.PathLike[str]
 BLUE, ORANGE, GREEN, RED = '#0072B2', '#E69F00', '#009E73', '#D55E00'
 PINK, SKY, GREY, INK = '#CC79A7', '#56B4E9', '#8A8F98', '#22262B'
 LINES = (BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY)
+NEAR = 2.0  # times the values: as far limits are drawn
+MARGIN = 0.06  # of a panel's height, beyond a limit
+NOISE = 1e-9  # of the largest torque, or in rad, m, rad/s, m/s: no more than that is rounding
 THIN = 0.8  # of lines that stand behind, and of measured ones
 _STYLE: Any = {
     'font.family': 'sans-serif', 'font.size': 10.0, 'text.color': INK, 'figure.dpi': 100.0,
@@ -102,6 +105,37 @@ def show_at_least(axes: Axes, least: float) -> None:
     """Widen a panel to values of that size: where there is nothing, rounding must not fill it."""
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -least), max(high, least))
+
+
+def limit_lines(axes: Axes, values: Array, bound: float) -> None:
+    """Draw -bound and bound where values come near them; else write the bound in the corner."""
+    if not np.isfinite(bound):
+        return
+    low, high = axes.get_ylim()
+    near = [sign for sign in (-1.0, 1.0) if bound < NEAR * float((sign * values).max(initial=0.0))]
+    for sign in near:
+        axes.axhline(sign * bound, color=RED, linestyle='--', linewidth=1.0, label='limit')
+    reach = [sign * (1.0 + MARGIN) * bound for sign in near]
+    axes.set_ylim(min([low, *reach]), max([high, *reach]))
+    if not near:
+        axes.text(0.995, 0.96, f'limit ±{bound:g}', transform=axes.transAxes, ha='right', va='top',
+                  fontsize=8.0, color=RED)
+
+
+def hide_rounding(axes: Axes, noise: float, span: float) -> None:
+    """Give a panel that shows no more than rounding errors a height at which these are a line."""
+    low, high = axes.get_ylim()
+    lines = [np.asarray(line.get_ydata(), dtype=np.float64) for line in axes.lines]
+    if max((float(np.ptp(values)) for values in lines if len(values)), default=0.0) > noise:
+        return
+    middle = float(np.mean([np.mean(values) for values in lines])) if lines else 0.0
+    middle = 0.0 if abs(middle) <= noise else middle
+    axes.set_ylim(min(low, middle - span), max(high, middle + span))
+
+
+def titled(given: str | None, what: str, name: str) -> str:
+    """Return the title of a picture of a robot, with its name if none is given."""
+    return f'{name}: {what}' if given is None else given
 
 
 def above(axes: Axes, columns: int) -> None:

@@ -3,8 +3,9 @@
 from collections.abc import Collection, Sequence
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, INK, legend_below, ORANGE, Path,
-                                      RED, rms, SKY, styled, THIN, time_axis, unit, zero_line)
+from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK, legend_below,
+                                      limit_lines, NOISE, ORANGE, Path, RED, rms, SKY, styled,
+                                      THIN, time_axis, titled, unit, zero_line)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 from matplotlib.axes import Axes
@@ -13,13 +14,13 @@ import numpy as np
 
 _SOURCES = {'inertia': BLUE, 'Coriolis, centrifugal': ORANGE, 'gravity': '#B9BEC6',
             'friction': RED, 'springs': GREEN}  # in the order of TORQUE_TERMS
-LABELS = (*_SOURCES, 'sum')
+LABELS = (*_SOURCES, 'sum', 'limit')
 
 
 def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-                          title: str = 'Torque by source') -> Figure:
+                          title: str | None = None) -> Figure:
     """
-    Draw what each joint's torque is made of as areas stacked away from zero, and their sum.
+    Draw what each joint's torque is made of as areas stacked away from zero, sum and limits.
 
     Parameters
     ----------
@@ -29,8 +30,8 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -42,10 +43,15 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
     names = trajectory.speed_names
     columns = 1 if len(names) < 4 else 2
+    title = titled(title, 'torque by source', robot.model.name)
+    limits = effort_limits(robot, names)
     with styled(10.0, 1.3 + 2.0 * -(-len(names) // columns), title, path) as figure:
         panels = grid(figure, len(names), columns, share_x=True)
         for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
-            stack(axes, trajectory.t, terms[:, :, i])
+            stack(axes, trajectory.t, without_rounding(terms[:, :, i], terms))
+            largest = float(np.abs(terms).max(initial=0.0))
+            hide_rounding(axes, NOISE * largest, 0.01 * largest or 1.0)
+            limit_lines(axes, terms[:, :, i].sum(axis=1), limits[i])
             axes.set_title(name)
             axes.set_ylabel(f'[{unit("Torque", [name], robot.model.sliding)}]')
         legend_below(figure, panels, LABELS)
@@ -55,6 +61,7 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
 
 def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequence[str],
                 path: Path | None = None, *, prismatic: Collection[str] = (),
+                limits: Array | None = None,
                 title: str = 'Measured and computed torque') -> Figure:
     """
     Draw each joint's measured torque, the one computed for the same motion, and the difference.
@@ -71,19 +78,26 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         File to write; its suffix is the format.
     prismatic : collection of str
         Names of the joints that slide, whose unit is N.
+    limits : (n,) array, optional
+        Of the torques, N m or N; infinite for none.
     title : str
         Above the picture.
 
     """
     names = list(joint_names)
+    largest = float(np.abs(measured).max(initial=0.0))
     with styled(10.0, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), 2, sharex=True, squeeze=False)
         for name, (whole, rest), a, b in zip(names, panels, measured.T, computed.T, strict=True):
             newton = unit('Torque', [name], prismatic)
             whole.plot(t, a, color=ORANGE, linewidth=THIN, label='measured')
             whole.plot(t, b, color=INK, linewidth=1.0, label='computed')
+            hide_rounding(whole, NOISE * largest, 0.01 * largest or 1.0)
+            if limits is not None:
+                limit_lines(whole, np.concatenate([a, b]), limits[names.index(name)])
             whole.set_ylabel(f'{name}\n[{newton}]')
             rest.plot(t, a - b, color=SKY, linewidth=THIN)
+            hide_rounding(rest, NOISE * largest, 0.01 * largest or 1.0)
             rest.set_ylabel(f'[{newton}]')
             zero_line(rest)
             beside(rest, ('RMS', INK), (f'{rms(a - b):.3g} {newton}', INK))
@@ -92,6 +106,17 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         legend_below(figure, panels[0, :1])
         time_axis(panels)
     return figure
+
+
+def effort_limits(robot: Robot, speed_names: Sequence[str]) -> list[float]:
+    """Return the effort limit of each speed that is a joint's rate; infinite for others."""
+    limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
+    return [limits.get(name, np.inf) for name in speed_names]
+
+
+def without_rounding(values: Array, beside: Array) -> Array:
+    """Return values with 0 for what is rounding beside all others."""
+    return np.where(np.abs(values) < 1e-12 * np.abs(beside).max(initial=0.0), 0.0, values)
 
 
 def stack(axes: Axes, t: Array, terms: Array) -> None:

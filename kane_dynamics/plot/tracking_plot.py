@@ -4,8 +4,8 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.plot.style import (beside, BLUE, GREEN, INK, legend_below, Path, PINK, RED, rms,
-                                      styled, time_axis, unit, zero_line)
+from kane_dynamics.plot.style import (beside, BLUE, GREEN, hide_rounding, INK, legend_below, NOISE,
+                                      Path, PINK, RED, rms, styled, time_axis, unit, zero_line)
 from kane_dynamics.plot.torque_plots import LABELS, stack
 from matplotlib.figure import Figure
 import numpy as np
@@ -50,12 +50,15 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
                 e = 1e3 * (np.asarray(actual)[:, i] - np.asarray(desired)[:, i])
                 position.plot(t, np.asarray(actual)[:, i], color=color, label=label)
                 error.plot(t, e, color=color)
-                told.append((f'{rms(e):.3g} {milli}', color))
+                size = rms(e)
+                told.append((f'{size if size > 1e3 * NOISE else 0.0:.3g} {milli}', color))
             beside(error, *told)
             t, desired, _ = next(iter(runs.values()))
             position.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)),
                           linewidth=1.2, label='desired')
             position.set_ylabel(f'{name}\n[{unit("Position", [name], prismatic)}]')
+            hide_rounding(error, 1e3 * NOISE, 1e-3)
+            hide_rounding(position, NOISE, 0.1)
             error.set_ylabel(f'[{milli}]')
             zero_line(error)
             if sources is not None:

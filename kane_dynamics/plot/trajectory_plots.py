@@ -1,24 +1,31 @@
 """Motions over time and in the phase plane."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from itertools import cycle
 from typing import Any
 
-from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, INK, legend_below, LINES,
-                                      ORANGE, Path, RED, SKY, styled, THIN, time_axis, unit)
+from kane_dynamics._util.typing import Array
+from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, hide_rounding, INK,
+                                      legend_below, LINES, MARGIN, NEAR, NOISE, ORANGE, Path, RED,
+                                      SKY, styled, THIN, time_axis, titled, unit)
+from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 import numpy as np
 
-_MARGIN = 0.06  # of a panel's span, beyond motion and limits
+WIDE, SLIM = 3.4, 1.0  # of lines, from the first joint to the last
 
 
 def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
-                    prismatic: Collection[str] = (), title: str = 'Simulated motion') -> Figure:
+                    prismatic: Collection[str] = (), limits: JointLimits | None = None,
+                    title: str = 'Simulated motion') -> Figure:
     """
     Draw positions, speeds, torques and energies of a simulation over time.
+
+    Lines get thinner from joint to joint: where several are one on another, all are seen.
 
     Parameters
     ----------
@@ -28,6 +35,9 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         File to write; its suffix is the format.
     prismatic : collection of str
         Names of the joints that slide, whose units are m and N.
+    limits : JointLimits, optional
+        `Robot.limits`: those of speed and torque are drawn in the joints' colours, as far as they
+        leave the lines recognisable.
     title : str
         Above the picture.
 
@@ -41,10 +51,18 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         for axes, rows, what, names in zip(
                 panels, (trajectory.q, trajectory.u, trajectory.tau),
                 ('Position', 'Speed', 'Torque'), (joints, speeds, speeds), strict=False):
-            for name, row in zip(names, np.asarray(rows).T, strict=True):
+            for k, (name, row) in enumerate(zip(names, np.asarray(rows).T, strict=True)):
                 color, dash = lines[name]
-                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash)
+                shown[name], = axes.plot(trajectory.t, row, color=color, linestyle=dash,
+                                         linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
+            hide_rounding(axes, NOISE * float(np.abs(rows).max(initial=1.0)), 0.1)
+            if limits is not None and what != 'Position':
+                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(joints, (
+                    limits.velocity if what == 'Speed' else limits.effort).tolist())),
+                    {name: color for name, (color, _) in lines.items()})
             axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
+        if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
+            shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
         figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
                       alignment='left', ncols=1 + len(shown) // 32)
         kinetic, potential = np.asarray(trajectory.energy).T
@@ -58,7 +76,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
 
 
 def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
-               title: str = 'Phase portrait') -> Figure:
+               title: str | None = None) -> Figure:
     """
     Draw each joint's speed over its position, with the limits of both.
 
@@ -70,8 +88,8 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
-    title : str
-        Above the picture.
+    title : str, optional
+        Above the picture; by default with the robot's name.
 
     Raises
     ------
@@ -80,6 +98,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
 
     """
     trajectory.require(robot, 'plot_phase')
+    title = titled(title, 'phase portrait', robot.model.name)
     rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(
         trajectory.q, trajectory.u, t=trajectory.t)
     names, limits = robot.joint_names, robot.limits
@@ -101,11 +120,32 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     return figure
 
 
+def _limits(axes: Axes, rows: Mapping[str, Array], bounds: Mapping[str, float],
+            colors: Mapping[str, str]) -> None:
+    """Draw the limits that joints come near to, and write the largest share of a limit."""
+    shares = {name: float(np.abs(row).max(initial=0.0)) / bounds[name]
+              for name, row in rows.items() if np.isfinite(bounds.get(name, np.inf))}
+    low, high = axes.get_ylim()
+    reach = [low, high]
+    for name, share in shares.items():
+        for sign in (-1.0, 1.0):
+            if share > 1.0 / NEAR and bounds[name] < NEAR * float((sign * rows[name]).max()):
+                axes.axhline(sign * bounds[name], color=colors[name], linestyle='--',
+                             linewidth=THIN, label='limit')
+                reach.append(sign * (1.0 + MARGIN) * bounds[name])
+    axes.set_ylim(min(reach), max(reach))
+    if shares:
+        most = max(shares, key=lambda name: shares[name])
+        axes.set_title(f'at most {100.0 * shares[most]:.3g} % of a limit ({most})', loc='right',
+                       fontsize=8.0, fontweight='normal', color=colors[most])
+
+
 def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
     """Show values and finite limits along 'x' or 'y': lines, and grey beyond them."""
     bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
     reach = [*bounds, values.min(), values.max()]
-    margin = _MARGIN * (max(reach) - min(reach)) or 1.0
+    span = max(reach) - min(reach)
+    margin = MARGIN * span if span > 1e-9 else 1.0  # rounding is no motion
     ends = (min(reach) - margin, max(reach) + margin)
     (axes.set_xlim if along == 'x' else axes.set_ylim)(*ends)
     line, span = (axes.axvline, axes.axvspan) if along == 'x' else (axes.axhline, axes.axhspan)

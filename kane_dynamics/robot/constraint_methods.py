@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.branch_following import followed_posture
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.dispatch import Dispatch
 import numpy as np
-
-SINGULAR = 1e14  # a condition number at which double precision holds no digit of a solution
+from numpy.typing import ArrayLike
 
 
 class ConstraintMethods(Dispatch):
@@ -21,6 +21,8 @@ class ConstraintMethods(Dispatch):
 
     Without these, u = q' and the torques of the joints are tau.
     """
+
+    _choices: dict[str, Any]
 
     @property
     def mechanism(self) -> Mechanism:
@@ -41,7 +43,8 @@ class ConstraintMethods(Dispatch):
         equations = self.equations
         return equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
 
-    def joint_rates(self, q: Any, u: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                    out: Array | None = None) -> Array:
         """
         Return q', (n_q,), of the independent speeds.
 
@@ -59,7 +62,7 @@ class ConstraintMethods(Dispatch):
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
-    def joint_torques(self, tau: Any, q: Any = None, *, t: Any = 0.0,
+    def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """
         Return the torques of the joints, (n_q,), that amount to tau.
@@ -86,15 +89,17 @@ class ConstraintMethods(Dispatch):
                              'posture of a robot with chosen speeds or constraints')
         return self._special('joint_torques', (q, tau), t, out)
 
-    def constraint_forces(self, q: Any, u: Any, tau: Any, *, wrench: Any = None, t: Any = 0.0,
+    def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
+                          wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                           out: Array | None = None) -> Array:
         """
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
 
         These are the equations of auxiliary speeds (Kane & Levinson, section 4.9): a row's force
         acts along the velocity that the row holds, N or N m. With the tau of inverse dynamics
-        they are those of the motion that it was computed for. A row that follows from the others
-        carries nothing.
+        they are those of the motion that it was computed for. Rows that follow from others leave
+        their share undetermined: of all forces with the same effect these have the least sum of
+        squares, moments divided by `mechanism.length` (or as `Robot(redundant=)` says).
 
         Parameters
         ----------
@@ -112,13 +117,46 @@ class ConstraintMethods(Dispatch):
         return self._loaded(self.kernels.quantity('constraint_forces'), (q, u, tau), wrench, out,
                             t)
 
-    def constraint_gap(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                            out: Array | None = None) -> Array:
         """Return by what each row's condition on positions is missed, (m,); 0 without one."""
-        return self._special('constraint_gap', (q,), t, out)
+        return self._special('constraint_residual', (q,), t, out)
 
-    def closed_posture(self, q: Any, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
+    def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Array:
+        """Return `constraint_residual`; the former name of that method."""
+        return self.constraint_residual(q, t=t, out=out)
+
+    def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                                     out: Array | None = None) -> Array:
+        """Return by what each row's velocity is missed, J q' - b, (m,), m/s or rad/s."""
+        return self._special('constraint_velocity_residual', (q, u), t, out)
+
+    def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
+        """
+        Return q'', (n_q,), of all joints, dependent ones included.
+
+        Parameters
+        ----------
+        q, u, udot : (n_q,), (n,), (n,) or (N, n_q), (N, n), (N, n) arrays
+            Coordinates, independent speeds and their rates; rad or m, and s.
+        t : float or (N,) array
+            Time, s.
+        out : array, optional
+            Written to and returned.
+
+        """
+        if not isinstance(self.equations, ConstrainedEquations):
+            return self._same('udot', udot, out)
+        return self._special('joint_accelerations', (q, u, udot), t, out)
+
+    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
         Return the posture near q, (n_q,), at which all conditions on positions are met.
+
+        Of a robot that was given a `configuration`, with coordinates fixed, it is the one on the
+        branch of that configuration, from where the fixed ones go to their values in small steps.
 
         Parameters
         ----------
@@ -135,6 +173,9 @@ class ConstraintMethods(Dispatch):
             None is found; names the constraint with the largest remaining gap.
 
         """
+        start = self._choices.get('configuration')
+        if start is not None and len(fixed):
+            return followed_posture(self.mechanism, start, q, t=t, fixed=fixed)
         return closed_posture(self.mechanism, q, t=t, fixed=fixed)
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:
@@ -144,7 +185,7 @@ class ConstraintMethods(Dispatch):
         result[...] = same
         return result
 
-    def _special(self, name: str, arguments: tuple[Any, ...], t: Any,
+    def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
         self._require(name)
         return self._call(name, arguments, out, t)
@@ -153,19 +194,3 @@ class ConstraintMethods(Dispatch):
         if not isinstance(self.equations, ConstrainedEquations):
             raise InputError(f'{name} is of robots with chosen speeds or constraints: construct '
                              'the Robot with speeds= or constraints=')
-
-
-def raise_where_singular(mechanism: Mechanism, state: dict[str, Array]) -> None:
-    """Raise ConstraintError if speeds and constraints do not determine the motion at a state."""
-    q, t = state['q'], float(state.get('t', np.zeros(())))
-    with np.errstate(all='ignore'):
-        here = mechanism.posture(q, t)
-        Y = np.array(here.speed_rows(mechanism.speeds.names)[0], dtype=np.float64)
-        S = np.array(mechanism.system(here)[0], dtype=np.float64)
-    for what, matrix in (('Y is', Y), ('speeds and constraints are', S)):
-        bad = not np.isfinite(matrix).all()
-        if bad or np.linalg.cond(matrix) > SINGULAR:
-            names = dict(zip(mechanism.model.coordinate_names, np.round(q, 9).tolist()))
-            raise ConstraintError(f'{what} singular at {names}, t = {t:g} s: the speeds '
-                                  f'{", ".join(mechanism.speed_names)} do not determine the joint '
-                                  'rates there; choose others (speeds=, independent=)')

@@ -70,6 +70,9 @@ class Dispatch:
 
     def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
                   out: Array | None, t: Any = 0.0) -> Array:
+        if not isinstance(frame, str):
+            raise InputError(f'frame: a {type(frame).__name__}; expected a name (str): the order '
+                             'is (frame, q)')
         if self.equations.timed:
             at_time = self._at_time(arguments, t)
             result: Array = self.kernels.at_frame(name, frame)(*at_time, out=out)

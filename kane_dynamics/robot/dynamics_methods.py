@@ -3,10 +3,12 @@
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.robot.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
+from numpy.typing import ArrayLike
 
 Matrices = tuple[Array, Array, Array]
 
@@ -20,8 +22,9 @@ class DynamicsMethods(Dispatch):
     """
 
     @compiled
-    def inverse_dynamics(self, q: Any, u: Any, udot: Any, *, wrench: Any = None,
-                         t: Any = 0.0, out: Array | None = None) -> Array:
+    def inverse_dynamics(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                         wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
+                         out: Array | None = None) -> Array:
         """
         Return tau = M udot + bias - external, (n,), N m or N.
 
@@ -33,7 +36,7 @@ class DynamicsMethods(Dispatch):
             What the environment exerts at each of `wrench_frames`: force then moment, at the
             frame's origin, world axes, N and N m.
         t : float or (N,) array
-            Time, s; of no account unless speeds or constraints depend on it.
+            Time, s; ignored unless speeds or constraints depend on it.
         out : array, optional
             Written to and returned.
 
@@ -47,30 +50,32 @@ class DynamicsMethods(Dispatch):
                             t)
 
     @compiled
-    def forward_dynamics(self, q: Any, u: Any, tau: Any, *, wrench: Any = None,
-                         t: Any = 0.0, out: Array | None = None) -> Array:
+    def forward_dynamics(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
+                         wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
+                         out: Array | None = None) -> Array:
         """Return udot = M^-1 (tau + external - bias), (n,); arguments as inverse_dynamics."""
         return self._loaded(self.kernels.quantity('forward_dynamics'), (q, u, tau), wrench, out,
                             t)
 
     @compiled
-    def mass_matrix(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def mass_matrix(self, q: ArrayLike, *, t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """Return M(q), (n, n), armature included, kg m^2, kg m or kg."""
         return self._call('mass_matrix', (q,), out, t)
 
     @compiled
-    def inverse_mass_matrix(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def inverse_mass_matrix(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                            out: Array | None = None) -> Array:
         """Return the inverse of M(q), (n, n)."""
         return self._call('inverse_mass_matrix', (q,), out, t)
 
     @compiled
-    def bias_force(self, q: Any, u: Any, *, t: Any = 0.0,
+    def bias_force(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                    out: Array | None = None) -> Array:
-        """Return all that torque must hold at udot = 0: M's companion in the equations, (n,)."""
+        """Return h(q, u), (n,): Coriolis, centrifugal, gravity, friction and springs, N m or N."""
         return self._call('bias_force', (q, u), out, t)
 
     @compiled
-    def coriolis_matrix(self, q: Any, u: Any, *, out: Array | None = None) -> Array:
+    def coriolis_matrix(self, q: ArrayLike, u: ArrayLike, *, out: Array | None = None) -> Array:
         """
         Return C(q, u), (n, n): C u is the Coriolis and centrifugal force, dM/dt = C + C^T.
 
@@ -79,42 +84,44 @@ class DynamicsMethods(Dispatch):
         return self._call('coriolis_matrix', (q, u), out)
 
     @compiled
-    def gravity_force(self, q: Any, *, t: Any = 0.0, out: Array | None = None) -> Array:
+    def gravity_force(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                      out: Array | None = None) -> Array:
         """Return the torque that holds gravity alone, (n,), N m or N."""
         return self._call('gravity_force', (q,), out, t)
 
     @compiled
-    def friction_force(self, u: Any, *, out: Array | None = None) -> Array:
+    def friction_force(self, u: ArrayLike, *, out: Array | None = None) -> Array:
         """Return d u + mu tanh(u / u_s), (n,): the torque that damping and friction ask for."""
         return self._call('friction_force', (u,), out)
 
     @compiled
-    def external_force(self, q: Any, *, wrench: Any = None, t: Any = 0.0,
+    def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
         """Return the generalized force of wrenches at the declared frames, (n,), N m or N."""
         return self._loaded(self.kernels.quantity('external_force'), (q,), wrench, out, t)
 
     @compiled
-    def torque_terms(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
+    def torque_terms(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
                      out: Array | None = None) -> Array:
         """Return inverse dynamics by source, (5, n): the rows of `TORQUE_TERMS`."""
         return self._call('torque_terms', (q, u, udot), out, t)
 
     @compiled
-    def body_torques(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
+    def body_torques(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
                      out: Array | None = None) -> Array:
         """Return (n_bodies, n): what each body's inertia and weight ask of every joint."""
         return self._call('body_torques', (q, u, udot), out, t)
 
     @compiled
-    def joint_reactions(self, q: Any, u: Any, udot: Any, *, wrench: Any = None, t: Any = 0.0,
+    def joint_reactions(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                        wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                         out: Array | None = None) -> Array:
         """Return (n_bodies, 6): `joint_reaction` of every body's joint, in the order of bodies."""
         return self._loaded(self.kernels.quantity('joint_reactions'), (q, u, udot), wrench, out,
                             t)
 
-    def explain(self, q: Any, u: Any, udot: Any, *, wrench: Any = None,
-                t: Any = 0.0) -> TorqueBreakdown:
+    def explain(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> TorqueBreakdown:
         """Return inverse dynamics by source and by body; arguments as `inverse_dynamics`."""
         external: Any = self.external_force(q, wrench=wrench, t=t)
         terms = self.torque_terms(q, u, udot, t=t)
@@ -125,7 +132,7 @@ class DynamicsMethods(Dispatch):
             tuple(self.equations.speed_names))
 
     @compiled
-    def regressor(self, q: Any, u: Any, udot: Any, *, t: Any = 0.0,
+    def regressor(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
                   out: Array | None = None) -> Array:
         """
         Return Y, (n, 10 n_bodies): Y times `inertial_parameters` is the rigid bodies' torque.
@@ -140,7 +147,8 @@ class DynamicsMethods(Dispatch):
         """Return the model's inertial parameters, (10 n_bodies,), as the regressor takes them."""
         return inertial_parameters(self.equations.model)
 
-    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any) -> Matrices:
+    def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike,
+                                     udot: ArrayLike) -> Matrices:
         """
         Return dtau/dq, dtau/du and M = dtau/dudot, (n, n) each, analytically.
 
@@ -148,7 +156,7 @@ class DynamicsMethods(Dispatch):
         """
         return self._matrices('inverse_dynamics_derivatives', (q, u, udot))
 
-    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any) -> Matrices:
+    def forward_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Matrices:
         """
         Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches.
 
@@ -162,17 +170,30 @@ class DynamicsMethods(Dispatch):
         return -(inverse @ by_q), -(inverse @ by_u), inverse
 
     @compiled
-    def kinetic_energy(self, q: Any, u: Any, *, t: Any = 0.0, out: Array | None = None) -> Any:
+    def center_of_mass(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Array:
+        """Return the center of mass of the moving bodies and the payload, (3,), m, world axes."""
+        return self._call('center_of_mass', (q,), out, t)
+
+    @compiled
+    def center_of_mass_jacobian(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                                out: Array | None = None) -> Array:
+        """Return the velocity of `center_of_mass` per unit of each speed, (3, n)."""
+        return self._call('center_of_mass_jacobian', (q,), out, t)
+
+    @compiled
+    def kinetic_energy(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Any:
         """Return 1/2 u^T M u, J; a float, or (N,) for a batch."""
         return self._call('kinetic_energy', (q, u), out, t)
 
     @compiled
-    def potential_energy(self, q: Any, *, out: Array | None = None) -> Any:
+    def potential_energy(self, q: ArrayLike, *, out: Array | None = None) -> Any:
         """Return the energy of gravity (zero at the world's origin) and springs, J."""
         return self._call('potential_energy', (q,), out)
 
-    def joint_reaction(self, joint: str, q: Any, u: Any, udot: Any, *,
-                       wrench: Any = None, t: Any = 0.0) -> Array:
+    def joint_reaction(self, joint: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                       wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
         Return what the parent exerts on the child at a joint: force, then moment, (6,), N, N m.
 
@@ -197,6 +218,9 @@ class DynamicsMethods(Dispatch):
             No such joint; the message lists the valid ones.
 
         """
+        if not isinstance(joint, str):
+            raise InputError(f'joint: a {type(joint).__name__}; expected a name (str): the order '
+                             'is (joint, q, u, udot)')
         entry = self._entry('joint_reaction', joint, self.kernels.reaction)
         if wrench is None and not self.equations.timed:
             result: Array = entry(q, u, udot)

@@ -1,34 +1,149 @@
-"""Poses, velocities and accelerations of a robot's frames, each by a kernel of its own."""
+"""Poses, Jacobians and motion of a robot's frames, and its dynamics as felt at a frame."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
 from kane_dynamics.robot.dispatch import Dispatch
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+DIRECTIONS = ('x', 'y', 'z', 'rx', 'ry', 'rz')  # linear, then angular, world axes
+SINGULAR = 1e12  # a condition number of J M^-1 J^T at which a direction counts as impossible
 
 
 class FrameMethods(Dispatch):
     """The calls of a `Robot` that tell where frames are and how they move, in world axes."""
 
-    def frame_pose(self, frame: str, q: Any, *, out: Array | None = None) -> Array:
+    def frame_pose(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the (4, 4) pose of a frame in the world, m."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
-    def frame_velocity(self, frame: str, q: Any, u: Any, *, t: Any = 0.0,
+    def frame_velocity(self, frame: str, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
         """Return (6,): linear then angular velocity at a frame's origin, world axes."""
         return self._at_frame('frame_velocity', frame, (q, u), out, t)
 
-    def frame_acceleration(self, frame: str, q: Any, u: Any, udot: Any, *,
-                           t: Any = 0.0, out: Array | None = None) -> Array:
+    def frame_acceleration(self, frame: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                           t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """Return (6,): classical linear then angular acceleration, without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
 
-    def partial_velocities(self, frame: str, q: Any, *, t: Any = 0.0,
-                           out: Array | None = None) -> Array:
-        """Return (6, n): column r is the frame's linear then angular velocity per unit u_r."""
+    def forward_kinematics(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Return the (4, 4) pose of a frame in the world, m; the same as `frame_pose`."""
+        return self._at_frame('frame_pose', frame, (q,), out)
+
+    def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
+                 out: Array | None = None) -> Array:
+        """
+        Return the geometric Jacobian of a frame, (6, n): its partial velocities.
+
+        Column r is the frame's velocity per unit of u_r, linear at the frame's origin, then
+        angular, in world axes (Pinocchio's LOCAL_WORLD_ALIGNED). Under constraints the columns
+        are those of the independent speeds. In axes of the frame itself, with R its rotation:
+        ``(R.T @ J.reshape(2, 3, -1)).reshape(6, -1)``.
+
+        Parameters
+        ----------
+        frame : str
+            One of `frame_names`.
+        q : (n_q,) or (N, n_q) array_like
+            Coordinates, rad or m.
+        t : float or (N,) array_like
+            Time, s; ignored unless speeds or constraints depend on it.
+        out : array, optional
+            Written to and returned.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+
+        """
         return self._at_frame('partial_velocities', frame, (q,), out, t)
 
-    def partial_velocity_rates(self, frame: str, q: Any, u: Any, *,
-                               t: Any = 0.0, out: Array | None = None) -> Array:
-        """Return (6, n): the time derivative of `partial_velocities` along the motion."""
+    def jacobian_rate(self, frame: str, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                      out: Array | None = None) -> Array:
+        """Return the time derivative of `jacobian` along the motion, (6, n); same arguments."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
+
+    def partial_velocities(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
+                           out: Array | None = None) -> Array:
+        """Return (6, n), as `jacobian`: column r is the frame's velocity per unit u_r."""
+        return self._at_frame('partial_velocities', frame, (q,), out, t)
+
+    def partial_velocity_rates(self, frame: str, q: ArrayLike, u: ArrayLike, *,
+                               t: ArrayLike = 0.0, out: Array | None = None) -> Array:
+        """Return (6, n), as `jacobian_rate`: the time derivative of `partial_velocities`."""
+        return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
+
+    def operational_space_inertia(self, frame: str, q: ArrayLike, *,
+                                  directions: Sequence[str] = DIRECTIONS,
+                                  t: ArrayLike = 0.0) -> Array:
+        """
+        Return the operational-space inertia Lambda, (k, k), at a frame: kg, kg m, kg m^2.
+
+        ``F = Lambda a + mu`` is what must act at the frame, in the chosen directions, for its
+        acceleration a: ``Lambda = (J M^-1 J^T)^-1`` and ``mu = Lambda (J M^-1 h - J' u)``, with
+        the frame's Jacobian J and the bias force h. Source: O. Khatib, "A unified approach for
+        motion and force control of robot manipulators: the operational space formulation", IEEE
+        J. Robotics and Automation 3(1), 1987.
+
+        Parameters
+        ----------
+        frame : str
+            One of `frame_names`.
+        q : (n_q,) or (N, n_q) array_like
+            Coordinates, rad or m.
+        directions : sequence of str
+            The k directions, of 'x', 'y', 'z' (linear) and 'rx', 'ry', 'rz' (angular), world
+            axes. All six by default, which takes at least six joints.
+        t : float or (N,) array_like
+            Time, s; ignored unless speeds or constraints depend on it.
+
+        Raises
+        ------
+        InputError
+            Names the argument; or the frame cannot accelerate in all of the directions at q.
+
+        """
+        return np.asarray(np.linalg.inv(self._mobility(frame, q, directions, t)[0]), np.float64)
+
+    def operational_space_bias(self, frame: str, q: ArrayLike, u: ArrayLike, *,
+                               directions: Sequence[str] = DIRECTIONS,
+                               t: ArrayLike = 0.0) -> Array:
+        """
+        Return the bias mu, (k,), of `operational_space_inertia`, N, N m; same arguments, errors.
+
+        Gravity, friction and springs are part of it, as they are of `bias_force`.
+        """
+        mobility, J, inverse, rows = self._mobility(frame, q, directions, t)
+        robot: Any = self
+        rest = np.zeros_like(np.asarray(u, dtype=np.float64))
+        bias = robot.bias_force(q, u, t=t)[..., None]
+        drift = robot.frame_acceleration(frame, q, u, rest, t=t)[..., rows, None]
+        result: Array = np.linalg.solve(mobility, J @ (inverse @ bias) - drift)[..., 0]
+        return result
+
+    def _mobility(self, frame: str, q: ArrayLike, directions: Sequence[str],
+                  t: ArrayLike) -> tuple[Array, Array, Array, list[int]]:
+        """Return J M^-1 J^T, J, M^-1, and the rows of J that are asked for."""
+        wrong = [name for name in directions if name not in DIRECTIONS]
+        if wrong or not len(directions) or len(set(directions)) < len(directions):
+            raise InputError(f'directions: {list(directions)}; expected some of '
+                             f'{", ".join(DIRECTIONS)}, each once')
+        rows = [DIRECTIONS.index(name) for name in directions]
+        robot: Any = self
+        J = robot.jacobian(frame, q, t=t)[..., rows, :]
+        inverse = robot.inverse_mass_matrix(q, t=t)
+        mobility = J @ inverse @ np.swapaxes(J, -1, -2)
+        size = np.linalg.svd(mobility, compute_uv=False)
+        lost = (size < size[..., :1] / SINGULAR) | (size == 0.0)
+        if lost.any():
+            able = int((~lost).sum(axis=-1).min())
+            raise InputError(f"directions: {', '.join(directions)}; frame '{frame}' accelerates "
+                             f'independently in only {able} of these {len(rows)} at this q: '
+                             'expected fewer directions, or a q that is not singular')
+        return mobility, J, inverse, rows

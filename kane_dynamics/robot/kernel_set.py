@@ -8,14 +8,15 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel, Reason
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
-                                            QUANTITIES, Quantity, Sizes)
+                                            QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
 
 LARGE = 24  # coordinates from which on an inverse is not written out
@@ -23,6 +24,7 @@ LONG = 16  # and from which on a product with it is none of the compiler's busin
 OUTLINED = 40  # and from which on derivatives would
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
+Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
 
 class KernelSet:
@@ -37,30 +39,42 @@ class KernelSet:
         are among it: then programs are traced and tell themselves apart.
     parameters : array
         The block that kernels read at each call.
-    reason : callable, optional
-        Raises a better error than the kernels' own for the arguments of a state whose result is
-        not finite, or returns.
+    instead : callable, optional
+        Given the arguments of a state whose result is not finite: raises a better error than the
+        kernels' own, or returns the kernels that can answer there, or None.
 
     """
 
     def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
-                 parameters: Array, reason: Reason | None = None) -> None:
+                 parameters: Array, instead: Instead | None = None) -> None:
         """Compile nothing yet."""
         self.equations = equations
-        self._reason = reason
+        self._instead = instead
         self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
-        self._key = key
+        self.key = key
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
+        self._same: dict[tuple[str, str], Callable[[KernelSet], Kernel]] = {}  # of another set
 
-    def with_parameters(self, parameters: Array) -> 'KernelSet':
-        """Return the kernels, those compiled so far among them, on another block of parameters."""
-        other = KernelSet(self.equations, self._key, parameters, self._reason)
-        other._made = {name: kernel.with_parameters(
-            parameters if kernel.parameters is self._parameters else kernel.parameters.copy())
-            for name, kernel in self._made.items()}
+    def with_parameters(self, parameters: Array, instead: Instead | None = None) -> 'KernelSet':
+        """
+        Return the kernels, those compiled so far among them, on another block of parameters.
+
+        `instead` is that of the result.
+        """
+        other = KernelSet(self.equations, self.key, parameters, instead)
+        other._same = dict(self._same)
+        other._made = {place: kernel.with_parameters(
+            parameters if kernel.parameters is self._parameters else kernel.parameters.copy(),
+            partial(other._another, place) if place in self._same else None)
+            for place, kernel in self._made.items()}
         return other
+
+    def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
+        """Return the kernel that answers at a state where that of a place does not."""
+        other = None if self._instead is None else self._instead(state)
+        return None if other is None or other is self else self._same[place](other)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,7 +103,7 @@ class KernelSet:
             quantity = FRAME_QUANTITIES[name]
             method = partial(getattr(self.equations, name), at)
             return self._kernel(name, lambda: self._traced(name, method, quantity), quantity,
-                                frame)
+                                frame, lambda other: other.at_frame(name, frame))
         at = self.equations.model.frame(frame)
         return self._kept((name, frame), make)
 
@@ -104,12 +118,12 @@ class KernelSet:
         method = partial(self.equations.joint_reaction, body)
         return self._kept(('joint_reaction', joint), lambda: self._kernel(
             'joint_reaction', lambda: self._traced('joint_reaction', method, JOINT_REACTION),
-            JOINT_REACTION, joint))
+            JOINT_REACTION, joint, lambda other: other.reaction(joint)))
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
         """Return a kernel of the caller's own on this robot; `name` tells its program apart."""
-        return self._kept((name, ''), lambda: Kernel(name, program, self._key, arguments, block,
+        return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
                                                      shape))
 
     def program(self, name: str) -> Program:
@@ -155,12 +169,14 @@ class KernelSet:
         return self._made[key]
 
     def _kernel(self, name: str, program: Callable[[], Program], quantity: Quantity,
-                at: str = '') -> Kernel:
+                at: str = '', same: Callable[['KernelSet'], Kernel] | None = None) -> Kernel:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
-        return Kernel(name, program, self._key and self._key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size), self._reason)
+        self._same[name, at] = same or (lambda other: other.quantity(name))
+        return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
+                      self._parameters, quantity.shape(size),
+                      partial(self._another, (name, at)))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations
@@ -179,8 +195,16 @@ class KernelSet:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
             values += [given.get('wrench')] if quantity.wrench else []
-            values += [given['parameters']] if quantity.parameters else []
-            return method(*values, **({'t': given['t'][()]} if 't' in given else {}))
+            parameters, limits = given['parameters'], None
+            if isinstance(equations, ConstrainedEquations):
+                parameters, limits = np.split(parameters, [len(parameters) - LIMITS])
+            values += [parameters] if quantity.parameters else []
+            time = {'t': given['t'][()]} if 't' in given else {}
+            result = method(*values, **time)
+            if limits is None or not equations.watched or name in UNWATCHED:
+                return result
+            return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
+        equations: Any = self.equations
         inputs = self._inputs(quantity)
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)

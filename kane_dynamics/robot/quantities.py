@@ -85,6 +85,8 @@ QUANTITIES = {
     'torque_terms': Quantity(MOTION, lambda size: (len(TORQUE_TERMS), size.n)),
     'body_torques': Quantity(MOTION, lambda size: (size.bodies, size.n)),
     'joint_reactions': Quantity(MOTION, lambda size: (size.bodies, 6), wrench=True),
+    'center_of_mass': Quantity(('q',), lambda size: (3,)),
+    'center_of_mass_jacobian': Quantity(('q',), lambda size: (3, size.n)),
     'kinetic_energy': Quantity(STATE, _scalar),
     'potential_energy': Quantity(('q',), _scalar),
     'inverse_dynamics_derivatives': Quantity(MOTION, _three_matrices),
@@ -96,8 +98,12 @@ CONSTRAINED = {
     'joint_rates': Quantity(STATE, _joints, parameters=False),
     'joint_torques': Quantity(('q', 'tau'), _joints, parameters=False),
     'constraint_forces': Quantity(LOADED, _rows, wrench=True),
-    'constraint_gap': Quantity(('q',), _rows, parameters=False),
+    'constraint_residual': Quantity(('q',), _rows, parameters=False),
+    'constraint_velocity_residual': Quantity(STATE, _rows, parameters=False),
+    'joint_accelerations': Quantity(MOTION, _joints, parameters=False),
 }
+# Functions of q alone, right wherever loops stand and whatever speeds are independent:
+UNWATCHED = ('potential_energy', 'friction_force', 'constraint_residual', 'frame_pose')
 # What control and simulation call: a node compiles these before it serves.
 IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
             'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'joint_reactions',

@@ -2,33 +2,40 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import cached_property, partial
+from functools import partial
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.attribute_hints import missing, refused
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
-from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS, RANK, SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.constraint_methods import ConstraintMethods, raise_where_singular
+from kane_dynamics.robot.configuration_methods import Configurations
 from kane_dynamics.robot.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
-from kane_dynamics.robot.parameters import JointLimits, Parameters
+from kane_dynamics.robot.parameters import Parameters
+from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
 
 
-class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
+CLOSURE_TOLERANCE = 1e-4  # m and rad
+
+
+class Robot(DynamicsMethods, FrameMethods, Configurations):
     """
     The dynamics of one manipulator or mechanism, compiled for it.
 
@@ -50,9 +57,23 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         `Prescribed`, `DependentSpeeds`. u are then the n independent speeds, tau is dual to
         them, and q keeps n_q > n entries.
     independent : sequence of str, optional
-        Names of the speeds to take as independent; the best conditioned by default.
+        Names of the speeds to take as independent. By default the best conditioned, and
+        `simulate` goes on with others where these come to depend on each other.
     actuated : sequence of str, optional
         The joints that have actuators (see `joint_torques`).
+    configuration : (n_q,) array_like, optional
+        A configuration, rad or m, that is closed or nearly: speeds and rows are chosen there, and
+        `closed_posture` stays on its branch. By default places within the limits are tried.
+    closure_tolerance : float, (float, float) or None
+        Largest residual of loops and other conditions on positions that calls accept, m and rad;
+        None accepts any. `parameters.closure_tolerance` changes it.
+    redundant : 'minimum_norm' or 'kept'
+        How constraint rows that follow from others share their force: with the least sum of
+        squares, moments divided by `mechanism.length`, or so that those left out carry nothing.
+    rank_tolerance : float
+        Part of the largest singular value of the constraint rows up to which one counts as zero:
+        a larger one accepts loops whose description is rounded (a URDF's rpy="1.5708"), which may
+        then stay open by so much, m or rad.
     wrench_frames : sequence of str
         Frames on which the environment may push (`wrench=`, one row each).
     payload_frame : str, optional
@@ -75,7 +96,9 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
 
     def __init__(self, model: Model, *, speeds: Any = None,
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
-                 actuated: Sequence[str] | None = None, wrench_frames: Sequence[str] = (),
+                 actuated: Sequence[str] | None = None, configuration: Any = None,
+                 closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
+                 rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
         """Prepare the equations; nothing is compiled yet."""
@@ -89,26 +112,86 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
             'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
             'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
         self._choices: dict[str, Any] = {
-            'speeds': speeds, 'constraints': tuple(constraints), 'independent': independent,
-            'actuated': actuated}
+            'speeds': speeds, 'constraints': checked_constraints(constraints),
+            'independent': checked_names(independent, 'independent'),
+            'actuated': checked_names(actuated, 'actuated'), 'configuration': configuration,
+            'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)
         tree = self.equations = TreeEquations(model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
-        reason = None
-        if any(value not in (None, ()) for value in self._choices.values()):
-            mechanism = choose_independent(model, speeds, constraints, independent)
-            self.equations = ConstrainedEquations(tree, mechanism, actuated)
-            key = mechanism.key and f'{key}{mechanism.key}{actuated!r}'
-            reason = partial(raise_where_singular, mechanism)
-        self.parameters = Parameters(model, tree.payload_frame)
-        self.kernels = KernelSet(self.equations, key, self.parameters.block, reason)
+        constraints, independent, actuated = (self._choices[key] for key in (
+            'constraints', 'independent', 'actuated'))
+        self.speed_sets: SpeedSets | None = None
+        if redundant not in ('minimum_norm', 'kept'):
+            raise InputError(f"redundant is {redundant!r}; expected 'minimum_norm' or 'kept'")
+        if speeds is None and not constraints and independent is None and actuated is None:
+            self.parameters = Parameters(model, tree.payload_frame)
+            self.kernels = KernelSet(tree, key, self.parameters.block)
+        else:
+            mechanism = choose_independent(model, speeds, constraints, independent,
+                                           configuration, rank_tolerance)
+            self.parameters = Parameters(model, tree.payload_frame, LIMITS)
+            self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
+            if closure_tolerance is CLOSURE_TOLERANCE:
+                closure_tolerance = max(closure_tolerance, rank_tolerance)
+            self.parameters.closure_tolerance = closure_tolerance
+            self.speed_sets = SpeedSets(
+                mechanism, partial(ConstrainedEquations, tree, actuated=actuated,
+                                   redundant=redundant),
+                f'{key}{actuated!r}{redundant}', self.parameters)
+            self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
+            self.equations = self.kernels.equations
         self._entries = {}
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what would have no effect; `limits` may be replaced."""
+        if '_entries' in self.__dict__ and name != 'limits':
+            raise AttributeError(refused(self, name, (*self._choices, *self._options)))
+        super().__setattr__(name, value)
+
+    if not TYPE_CHECKING:  # a type checker knows by itself what is missing
+        def __getattr__(self, name: str) -> Any:
+            """Name the counterpart of an attribute that there is not."""
+            raise AttributeError(missing(self, name))
+
+    def __repr__(self) -> str:
+        """Return name, size and joints on one line."""
+        return (f"<Robot '{self.model.name}': {self.n} degrees of freedom, q of "
+                f'{short(self.coordinate_names)}>')
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as model, options and parameters; kernels load again from the cache."""
-        return _restored, (self.model, {**self._choices, **self._options}, self.parameters.gravity,
-                           self.parameters.payload)
+        choices = {**self._choices, **self._options,
+                   'closure_tolerance': self.parameters.closure_tolerance}
+        return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload)
+
+    @property
+    def configuration(self) -> Any:
+        """Return the configuration at which speeds and rows were chosen; None without one."""
+        return self._choices['configuration']
+
+    @property
+    def speeds_are_given(self) -> bool:
+        """Tell whether the independent speeds are those that the user named."""
+        return self._choices['independent'] is not None
+
+    def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Robot':
+        """
+        Return this robot with other independent speeds and constraint rows, by number.
+
+        It shares the parameters; its u and tau are those of the other speeds.
+        """
+        assert self.speed_sets is not None  # a robot without constraints has but one choice
+        kernels = self.speed_sets.kernels(free, kept)
+        if kernels is self.kernels:
+            return self
+        other = object.__new__(type(self))
+        for name in ('_options', 'model', 'friction', 'speed_sets', 'parameters'):
+            setattr(other, name, getattr(self, name))
+        other._choices = {**self._choices, 'independent': kernels.equations.speed_names}
+        other.kernels, other.equations, other._entries = kernels, kernels.equations, {}
+        return other
 
     def copy(self) -> 'Robot':
         """
@@ -120,7 +203,13 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         for name in ('_options', '_choices', 'model', 'friction', 'equations'):
             setattr(other, name, getattr(self, name))
         other.parameters = self.parameters.copy()
-        other.kernels = self.kernels.with_parameters(other.parameters.block)
+        other.speed_sets = None
+        if self.speed_sets is None:
+            other.kernels = self.kernels.with_parameters(other.parameters.block)
+        else:
+            other.speed_sets = self.speed_sets.with_parameters(other.parameters)
+            other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
+            other.equations = other.kernels.equations
         other._entries = {}
         return other
 
@@ -144,12 +233,16 @@ class Robot(DynamicsMethods, FrameMethods, ConstraintMethods):
         """Names of the entries of q."""
         return self.model.coordinate_names
 
-    @cached_property
-    def limits(self) -> JointLimits:
-        """Bounds of the joints, as the model states them."""
-        limits = [joint.limits for joint in self.model.coordinate_joints]
-        return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
-                             for name in ('lower', 'upper', 'velocity', 'effort')))
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
+        return tuple(frame.name for frame in self.model.frames)
+
+    def equals(self, other: 'Robot') -> bool:
+        """Tell whether another robot has the same equations and now the same parameters."""
+        return self is other or bool(
+            self.kernels.key is not None and self.kernels.key == other.kernels.key
+            and np.array_equal(self.parameters.block, other.parameters.block))
 
     def bind(self) -> Workspace:
         """Return arrays with zero-argument calls on them, for a loop that must not allocate."""

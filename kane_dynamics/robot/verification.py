@@ -5,8 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import CompileError, InputError
+from kane_dynamics.errors import CompileError, ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.model.model import Model
@@ -81,22 +82,30 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     """Return the same where speeds are chosen or constraints given, at a regular state."""
     mechanism = copy(robot.mechanism)
     mechanism.model = model
-    t = float(rng.uniform(0.0, 2.0)) if robot.equations.timed else 0.0
+    middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
+    if robot.configuration is not None:  # functions of a user are asked about it alone
+        middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
+    t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
-        q = rng.uniform(-2.0, 2.0, robot.n_q)
-        S = np.array(mechanism.system(mechanism.posture(q, t))[0], dtype=np.float64)
-        if np.linalg.cond(S) < REGULAR:
+        try:
+            q = robot.closed_posture(middle + rng.uniform(-spread, spread, robot.n_q), t=t)
+        except ConstraintError:
+            continue
+        stack = stacked(mechanism, q, t)
+        if figure(mechanism, stack, mechanism.free, mechanism.kept) < REGULAR:
             break
+    else:
+        raise CompileError(f'{TRIES} random configurations: none is closed and regular; expected '
+                           'one to compare the kernels with the definition at')
     u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
 
-    def torque(u: Array, udot: Array) -> Array:
-        return nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
-                                             friction=robot.friction)
-    bias, tau = torque(u, np.zeros(robot.n)), torque(u, udot)
-    M = np.array([torque(u, unit) - bias for unit in np.eye(robot.n)]).T
+    tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
+                                        friction=robot.friction)
+    M = nonholonomic.mass_matrix(mechanism, q, t)
+    bias = tau - M @ udot
     pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
              'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
-    if np.linalg.cond(M) < 1e12:
+    if robot.n and np.linalg.cond(M) < 1e12:
         pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias, tau)
     return pairs
 

@@ -28,7 +28,7 @@ class _Quantity:
         return self if workspace is None else workspace._function(self.name)
 
 
-class Workspace(entry.Tabled):
+class Workspace(entry.NativeMethods):
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
 
@@ -115,6 +115,11 @@ class Workspace(entry.Tabled):
             raise InputError(f"no quantity of a frame is called '{name}'; valid: "
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
+
+    def constraint_gap(self) -> Array:
+        """Compute `constraint_residual`, whose former name this is."""
+        result: Array = self.constraint_residual()  # type: ignore[attr-defined]
+        return result
 
     def reaction(self, joint: str) -> Callable[[], Any]:
         """Return `Robot.joint_reaction` at a joint as a function without arguments."""

@@ -51,7 +51,9 @@ class EnergyBalance:
     states : (N, size) array
         At time 0, as `stepping.state_names`.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `step_kernels.INTEGRATORS`.
+    start : float
+        Time of the first state, s.
 
     Attributes
     ----------
@@ -67,9 +69,10 @@ class EnergyBalance:
 
     """
 
-    def __init__(self, robot: Robot, step: float, states: Array, integrator: str) -> None:
+    def __init__(self, robot: Robot, step: float, states: Array, integrator: str,
+                 start: float = 0.0) -> None:
         """Compile the kernels."""
-        self.robot, self._step = robot, step
+        self.robot, self._step, self._start = robot, step, start
         self._kernel = energy_kernel(robot)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
@@ -115,7 +118,7 @@ class EnergyBalance:
             missed = ~(np.abs(seen.error) <= seen.allowed)
         new = np.flatnonzero(np.isinf(self.began) & missed.any(axis=0))
         first = np.argmax(missed[:, new], axis=0)
-        self.began[new] = (done + 1 + first) * self._step
+        self.began[new] = self._start + (done + 1 + first) * self._step
         self.expected[new] = seen.allowed[first, new]
         self._keep(seen)
 

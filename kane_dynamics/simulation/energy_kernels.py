@@ -80,7 +80,8 @@ def _kernel(robot: Robot, name: str, function: Any, shape: tuple[int, ...],
     inputs = [('state', (_size(robot),)), *more]
 
     def traced() -> Program:
-        return trace_program(name, function,
+        physical = robot.parameters.physical
+        return trace_program(name, lambda *x: function(*x[:-1], x[-1][:physical]),
                              [*inputs, ('parameters', robot.parameters.block.shape)])
     return robot.kernels.extra(name, traced, [Argument(*x) for x in inputs],
                                robot.parameters.block, shape)

@@ -13,7 +13,7 @@ import time
 from typing import Any
 import warnings
 
-from kane_dynamics._util.checks import positive_time
+from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.native.runtime.kernel import Argument, checked
@@ -21,9 +21,10 @@ from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
-from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.speed_switching import SwitchingInput
+from kane_dynamics.simulation.step_kernels import margin_count, state_names
 from kane_dynamics.simulation.step_size import step_warning
-from kane_dynamics.simulation.torque_input import torque_input, TorqueInput
+from kane_dynamics.simulation.torque_input import asked_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
@@ -42,12 +43,14 @@ Progress = Callable[[float], bool | None]
 
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
-             progress: Progress | None = None, integrator: str = 'rk4') -> Trajectory:
+             progress: Progress | None = None, integrator: str = 'rk4',
+             t0: float = 0.0) -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
 
     Conditions on positions, such as closed loops, are held: what a step misses is taken back after
-    it, and the result tells what remains.
+    it, and the result tells what remains. Independent speeds that come to depend on each other
+    give way to others on the way (`Trajectory.speed_changes`), unless the user named them.
 
     Parameters
     ----------
@@ -78,6 +81,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         friction, springs and beams set no longest step, for robots without constraints whose
         speeds are the joint rates (`mechanics.implicit`). Where the motion is smooth the first
         is more accurate; where joints stick, the second is the faster by orders.
+    t0 : float
+        Time at which the state is q0, u0, s: what depends on time begins there.
 
     Returns
     -------
@@ -90,6 +95,10 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     InputError
         Names the argument, the value and what is valid; also where the motion leaves the finite
         numbers, with the time and the joint.
+    ConstraintError
+        The motion comes to a kinematic singularity (a dead point); independent speeds that the
+        user named become singular; constraints contradict each other; or a step opens a loop too
+        far. Names the time, the configuration and the constraint.
 
     Warns
     -----
@@ -100,25 +109,30 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         that began. Both are in `Trajectory.warnings` too.
 
     """
-    starts = _starts(robot, q0, u0)
+    starts = _starts(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
     count = _whole('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
-    doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator) if N else None
+    doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
     if doubt is not None:
         warnings.warn(doubt, ModelWarning, stacklevel=2)
     every = _sampling(count, step, sample, N, single)
+    if callable(torque) and not single:
+        raise InputError('torque is a function, which is asked state by state; for '
+                         f'{N} initial states give None, an array or a ComputedTorque')
+    source: Any = torque_input(robot, step, 1 if callable(torque) else count,
+                               None if callable(torque) else torque, None if single else N,
+                               integrator, t0)
+    watched = bool(robot.constraint_names)
+    if watched:
+        source = SwitchingInput(source, N, integrator, single)
     if callable(torque):
-        if not single:
-            raise InputError('torque is a function, which is asked state by state; for '
-                             f'{N} initial states give None, an array or a ComputedTorque')
-        kept, states, tau, events, balance = _run_callable(
-            robot, starts[0], count, step, every, torque, progress, integrator)
+        kept, states, tau, events, balance = _run_callable(source, starts[0], count, every, torque,
+                                                           progress, t0, integrator)
     else:
-        source = torque_input(robot, step, count, torque, None if single else N, integrator)
         kept, states, events, balance = _run_native(source, starts, single, count, every,
-                                                    progress, integrator)
+                                                    progress, t0, integrator)
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
@@ -126,29 +140,17 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     missed = balance.warning(single, doubt)
     if missed is not None:
         warnings.warn(missed, ModelWarning, stacklevel=2)
-    arrays = {'q': q, 'u': u, 'tau': tau, **_derived(robot, kept * step, q, u, tau)}
-    return Trajectory(kept * step, **{name: x[0] if single else x for name, x in arrays.items()},
+    arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
+    arrays = {name: x[0] if single else x for name, x in arrays.items()}
+    return Trajectory(t0 + kept * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
-                      warnings=tuple(text for text in (doubt, missed) if text is not None))
+                      warnings=tuple(text for text in (doubt, missed) if text is not None),
+                      speed_changes=tuple(source.changes) if watched else ())
 
 
-def _derived(robot: Robot, t: Array, q: Array, u: Array, tau: Array) -> dict[str, Array]:
-    """Return what follows from the kept states, (N, K, ...) arrays."""
-    shape = q.shape[:2]
-    at: dict[str, Any] = {'t': np.tile(t, shape[0])} if robot.equations.timed else {}
-    q, u, tau = (x.reshape(-1, x.shape[2]) for x in (q, u, tau))
-    found = {'udot': robot.forward_dynamics(q, u, tau, **at),
-             'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
-                                axis=1)}
-    if robot.constraint_names:
-        found['constraint_forces'] = robot.constraint_forces(q, u, tau, **at)
-        found['constraint_gap'] = robot.constraint_gap(q, **at)
-    return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
-
-
-def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None, integrator: str
+def _run_native(source: Any, starts: Array, single: bool, count: int, every: int,
+                progress: Progress | None, t0: float, integrator: str
                 ) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
     """Step in native chunks; return the kept steps, their states, events, energy balance."""
     robot, (N, size) = source.robot, starts.shape
@@ -159,7 +161,7 @@ def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, ev
     done, least = 0, 1 if single else LEAST_CHUNK
     chunk = FIRST_CHUNK if single else LEAST_CHUNK
     watch = LimitWatch(robot.joint_names, _watched(robot), starts, single)
-    balance = EnergyBalance(robot, source.step, starts, integrator)
+    balance = EnergyBalance(robot, source.step, starts, integrator, t0)
     while done < count:
         chunk = min(chunk, most, count - done)
         buffer = np.empty((N, chunk + 1, size))
@@ -168,14 +170,15 @@ def _run_native(source: TorqueInput, starts: Array, single: bool, count: int, ev
         extremes = source.advance(buffer, done, single)
         took = time.perf_counter() - started
         _finite(robot, buffer, done, source.step, single)
-        watch.look(buffer[:, 1:], (done + np.arange(1, chunk + 1)) * np.float64(source.step),
+        watch.look(buffer[:, 1:],
+                   t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step),
                    extremes)
-        balance.look(buffer, done, source.acting(buffer, done))
+        balance.look(source.in_own_speeds(buffer, done), done, source.acting(buffer, done))
         here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
         states[:, here] = buffer[:, kept[here] - done]
         starts = buffer[:, -1].copy()
         done += chunk
-        if progress is not None and progress(done * source.step) is False:
+        if progress is not None and progress(t0 + done * source.step) is False:
             break
         chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
     return (*_ended(kept, states, done, starts), watch.events, balance)
@@ -189,24 +192,27 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
     return kept[:rows], states[:, :rows]
 
 
-def _run_callable(robot: Robot, state: Array, count: int, step: float, every: int,
-                  torque: Torque, progress: Progress | None, integrator: str
+def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
+                  progress: Progress | None, t0: float, integrator: str
                   ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
     """Ask for the torque before every step; Python in the loop."""
+    robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n
-    source = torque_input(robot, step, 1, None, None, integrator)
     kept, states, taus = [], [], []
     watch = LimitWatch(robot.joint_names, _watched(robot), state[None], single=True)
     buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
     buffer[0, 0] = state
     asked = np.empty((1, FIRST_CHUNK, n))
-    balance = EnergyBalance(robot, step, state[None], integrator)
+    balance = EnergyBalance(robot, step, state[None], integrator, t0)
     reported = time.perf_counter()
     for k in range(count + 1):
         j = k % FIRST_CHUNK
         state = buffer[0, j].copy()
-        tau = _vector(robot, f'torque at {k * step:.6g} s',
-                      torque(k * step, state[:n_q].copy(), state[n_q:n_q + n].copy()))
+        t = t0 + k * step
+        seen = (source.asked_state(0, state, k) if isinstance(source, SwitchingInput) else
+                (state[:n_q], state[n_q:n_q + n]))
+        tau = _vector(robot, f'torque at {t:.6g} s',
+                      asked_torque(torque, t, *(x.copy() for x in seen)))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)
@@ -214,20 +220,26 @@ def _run_callable(robot: Robot, state: Array, count: int, step: float, every: in
         if k == count:
             break
         here, asked[0, j] = buffer[:, j:j + 2], tau
-        replace(source, torque=tau[None, None]).advance(here, k, single=True)
+        if isinstance(source, SwitchingInput):
+            source.torque = tau[None, None]
+            source.advance(here, k, single=True)
+        else:
+            replace(source, torque=tau[None, None]).advance(here, k, single=True)
         _finite(robot, here, k, step, single=True)
         if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
             reported = time.perf_counter()
-            if progress((k + 1) * step) is False:
+            if progress(t0 + (k + 1) * step) is False:
                 count = k + 1
         if j + 1 == FIRST_CHUNK or k + 1 == count:
-            watch.look(buffer[:, 1:j + 2], np.arange(k - j + 1, k + 2) * np.float64(step))
-            balance.look(buffer[:, :j + 2], k - j, asked[:, :j + 1])
+            watch.look(buffer[:, 1:j + 2],
+                       t0 + np.arange(k - j + 1, k + 2) * np.float64(step))
+            balance.look(source.in_own_speeds(buffer[:, :j + 2], k - j), k - j,
+                         asked[:, :j + 1])
             buffer[:, 0] = buffer[:, j + 1]
     return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
 
 
-def _starts(robot: Robot, q0: Any, u0: Any) -> Array:
+def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
     """Return the initial state, as `state_names`, or all of them, (N, ...)."""
     q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
     u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
@@ -235,14 +247,15 @@ def _starts(robot: Robot, q0: Any, u0: Any) -> Array:
         raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
                          f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
     if robot.constraint_names and q.size:
-        gap = np.abs(np.atleast_2d(robot.constraint_gap(q)))
+        gap = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
         i, k = np.unravel_index(np.argmax(gap), gap.shape)
-        if gap[i, k] > CLOSED:
+        if gap[i, k] > max(CLOSED, 2.0 * robot.mechanism.rank_tolerance):
             which = '' if q.ndim == 1 else f' of state {i}'
             raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
                              '(m or rad): start from robot.closed_posture(q0)')
-    time = np.zeros((*q.shape[:-1], 1 if robot.equations.timed else 0))
-    return np.concatenate([q, u, time], axis=-1)
+    time = np.full((*q.shape[:-1], 1 if robot.equations.timed else 0), t0)
+    margins = np.ones((*q.shape[:-1], margin_count(robot)))
+    return np.concatenate([q, u, time, margins], axis=-1)
 
 
 def _watched(robot: Robot) -> JointLimits:

@@ -5,7 +5,9 @@ from typing import Any
 
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import speed_places
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -18,13 +20,14 @@ from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.asked_speeds import tau_from
 from kane_dynamics.simulation.energy_kernels import compile_balance
 import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
 # What `simulate` asks for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
-              'constraint_gap')
+              'constraint_residual', 'constraint_velocity_residual')
 
 
 def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
@@ -60,14 +63,18 @@ def loop_kernels(robot: Robot) -> list[str]:
     return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
 
 
-def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4') -> Kernel:
+def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
+                dual_to: tuple[str, ...] | None = None) -> Kernel:
     """
     Return the kernel of one step of one of `INTEGRATORS`.
 
     Its pointers: state, as `state_names`, inputs, constants, next state. With held torques the
     inputs are tau (n) and the constants the step and the robot's parameters. With feedback the
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
-    constants begin with kp and kd.
+    constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
+
+    The state of a constrained robot ends in `conditioning.margin`, whose limits are the last of
+    the constants: a state is not to be trusted from where that is not positive.
 
     Raises
     ------
@@ -83,6 +90,10 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4') -> Kernel
                          "joint rates, without constraints; valid here: 'rk4'")
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     name = name if integrator == 'rk4' else f'{name}_{integrator}'
+    if dual_to not in (None, robot.speed_names):
+        places = speed_places(robot.mechanism.speeds, dual_to)
+        name = f'{name}_dual_to_{"_".join(map(str, places))}'
+        program = partial(_program, dual_to=dual_to)
     inputs = _inputs(robot, feedback)
     arguments = [Argument(key, shape) for key, shape in inputs[:2]]
     return robot.kernels.extra(name, lambda: program(robot, name, feedback), arguments,
@@ -90,9 +101,16 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4') -> Kernel
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Name the entries of a state: q, then u, then the time where the robot depends on it."""
+    """Name the entries of a state: q, u, the time where the robot depends on it, the margin."""
     return (*robot.coordinate_names, *robot.speed_names,
-            *(['time'] if robot.equations.timed else []))
+            *(['time'] if robot.equations.timed else []),
+            *['margin'] * margin_count(robot))
+
+
+def margin_count(robot: Robot) -> int:
+    """Return how many entries of a state, one or none, tell whether it is to be trusted."""
+    equations = robot.equations
+    return int(isinstance(equations, ConstrainedEquations) and equations.watched)
 
 
 def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
@@ -101,28 +119,34 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
             ('constants', ((2 * n if feedback else 0) + 1 + parameters,))]
 
 
-def _program(robot: Robot, name: str, feedback: bool) -> Program:
+def _program(robot: Robot, name: str, feedback: bool,
+             dual_to: tuple[str, ...] | None = None) -> Program:
     """Trace one step; where q' is not u, what it misses of closed loops is taken back after it."""
     n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
     constrained = isinstance(equations, ConstrainedEquations)
-    motion = _state_program(robot)
+    motion = _state_program(robot, dual_to)
     law = law_program(robot) if feedback else None
     wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
+    margins = margin_count(robot)
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
 
         def rates(x: Any, given: Any) -> Any:
-            q, u, time = np.split(x, [n_q, n_q + n])
+            q, u, time = np.split(x[:len(x) - margins], [n_q, n_q + n])
             tau = given
             if law is not None:
                 tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
             found = call(motion, q, u, tau, *wrench, *time, parameters)
-            return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time)])
+            return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
+                             *[0.0] * margins])
         moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
         after = runge_kutta_4(rates, state, moments, h[0])
         if isinstance(equations, ConstrainedEquations):
-            after[:n_q] = equations.closer(after[:n_q], *after[n_q + n:])
+            q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
+            if equations.watched:  # an entry that no next step reads: to wait would cost time
+                after[-1] = equations.margin(q, t, constants[-LIMITS:])
+            after[:n_q] = equations.closer(q, t)
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 
@@ -165,7 +189,7 @@ def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
         *vectors, ('g', ()), *pushes, ('parameters', robot.parameters.block.shape)])
 
 
-def _state_program(robot: Robot) -> Program:
+def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
     """Trace udot or, where q' is not u, q' and udot."""
     equations, kernels = robot.equations, robot.kernels
     if not isinstance(equations, ConstrainedEquations):
@@ -176,8 +200,10 @@ def _state_program(robot: Robot) -> Program:
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
         *moment, parameters = rest[len(wrench):]
-        return equations.state_rates(q, u, tau, rest[0] if wrench else None, parameters,
-                                     moment[0][()] if moment else 0.0)
+        t = moment[0][()] if moment else 0.0
+        tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
+        return equations.state_rates(q, u, tau, rest[0] if wrench else None,
+                                     parameters[:-LIMITS], t)
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
         ('parameters', robot.parameters.block.shape)])

@@ -31,7 +31,7 @@ class LongestStep(NamedTuple):
     name: str = ''
 
 
-def longest_step(robot: Robot, q: Any) -> LongestStep:
+def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     """
     Return the longest Runge-Kutta step with which a robot stays at rest where it would.
 
@@ -44,9 +44,11 @@ def longest_step(robot: Robot, q: Any) -> LongestStep:
     Parameters
     ----------
     robot : Robot
-        At its parameters of now; a robot of chosen speeds or constraints by its friction alone.
+        At its parameters of now.
     q : (n_q,) array
-        The posture, rad or m.
+        The configuration, rad or m; loops are closed there.
+    t : float
+        Time, s.
 
     Raises
     ------
@@ -58,13 +60,20 @@ def longest_step(robot: Robot, q: Any) -> LongestStep:
         return LongestStep(math.inf)
     q, n = np.asarray(q, dtype=np.float64), robot.n
     rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
-    J = np.array([robot.forward_dynamics(q, v, rest) - robot.forward_dynamics(q, -v, rest)
-                  for v in turned]).T / (2.0 * DIFFERENCE)
-    if robot.speed_names == robot.coordinate_names:
-        by_q = np.array([robot.forward_dynamics(q + d, rest, rest)
-                         - robot.forward_dynamics(q - d, rest, rest)
-                         for d in turned]).T / (2.0 * DIFFERENCE)
-        J = np.block([[np.zeros((n, n)), np.eye(n)], [by_q, J]])
+    if not n:
+        return LongestStep(math.inf)
+    # To move by z from q is to move the joints along their partial rates: loops stay closed to
+    # the first order, and what is missed to the second is the same on both sides.
+    still = robot.joint_rates(q, rest, t=t)
+    along = [robot.joint_rates(q, v, t=t) - still for v in turned]
+
+    def slopes(moved: list[tuple[Array, Array]]) -> Array:
+        """Return the slope of udot by each of some small motions of q and u."""
+        return np.array([robot.forward_dynamics(q + dq, du, rest, t=t)
+                         - robot.forward_dynamics(q - dq, -du, rest, t=t)
+                         for dq, du in moved]).T / (2.0 * DIFFERENCE)
+    by_u, by_z = slopes([(0.0 * q, v) for v in turned]), slopes([(d, rest) for d in along])
+    J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])
     values, vectors = np.linalg.eig(J)
     # What grows by itself, such as an arm that stands on its head, may go on doing so.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
@@ -75,11 +84,12 @@ def longest_step(robot: Robot, q: Any) -> LongestStep:
     return LongestStep(float(steps[worst]), robot.speed_names[place])
 
 
-def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4') -> str | None:
+def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
+                 t: float = 0.0) -> str | None:
     """Return what to say of a step, s, that is too long for a robot at a posture, else None."""
     if integrator != 'rk4':
         return None
-    longest, name = longest_step(robot, q)
+    longest, name = longest_step(robot, q, t=t)
     if step <= longest:
         return None
     remedy = ("Take the integrator 'implicit', or shorten the step"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.computed_torque_law import law_kernel
-from kane_dynamics.control.controller import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
@@ -25,6 +25,7 @@ class TorqueInput:
     step: float
     constants: Array  # gains and step, then the robot's parameters
     torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques; one serves all
+    start: float = 0.0  # s
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """
@@ -61,13 +62,29 @@ class TorqueInput:
     def _inputs(self, done: int, count: int) -> tuple[Array, int, int]:
         """Return the inputs of `count` steps from `done` on; bytes between states and steps."""
         if isinstance(self.torque, ComputedTorque):
-            halves: Array = np.arange(2 * done, 2 * (done + count) + 1) * np.float64(
-                0.5 * self.step)
+            halves: Array = self.start + np.arange(
+                2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
             rows = np.concatenate(self.torque.motion.sample(halves), axis=1)
             return rows, 0, 2 * rows.strides[0]
         states, steps = (length > 1 for length in self.torque.shape[:2])
         table = self.torque[:, done:] if steps else self.torque
         return table, table.strides[0] * states, table.strides[1] * steps
+
+    def in_own_speeds(self, buffer: Array, done: int) -> Array:
+        """Return a buffer's states in the robot's speeds: they are."""
+        return buffer
+
+    def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
+        """Return what follows from kept states (N, K, size) and torques (N, K, n)."""
+        robot, shape = self.robot, states.shape[:2]
+        q, u = (np.ascontiguousarray(x).reshape(-1, x.shape[2]) for x in np.split(
+            states, [robot.n_q, robot.n_q + robot.n], axis=2)[:2])
+        times = np.tile(self.start + kept * np.float64(self.step), shape[0])
+        at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
+        found = {'udot': robot.forward_dynamics(q, u, tau.reshape(u.shape), **at),
+                 'energy': np.stack([robot.kinetic_energy(q, u, **at),
+                                     robot.potential_energy(q)], axis=1)}
+        return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
 
     def acting(self, buffer: Array, done: int) -> Array | Callable[[Array], Array]:
         """
@@ -98,7 +115,10 @@ class TorqueInput:
         if not isinstance(torque, ComputedTorque):
             rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
-        q_d, u_d, udot_d = torque.motion.sample(kept * np.float64(self.step))
+        t, end = self.start + kept * np.float64(self.step), torque.motion.duration
+        if abs(t[-1] - end) <= 1e-6 * self.step:
+            t[-1] = np.nextafter(end, -np.inf)  # the torque that acted until the end
+        q_d, u_d, udot_d = torque.motion.sample(t)
         gains = np.concatenate([torque.kp, torque.kd])
         desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
         rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
@@ -107,7 +127,7 @@ class TorqueInput:
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
-                 states: int | None, integrator: str) -> TorqueInput:
+                 states: int | None, integrator: str, start: float = 0.0) -> TorqueInput:
     """
     Compile the step for a torque source and lay out its inputs.
 
@@ -124,7 +144,9 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     states : int or None
         Number of simulations; None for a single one.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `step_kernels.INTEGRATORS`.
+    start : float
+        Time at the first step's beginning, s.
 
     Raises
     ------
@@ -137,10 +159,15 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
+        if torque.robot is not None and not torque.robot.equals(robot):
+            raise InputError('torque: computed torque of another robot (model, options, gravity '
+                             'or payload) than the simulated one; expected the same, or a '
+                             'function that returns the torques of the other')
         return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                           np.concatenate([torque.kp, torque.kd, [step], block]), torque)
+                           np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                       np.concatenate([[step], block]), _table(robot, torque, count, states))
+                       np.concatenate([[step], block]), _table(robot, torque, count, states),
+                       start)
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
@@ -163,3 +190,17 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
         raise InputError(f'torque has {table.shape[1]} rows; expected at least {count}, one a '
                          'step')
     return table
+
+
+def asked_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
+                 u: Array) -> Any:
+    """Return what a torque function returns; InputError if it takes or returns another thing."""
+    try:
+        found = torque(t, q, u)
+    except TypeError as error:
+        if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+            raise  # not of this call, but of what the function does
+        raise InputError(f'torque: {error}; expected a function torque(t, q, u)') from None
+    if found is None:
+        raise InputError(f'torque at {t:.6g} s: None; expected {len(u)} numbers')
+    return found

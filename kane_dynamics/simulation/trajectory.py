@@ -11,13 +11,17 @@ from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 Path = str | os.PathLike[str]
-ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_gap')
+ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_residual',
+          'constraint_velocity_residual')
+OF_CONSTRAINTS = ARRAYS[6:]
+FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
 NAMES = ('joint_names', 'speed_names', 'constraint_names')
 
 
@@ -37,6 +41,25 @@ class LimitEvent(NamedTuple):
         which = '' if self.state is None else f'simulation {self.state}: '
         return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: "
                 f'{what} {self.value:.4g}, limit {self.bound:.4g}')
+
+
+class SpeedChange(NamedTuple):
+    """
+    A simulation goes on in other independent speeds, because those in use become singular.
+
+    The trajectory's u, udot and tau stay those of its own `speed_names`.
+    """
+
+    t: float
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    state: int | None = None  # which of many simulations
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        which = '' if self.state is None else f'simulation {self.state}: '
+        return (f'{which}at {self.t:.4g} s the independent speeds {", ".join(self.before)} give '
+                f'way to {", ".join(self.after)}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +84,13 @@ class Trajectory:
         are the speeds.
     speed_names, constraint_names : tuple of str
         Of the entries of u, udot and tau, and of the rows of the constraints.
-    constraint_forces, constraint_gap : (K, m) or (N, K, m) arrays
-        What the constraints exert, N or N m, and by how much their conditions on positions are
-        missed, m or rad; as `Robot.constraint_forces` and `Robot.constraint_gap`.
+    constraint_forces : (K, m) or (N, K, m) array
+        What the constraints exert, N or N m; as `Robot.constraint_forces`.
+    constraint_residual, constraint_velocity_residual : (K, m) or (N, K, m) arrays
+        By how much conditions on positions, m or rad, and on velocities, m/s or rad/s, are
+        missed; as the methods of `Robot` of these names.
+    speed_changes : sequence of SpeedChange
+        Where the simulation went on in other independent speeds.
     warnings : tuple of str
         What the simulation warned of.
 
@@ -80,7 +107,9 @@ class Trajectory:
     speed_names: tuple[str, ...] = ()
     constraint_names: tuple[str, ...] = ()
     constraint_forces: Array = field(default_factory=partial(np.zeros, 0))
-    constraint_gap: Array = field(default_factory=partial(np.zeros, 0))
+    constraint_residual: Array = field(default_factory=partial(np.zeros, 0))
+    constraint_velocity_residual: Array = field(default_factory=partial(np.zeros, 0))
+    speed_changes: Sequence[SpeedChange] = ()
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -88,8 +117,15 @@ class Trajectory:
         if not self.speed_names:
             freeze(self, 'speed_names', self.joint_names)
         if not self.constraint_names:
-            for name in ('constraint_forces', 'constraint_gap'):
+            for name in OF_CONSTRAINTS:
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+
+    def __repr__(self) -> str:
+        """Return size and joints on one line."""
+        many = f'{len(self.q)} motions, ' if self.q.ndim == 3 else ''
+        span = f'{self.t[0]:g} to {self.t[-1]:g} s' if len(self.t) else 'empty'
+        return (f'<Trajectory: {many}{len(self.t)} samples, {span}, of '
+                f'{short(self.joint_names)}>')
 
     @classmethod
     def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':
@@ -122,9 +158,19 @@ class Trajectory:
         return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names)
 
     @property
+    def constraint_gap(self) -> Array:
+        """Return `constraint_residual`, whose former name this is."""
+        return self.constraint_residual
+
+    @property
     def drift(self) -> float:
-        """Return the largest gap of all, m or rad: how well the constraints were held."""
-        return float(np.abs(self.constraint_gap).max(initial=0.0))
+        """
+        Return how well the constraints were held.
+
+        The largest residual of all rows, of positions, m or rad, and of velocities, m/s or rad/s.
+        """
+        return max(float(np.abs(residual).max(initial=0.0)) for residual in (
+            self.constraint_residual, self.constraint_velocity_residual))
 
     def state(self, k: int) -> 'Trajectory':
         """Return the motion from the k-th initial state, of N; InputError if there is none."""
@@ -132,8 +178,10 @@ class Trajectory:
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
             raise InputError(f'state is {k}; the trajectory holds {count}')
         events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
+        changes = (c._replace(state=None) for c in self.speed_changes
+                   if c.state == k % len(self.q))
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
-        return replace(self, **rows, limit_events=tuple(events))
+        return replace(self, **rows, limit_events=tuple(events), speed_changes=tuple(changes))
 
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
@@ -142,8 +190,10 @@ class Trajectory:
         arrays: dict[str, Any] = {
             **{name: getattr(self, name) for name in ARRAYS},
             **{name: np.array(getattr(self, name), dtype=str) for name in (*NAMES, 'warnings')}}
+        changes = [(c.t, '\n'.join(c.before), '\n'.join(c.after),
+                    '' if c.state is None else c.state) for c in self.speed_changes]
         np.savez_compressed(path, limit_events=np.array(events, dtype=str).reshape(-1, 6),
-                            **arrays)
+                            speed_changes=np.array(changes, dtype=str).reshape(-1, 4), **arrays)
 
     @classmethod
     def load_npz(cls, path: Path) -> 'Trajectory':
@@ -153,11 +203,18 @@ class Trajectory:
             events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
                                       int(state) if state else None)
                            for t, joint, limit, v, b, state in file['limit_events'])
+            changes = tuple(SpeedChange(float(t), tuple(str(a).split('\n')),
+                                        tuple(str(b).split('\n')), int(state) if state else None)
+                            for t, a, b, state in file.get('speed_changes', ()))
             content: dict[str, Any] = {
-                **{name: file[name] for name in ARRAYS},
+                **{name: file[name] for name in ARRAYS if name not in OF_CONSTRAINTS},
+                **{name: file[key] for name in OF_CONSTRAINTS
+                   if (key := name if name in file else FORMER.get(name)) in file},
                 **{name: tuple(map(str, file[name])) for name in NAMES},
                 'warnings': tuple(map(str, file.get('warnings', ())))}
-            return cls(**content, limit_events=events)
+            content.setdefault('constraint_velocity_residual',
+                               np.zeros_like(content['constraint_residual']))
+            return cls(**content, limit_events=events, speed_changes=changes)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
 
@@ -196,7 +253,8 @@ class Trajectory:
     def _columns(self) -> list[str]:
         of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')
                      for speed in self.speed_names]
-        of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_gap')
+        of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_residual',
+                                                       'constraint_velocity_residual')
                           for row in self.constraint_names]
         return ['t', *(f'q.{joint}' for joint in self.joint_names), *of_speeds, 'kinetic_energy',
                 'potential_energy', *of_constraints]

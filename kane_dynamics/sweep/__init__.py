@@ -1,19 +1,19 @@
 """
-Many simulations of one robot, as a table; needs `pip install 'kane_dynamics[sweep]'`.
+Parameter sweeps: many simulations of one robot; needs `pip install 'kane_dynamics[sweep]'`.
 
-The columns of the table, one row a trial; rad or m, and s, N m or N:
+The result is a table with one row per trial, in rad or m, s, and N m or N:
 
 ====================  =============================================================================
-index, seed           what settles the trial: ``SeedSequence(seed, spawn_key=(index,))``
-q0.<joint> ...        the values of the trial, as `Sweep` takes them
-ok, error             whether it ran to its end, and why not; what follows is null then
-q.<joint>, u.<joint>  the state at the end
-peak_torque.<joint>   the largest size of the controller's torque, at the beginnings of steps
-rms_error.<joint>     root mean square over time of desired less actual position
-energy_drift          J: what the energy gained beyond the work done on it; the integrator's error
-energy_closes         whether the energy balance closed all the time within what the step explains
-limit_events, limits  how many limits of joints were passed, and which: '<joint> lower; ...', also
-                      upper, velocity, effort; nothing stops at a limit and no torque is clamped
+index, seed           determine the trial: ``SeedSequence(seed, spawn_key=(index,))``
+q0.<joint> ...        values of the trial, named as the parameters of `Sweep`
+ok, error             whether the trial completed, and why not; the rest is null then
+q.<joint>, u.<joint>  final state
+peak_torque.<joint>   largest absolute torque of the controller, at the beginnings of steps
+rms_error.<joint>     root mean square of the tracking error over time
+energy_drift          J: change of energy minus the work done; the error of the integrator
+energy_closes         whether the energy balance closed throughout within the error of the step
+limit_events, limits  number of exceeded joint limits, and which: '<joint> lower; ...', also
+                      upper, velocity, effort; limits do not stop joints or clamp torques
 ====================  =============================================================================
 """
 

@@ -1,4 +1,4 @@
-"""`Sweep`: what is simulated, which settles every row of its table."""
+"""Description of a sweep: everything that determines the rows of its table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ from kane_dynamics.sweep.variation import number_of, SHORT, Value, value_of, val
 import numpy as np
 
 MOST_SAMPLES = 10**9
-MOST_CHUNK = 100_000  # trials that are in memory at once
+MOST_CHUNK = 100_000  # trials in memory at once
 MOST_STEPS = 100_000_000
 PAYLOAD_KEYS = ('frame', 'mass', 'com', 'gyration')
 CONTROLLER_KEYS = ('kind', 'kp', 'kd', 'known_payload')
@@ -30,10 +30,11 @@ CONTROLLER_KEYS = ('kind', 'kp', 'kd', 'known_payload')
 @dataclass(frozen=True, eq=False)
 class Sweep:
     """
-    Many simulations of one robot, each with values of its own.
+    Many simulations of one robot with varying values.
 
-    Trial i is settled by `seed` and i alone: it draws from
-    ``numpy.random.SeedSequence(seed, spawn_key=(i,))``. `variation` says how values are given.
+    Trial i depends only on `seed` and i: it draws from
+    ``numpy.random.SeedSequence(seed, spawn_key=(i,))``. `variation` documents how values are
+    given.
 
     Parameters
     ----------
@@ -41,31 +42,31 @@ class Sweep:
     samples : int
         Number of trials.
     seed : int
-        Not negative, below 2^63.
+        Nonnegative, below 2^63.
     duration, step : float
-        s; the duration is a whole number of steps.
+        s; the duration is an integer multiple of the step.
     q0, u0 : value of every joint
-        State at the start, rad or m, and s. Default: the motion's beginning, else zeros.
+        Initial state, rad or m, and s. Default: the start of the motion, else zeros.
     payload : mapping, optional
         `frame`, in whose axes it is given; `mass`, kg; `com`, three values, m; `gyration`, the
-        radius of gyration about its mass centre, m: its inertia is m k^2 about every axis.
+        radius of gyration k about its center of mass, m: its inertia is m k^2 about every axis.
     friction : value of every joint
-        Factor on the damping and friction of the plant; the controller's model has factor 1.
+        Factor on the damping and friction of the plant; the controller's model uses 1.
     controller : str or mapping
         `kind`: computed_torque, gravity_compensation or none; `kp`, 1/s^2, and `kd`, 1/s, values
-        of every joint (100 and 20); `known_payload`, the share of the payload that the
-        controller takes into account (0).
+        of every joint (100 and 20); `known_payload`, the fraction of the payload in the
+        controller's model (0).
     motion : Motion, optional
-        The desired motion. Default: to stay at q0.
+        The desired motion. Default: rest at q0.
     chunk : int
-        Trials that are computed and written together; no number depends on it.
+        Number of trials that are computed and written together; does not affect the results.
     integrator : {'rk4', 'implicit'}
         As in `simulate`.
 
     Raises
     ------
     InputError
-        Names the entry, what was given and what is valid.
+        If an entry is invalid; the message names it.
 
     """
 
@@ -86,27 +87,28 @@ class Sweep:
     values: tuple[Value, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
-        """Check everything and name the values, in the order in which they are drawn."""
+        """Check all entries and collect the values in the order in which they are drawn."""
         for name, least, most in (('samples', 1, MOST_SAMPLES), ('seed', 0, 2**63 - 1),
                                   ('chunk', 1, MOST_CHUNK)):
             freeze(self, name, _whole(name, getattr(self, name), least, most))
         for name in ('duration', 'step'):
             freeze(self, name, number_of(name, getattr(self, name)))
             if not getattr(self, name) > 0.0:
-                raise InputError(f'{name} is 0 s; expected a positive time')
+                raise InputError(f'{name}: 0 s; expected a positive time')
         count = self.duration / self.step
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
-            raise InputError(f'duration is {self.duration} s, {count:.6g} steps of {self.step} s; '
+            raise InputError(f'duration: {self.duration} s, {count:.6g} steps of {self.step} s; '
                              f'expected a whole number of steps, at most {MOST_STEPS}')
         if self.integrator not in INTEGRATORS:
-            raise InputError(f'integrator is {self.integrator!r}; valid: {", ".join(INTEGRATORS)}')
+            raise InputError(f'integrator: {self.integrator!r}; expected one of '
+                             f'{", ".join(INTEGRATORS)}')
         if self.motion is not None and self.motion.joint_names != self.model.joint_names:
-            raise InputError(f'the motion is of the joints {list(self.motion.joint_names)}; '
+            raise InputError(f'motion: joints {list(self.motion.joint_names)}; '
                              f'expected {list(self.model.joint_names)}')
         freeze(self, 'values', self._values())
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle what was given: workers tell their own version, and tables are long."""
+        """Pickle the given entries only; derived tables are large and versions differ."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @property
@@ -120,12 +122,12 @@ class Sweep:
         return -(-self.samples // self.chunk)
 
     def rows(self, chunk: int) -> range:
-        """Return the numbers of a chunk's trials."""
+        """Return the indices of a chunk's trials."""
         return range(self.samples)[chunk * self.chunk:(chunk + 1) * self.chunk]
 
     @cached_property
     def desired(self) -> Array | None:
-        """Return q, u, udot of the motion at every half step, (2 steps + 1, 3 n); None at rest."""
+        """Return the desired q, u, udot at every half step, (2 steps + 1, 3 n); None at rest."""
         if self.motion is None:
             return None
         halves: Array = np.arange(2 * self.steps + 1) * np.float64(0.5 * self.step)
@@ -133,7 +135,7 @@ class Sweep:
 
     @cached_property
     def description(self) -> dict[str, Any]:
-        """Return as plain data what the table depends on."""
+        """Return everything that the table depends on as plain data."""
         desired = self.desired
         return {
             'version': package_version(), 'model': self.model.digest(), 'samples': self.samples,
@@ -149,7 +151,7 @@ class Sweep:
         return hashlib.sha256(json.dumps(self.description).encode()).hexdigest()
 
     def _values(self) -> tuple[Value, ...]:
-        """Return everything that may differ from trial to trial."""
+        """Return all values that may vary between trials."""
         joints, n = self.model.joint_names, self.model.n
         payload, controller = self.payload, self.controller
         q0, u0 = [0.0] * n, [0.0] * n
@@ -176,45 +178,46 @@ class Sweep:
             found.append(value_of('known_payload', controller.get('known_payload', 0.0)))
         for name in controller:
             if name not in used:
-                raise InputError(f'controller: {name} is given, but no trial uses it: the kind is '
-                                 f'{", ".join(sorted(kinds))}, and there is '
-                                 f'{"no" if payload is None else "a"} payload')
+                raise InputError(f'controller: {name} is given for {", ".join(sorted(kinds))} '
+                                 f'{"without" if payload is None else "with"} a payload, which '
+                                 'does not use it; expected no such key')
         grids = math.prod(len(value.numbers) for value in found if value.kind == 'grid')
         if self.samples % grids:
-            raise InputError(f'the grids have {grids} combinations and samples is '
-                             f'{self.samples}; expected a multiple of {grids}')
+            raise InputError(f'samples: {self.samples} for {grids} combinations of the grids; '
+                             f'expected a multiple of {grids}')
         return tuple(found)
 
     def _payload(self, payload: Any) -> list[Value]:
-        """Return the values of the payload."""
+        """Return the varying values of the payload."""
         given = _entries('payload', payload, PAYLOAD_KEYS)
         if 'frame' not in given or 'mass' not in given:
-            raise InputError(f'payload is {SHORT.repr(payload)}; expected frame and mass, and '
-                             'perhaps com and gyration')
+            raise InputError(f'payload: {SHORT.repr(payload)}; expected frame and mass, and '
+                             'optionally com and gyration')
         freeze(self, 'payload_frame', self.model.frame(given['frame']).name)
         com = given.get('com', (0.0, 0.0, 0.0))
         if not isinstance(com, Sequence) or isinstance(com, str) or len(com) != 3:
-            raise InputError(f'payload.com is {SHORT.repr(com)}; expected three values, m')
+            raise InputError(f'payload.com: {SHORT.repr(com)}; expected three values, m')
         return [value_of('payload.mass', given['mass']),
                 *(value_of(f'payload.com_{axis}', x, signed=True) for axis, x in zip('xyz', com)),
                 value_of('payload.gyration', given.get('gyration', 0.0))]
 
 
 def _entries(name: str, data: Any, valid: Sequence[str]) -> Mapping[str, Any]:
-    """Return a mapping whose keys are all valid."""
+    """Return `data` as a mapping; raise InputError for unknown keys."""
     if not isinstance(data, Mapping):
-        raise InputError(f'{name} is {SHORT.repr(data)}; expected a mapping of '
+        raise InputError(f'{name}: {SHORT.repr(data)}; expected a mapping of '
                          f'{", ".join(valid)}')
     for key in data:
         if key not in valid:
-            raise InputError(f'{name}: unknown key {SHORT.repr(key)}; valid: {", ".join(valid)}')
+            raise InputError(f'{name}: unknown key {SHORT.repr(key)}; expected one of '
+                             f'{", ".join(valid)}')
     return data
 
 
 def _whole(name: str, value: Any, least: int, most: int) -> int:
-    """Return a whole number within bounds."""
+    """Return an integer within bounds; raise InputError otherwise."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or (
             not least <= value <= most):
-        raise InputError(f'{name} is {SHORT.repr(value)}; expected a whole number from {least} to '
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected a whole number from {least} to '
                          f'{most}')
     return int(value)

@@ -1,4 +1,4 @@
-"""Run a sweep: what is not in its table yet is computed and written, chunk by chunk."""
+"""Run a sweep: compute and write the chunks that are not in its table yet."""
 
 from contextlib import closing
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import warnings
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.runtime.threads import MOST_THREADS, thread_count
+from kane_dynamics.native.runtime.threads import MAX_THREADS, thread_count
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Simulator, task
 from kane_dynamics.sweep.table import SweepTable
@@ -16,7 +16,7 @@ from kane_dynamics.sweep.workers import cluster, here, processes
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: trials found in the table, made, and failed among those made."""
+    """Numbers of trials of a run: found in the table, computed, failed among the computed."""
 
     found: int
     made: int
@@ -29,23 +29,23 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     """
     Complete the table of a sweep in a folder.
 
-    Rows are written as chunks finish. A run that was ended in any way is carried on by the next
-    with the same sweep and folder. The rows do not depend on who computed them, bit for bit on
-    processors of one kind.
+    Rows are written as chunks finish. Running the same sweep with the same folder continues an
+    interrupted run. On processors of one kind, the rows are equal bit for bit for any number and
+    kind of workers.
 
     Parameters
     ----------
     sweep : Sweep
-        What to simulate.
+        The sweep.
     folder : path
-        New, empty, or of this sweep.
+        New, empty, or the folder of this sweep.
     workers : int, optional
-        Processes. Default: one a processor, or as many as ``KANE_DYNAMICS_THREADS`` says. With 1
-        this process computes itself; with more, a script that calls this needs the usual
-        ``if __name__ == '__main__':``.
+        Number of processes. Default: ``KANE_DYNAMICS_THREADS``, else one per processor. 1 runs
+        in this process. More than 1 requires ``if __name__ == '__main__':`` in the calling
+        script.
     dask : str, optional
-        Address of a Dask scheduler, as ``tcp://host:8786``, whose workers compute instead. They
-        need this version of this package.
+        Address of a Dask scheduler, such as ``tcp://host:8786``, whose workers run the sweep.
+        They need the same version of this package.
 
     Returns
     -------
@@ -54,20 +54,20 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     Raises
     ------
     InputError
-        The folder holds something else, there is no cluster, or something is not installed.
+        If the folder has other content, the cluster does not exist, or a package is missing.
     SweepError
-        Workers die, or another process is writing the folder.
+        If workers die, or another process writes to the folder.
 
     Warns
     -----
     ModelWarning
-        The step is too long for the model, as in `simulate`.
+        If the step is too large for the model, as in `simulate`.
 
     """
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool)
-                                or not 1 <= workers <= MOST_THREADS):
-        raise InputError(f'workers is {workers!r}; expected a whole number from 1 to '
-                         f'{MOST_THREADS}')
+                                or not 1 <= workers <= MAX_THREADS):
+        raise InputError(f'workers: {workers!r}; expected a whole number from 1 to '
+                         f'{MAX_THREADS}')
     table, work = SweepTable(sweep, folder), task(sweep)
     count, made, failed = workers or thread_count(), 0, 0
     with table.opened() as finished:
@@ -75,10 +75,10 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
         found = sum(len(sweep.rows(chunk)) for chunk in finished)
         if chunks:
             simulator = Simulator(sweep)
-            simulator.compile()  # tells what is wrong; workers find it in the cache
-            doubt = simulator.doubt()
-            if doubt is not None:
-                warnings.warn(doubt, ModelWarning, stacklevel=2)
+            simulator.compile()  # raises errors early; workers load from the cache
+            warning = simulator.step_warning()
+            if warning is not None:
+                warnings.warn(warning, ModelWarning, stacklevel=2)
         with progress_bar('simulating', sweep.samples) as progress, closing(
                 cluster(work, chunks, dask) if dask is not None else
                 here(work, chunks) if min(count, len(chunks)) < 2 else

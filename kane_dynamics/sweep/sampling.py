@@ -1,4 +1,4 @@
-"""The values of trials: drawn from the sweep's seed and the trial's number, from nothing else."""
+"""Random values of trials, determined by the sweep's seed and the index of the trial."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,14 +12,14 @@ Values = dict[str, Array]
 
 def drawn(sweep: Sweep, rows: Sequence[int]) -> Values:
     """
-    Return the values of some trials, (N,) arrays by column.
+    Return the values of trials as (N,) arrays by column name.
 
     Parameters
     ----------
     sweep : Sweep
-        Whose trials.
+        The sweep.
     rows : sequence of int
-        Numbers of the trials.
+        Indices of the trials.
 
     """
     count = sum(value.random for value in sweep.values)
@@ -41,7 +41,7 @@ def drawn(sweep: Sweep, rows: Sequence[int]) -> Values:
 
 
 def of_joints(values: Values, name: str, joints: Sequence[str], default: float = 0.0) -> Array:
-    """Return what is given for all joints together or for each, (N, n)."""
+    """Return the values of all joints, given together or for each joint, (N, n)."""
     count = len(next(iter(values.values())))
     columns = [values.get(f'{name}.{joint}', values.get(name, np.full(count, default)))
                for joint in joints]
@@ -54,7 +54,7 @@ def controllers(values: Values) -> list[str]:
 
 
 def plant(values: Values, joints: Sequence[str]) -> PlantParameters:
-    """Return what the kernels read of each trial."""
+    """Return the plant parameters of all trials for the kernels."""
     friction = of_joints(values, 'friction', joints)
     payload, known = np.zeros((len(friction), PAYLOAD)), np.zeros((len(friction), 1))
     if 'payload.mass' in values:
@@ -62,7 +62,7 @@ def plant(values: Values, joints: Sequence[str]) -> PlantParameters:
         com = np.stack([values[f'payload.com_{axis}'] for axis in 'xyz'], axis=1)
         payload[:, 0] = mass
         payload[:, 1:4] = mass[:, None] * com
-        # J = m k^2 1 about the mass centre is the second moment 1/2 m k^2 1.
+        # J = m k^2 1 about the center of mass is the second moment 1/2 m k^2 1.
         second = com[:, :, None] * com[:, None] + 0.5 * (gyration**2)[:, None, None] * np.eye(3)
         upper = np.triu_indices(3)
         payload[:, 4:] = mass[:, None] * second[:, upper[0], upper[1]]

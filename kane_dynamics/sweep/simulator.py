@@ -1,8 +1,8 @@
 """
-Trials run: a chunk of them goes through the lanes together, each controller's apart.
+Simulate chunks of trials in SIMD lanes, grouped by controller.
 
-A lane's numbers do not depend on its neighbours (`native.march`), so a row does not depend on how
-trials are cut into chunks, on threads, or on who computes it.
+The result of a lane does not depend on the other lanes (`native.runtime.batch_loop`), so a row
+does not depend on chunks, threads or workers.
 """
 
 from collections.abc import Callable
@@ -21,14 +21,14 @@ from kane_dynamics.sweep.sampling import controllers, drawn, of_joints, plant, V
 from kane_dynamics.sweep.trial import CONTROLLERS, Trial
 import numpy as np
 
-BLOCKS = 100  # looks at the states in a trial: so finely is told when one left the numbers
-TINY = 1e-300  # J: nothing moves
+BLOCKS = 100  # checks per trial for a diverged state
+TINY = 1e-300  # J: no motion
 Columns = dict[str, Any]
 
 
 class Simulator:
     """
-    The kernels of a sweep's trials, and the way from their numbers to rows of its table.
+    Simulator of a sweep: runs the kernels and collects the rows of the table.
 
     Parameters
     ----------
@@ -37,30 +37,30 @@ class Simulator:
     """
 
     def __init__(self, sweep: Sweep) -> None:
-        """Compile nothing yet."""
+        """Create the simulator; kernels compile at the first use."""
         self.sweep = sweep
         self.trial = Trial(sweep.model, sweep.payload_frame, sweep.integrator)
         self.joints = sweep.model.joint_names
         self._shared = self.trial.shared(sweep.step)
 
     def compile(self) -> None:  # noqa: A003
-        """Compile, or load, every kernel that the sweep needs."""
+        """Compile all kernels of the sweep, or load them from the cache."""
         choice = next(value for value in self.sweep.values if value.name == 'controller')
         for place in set(choice.numbers):
             self.trial.step(CONTROLLERS[int(place)]).compile_lanes()
         self.trial.energy().compile_lanes()
 
-    def doubt(self) -> str | None:
-        """Return what to say of a step too long for the model where the first trial starts."""
+    def step_warning(self) -> str | None:
+        """Return a warning if the step is too large at the first trial's initial state."""
         start = self._start(drawn(self.sweep, range(1)))
         return step_warning(Robot(self.sweep.model), start[0, self.trial.parts.q],
                             self.sweep.step, self.sweep.integrator)
 
     def columns(self, chunk: int) -> Columns:
         """
-        Return the rows of a chunk by column: arrays, or lists of texts.
+        Return the rows of a chunk as arrays or lists of texts by column name.
 
-        A trial that leaves the finite numbers has NaN for outcomes and says so in `error`.
+        A diverged trial has NaN outcomes and a message in `error`.
         """
         rows = self.sweep.rows(chunk)
         values = drawn(self.sweep, rows)
@@ -86,31 +86,31 @@ class Simulator:
                 'energy_closes': (worst <= 1.0) & ~failed}
 
     def _start(self, values: Values) -> Array:
-        """Return the states at time 0, as `trial` lays them out."""
+        """Return the initial states in the layout of `trial`."""
         at, q0 = self.trial.parts, of_joints(values, 'q0', self.joints)
         start = np.zeros((len(q0), at.size))
         start[:, at.q], start[:, at.u] = q0, of_joints(values, 'u0', self.joints)
         return start
 
     def _error(self, steps: int) -> str | None:
-        """Return what to say of a trial that was lost within so many steps; None if it was not."""
-        return (f'leaves the finite numbers before {steps * self.sweep.step:.6g} s: unstable, or '
-                f'the step of {self.sweep.step:g} s too long') if steps else None
+        """Return the message of a trial that diverged within these steps; None for 0."""
+        return (f'diverged (non-finite state) before {steps * self.sweep.step:.6g} s: unstable, '
+                f'or the step of {self.sweep.step:g} s is too large') if steps else None
 
     def _run(self, controller: str, states: Array, plants: Array
              ) -> tuple[Array, Array, Any, Array]:
         """
-        Step states to the end, in place.
+        Integrate the states to the end, in place.
 
         Returns
         -------
         (N, size) arrays
-            Least and largest of every entry of the states.
+            Minimum and maximum of every entry of the states.
         (N,) array of int
-            By which step a state was seen to have left the finite numbers; 0 if it has not.
+            Step by which a state was found diverged; 0 if it did not diverge.
         (2, N) array
-            What the energy gained beyond the work done, J; and its largest share, at any look,
-            of what the step explains.
+            Change of energy minus the work done, J; and its largest ratio, at any check, to the
+            error of the step.
 
         """
         at, steps = self.trial.parts, self.sweep.steps
@@ -134,7 +134,7 @@ class Simulator:
         return low, high, lost, found
 
     def _desired(self, q0: Array) -> tuple[Array, int, int]:
-        """Return rows of what is desired; bytes between trials and between steps."""
+        """Return rows of the desired motion, and the bytes between trials and between steps."""
         motion = self.sweep.desired
         if motion is not None:
             return motion, 0, 2 * motion.strides[0]
@@ -144,10 +144,10 @@ class Simulator:
 
     def _balance(self, plants: Array) -> Callable[[Array], Array]:
         """
-        Return a function that takes states into the energy balance of their trials.
+        Return a function that updates the energy balance of the trials from their states.
 
-        It returns what `_run` does. The work is integrated with the motion, so that its error is
-        the integrator's: for the implicit one, of second order.
+        It returns the balance as `_run` does. The work is integrated with the motion, so its error
+        is that of the integrator: of second order for the implicit one.
         """
         relative = RELATIVE if self.sweep.integrator == 'rk4' else 10.0 * RELATIVE
         work = self.trial.parts.work
@@ -180,7 +180,7 @@ class Simulator:
         return energies.T
 
     def _outcomes(self, ends: Array, low: Array, high: Array, drift: Array) -> Columns:
-        """Return what is told of each trial."""
+        """Return the outcome columns of all trials."""
         at = self.trial.parts
         peak = np.maximum(-low[:, at.tau], high[:, at.tau])
         rms = np.sqrt(ends[:, at.squared_error] / self.sweep.duration)
@@ -193,14 +193,14 @@ class Simulator:
                 'limits': self._in_words(passed)}
 
     def _limits_passed(self, low: Array, high: Array, peak: Array) -> Any:
-        """Tell which limits each trial passed, (N, 4, n): lower, upper, velocity, effort."""
+        """Return the exceeded limits of all trials, (N, 4, n): lower, upper, velocity, effort."""
         at, limits = self.trial.parts, self.trial.robot.limits
         return np.stack([low[:, at.q] < limits.lower, high[:, at.q] > limits.upper,
                          np.maximum(-low[:, at.u], high[:, at.u]) > limits.velocity,
                          peak > limits.effort], axis=1)
 
     def _in_words(self, passed: Any) -> list[str]:
-        """Return the limits that each trial passed as joint and limit, joined by semicolons."""
+        """Return the exceeded limits of each trial as text: '<joint> <limit>; ...'."""
         words = [[f'{joint} {limit}' for joint in self.joints]
                  for limit in ('lower', 'upper', 'velocity', 'effort')]
         found: list[list[str]] = [[] for _ in passed]
@@ -210,18 +210,18 @@ class Simulator:
 
 
 def task(sweep: Sweep) -> bytes:
-    """Return what a worker needs to know of a sweep."""
+    """Return the pickled description of a sweep for workers."""
     return pickle.dumps((sweep.digest, sweep))
 
 
 def compute(work: bytes, chunk: int) -> Columns:
     """
-    Return the rows of a chunk: what workers run.
+    Return the rows of a chunk; the function that workers run.
 
     Raises
     ------
     SweepError
-        This worker is of another version of the package.
+        If the worker has another version of the package.
 
     """
     return _simulator(work).columns(chunk)
@@ -229,9 +229,9 @@ def compute(work: bytes, chunk: int) -> Columns:
 
 @lru_cache(maxsize=2)
 def _simulator(work: bytes) -> Simulator:
-    """Return the simulator of a task, which a worker keeps for the next chunk."""
+    """Return the simulator of a task; workers cache it for the next chunk."""
     digest, sweep = pickle.loads(work)
     if sweep.digest != digest:
-        raise SweepError(f'a worker runs kane_dynamics {sweep.description["version"]}, not the '
-                         'version that started the sweep: install the same everywhere')
+        raise SweepError(f'worker: runs kane_dynamics {sweep.description["version"]}; expected '
+                         'the version that started the sweep')
     return Simulator(sweep)

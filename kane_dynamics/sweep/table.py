@@ -1,9 +1,9 @@
 """
-The table of a sweep: a folder of parquet files, one a chunk, each there whole or not at all.
+Table of a sweep: a folder of parquet files, one per chunk, written atomically.
 
-Any reader of parquet takes the folder for one table, in any order of its rows; `read_table`
-returns them in order. Besides, the folder holds the description that its rows are of, and the
-lock of the process that writes it; readers skip both for their first letter.
+Parquet readers read the folder as one table with rows in any order; `read_table` returns them in
+order. The folder also holds the description of the sweep and the lock of the writing process.
+Readers skip both because of the leading underscore.
 """
 
 from collections.abc import Iterator
@@ -22,14 +22,14 @@ from kane_dynamics.sweep.simulator import Columns
 import numpy as np
 
 DESCRIPTION, LOCK = '_sweep.json', '_lock'
-KEY = b'kane_dynamics.sweep'  # of a part's own description, in its metadata
+KEY = b'kane_dynamics.sweep'  # metadata key that identifies a part's sweep and chunk
 SHOWN = 12  # digits of a digest in names and messages
 needed = partial(extra, name='sweep', what='a sweep')
 
 
 class SweepTable:
     """
-    The folder of one sweep's rows.
+    Folder with the rows of one sweep.
 
     Parameters
     ----------
@@ -39,21 +39,22 @@ class SweepTable:
     """
 
     def __init__(self, sweep: Sweep, folder: str | os.PathLike[str]) -> None:
-        """Touch nothing yet."""
+        """Create the table object without accessing the folder."""
         self.sweep, self.folder, self.digest = sweep, Path(folder), sweep.digest
         self._arrow, self._parquet = needed('pyarrow'), needed('pyarrow.parquet')
 
     @contextmanager
     def opened(self) -> Iterator[set[int]]:
         """
-        Hold the folder while the block runs; yield the chunks that are in it already.
+        Lock the folder in a `with` block; yield the chunks that it holds already.
 
         Raises
         ------
         InputError
-            The folder holds something else: another sweep, whose differing entries are named.
+            If the folder has other content; for another sweep, the message names the differing
+            entries.
         SweepError
-            Another process is writing it.
+            If another process writes to the folder.
 
         """
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -61,13 +62,13 @@ class SweepTable:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise SweepError(f'{self.folder}: another process is writing this sweep; wait '
-                                 'for it, or end it') from None
+                raise SweepError(f'{self.folder}: another process is writing this sweep; '
+                                 'expected one writer') from None
             self._claim()
             yield self._finished()
 
     def write(self, chunk: int, columns: Columns) -> None:
-        """Write the rows of a chunk: complete on the disk before they have their name."""
+        """Write the rows of a chunk atomically."""
         arrow, failed = self._arrow, ~columns['ok']
         outcome, arrays = False, {}
         for name, column in columns.items():
@@ -76,7 +77,7 @@ class SweepTable:
                 column = [None if lost else x for lost, x in zip(failed.tolist(), column)]
             kind = None if isinstance(column, np.ndarray) else arrow.string()
             arrays[name] = arrow.array(column, type=kind, **given)
-            outcome = outcome or name == 'error'  # what follows is not known of a failed trial
+            outcome = outcome or name == 'error'  # later columns: null if failed
         rows = arrow.table(arrays).replace_schema_metadata({KEY: self._own(chunk)})
 
         def content(file: Any) -> None:
@@ -87,25 +88,25 @@ class SweepTable:
         return f'part-{self.digest[:SHOWN]}-{chunk:07d}.parquet'
 
     def _own(self, chunk: int) -> bytes:
-        """Return what a part says of itself."""
+        """Return the metadata that identifies a part."""
         return f'{self.digest} {chunk}'.encode()
 
     def _claim(self) -> None:
-        """Check that the folder is of this sweep, or make it so if it is empty."""
+        """Check that the folder belongs to this sweep; create the description if it is empty."""
         path = self.folder / DESCRIPTION
         other = [entry.name for entry in sorted(self.folder.iterdir())
                  if entry.name != LOCK and not entry.name.startswith('.')]
         if path.name in other:
             self._compare(path)
         elif other:
-            raise InputError(f"{self.folder} holds '{other[0]}' and no sweep; expected an empty "
+            raise InputError(f"{self.folder}: holds '{other[0]}' and no sweep; expected an empty "
                              'or a new folder')
         else:
             text = json.dumps({'digest': self.digest, **self.sweep.description}, indent=1)
             _write(path, lambda file: file.write(text.encode()))
 
     def _compare(self, path: Path) -> None:
-        """Raise InputError unless the folder's description is this sweep's."""
+        """Raise InputError if the folder's description differs from this sweep's."""
         found = _described(path)
         if found.get('digest') == self.digest:
             return
@@ -116,11 +117,12 @@ class SweepTable:
             differing = [name for name in {**ours['values'], **theirs}
                          if ours['values'].get(name) != theirs.get(name)]
         raise InputError(
-            f'{self.folder} holds sweep {str(found.get("digest"))[:SHOWN]}, which is not '
-            f'{self.digest[:SHOWN]}: they differ in {", ".join(differing)}; choose another folder')
+            f'{self.folder}: holds sweep {str(found.get("digest"))[:SHOWN]}, not '
+            f'{self.digest[:SHOWN]}; they differ in {", ".join(differing)}; expected another '
+            'folder')
 
     def _finished(self) -> set[int]:
-        """Return the chunks that are there; remove what is torn, so that it is made again."""
+        """Return the complete chunks; remove damaged files, which are computed again."""
         for left in self.folder.glob('.*.partial'):
             left.unlink()
         found = set()
@@ -134,10 +136,10 @@ class SweepTable:
         return found
 
     def _whole(self, path: Path, chunk: int) -> bool:
-        """Tell whether a part is what was written: its pages carry checksums."""
+        """Return whether a part is undamaged, by its page checksums."""
         try:
             rows = self._parquet.read_table(path, page_checksum_verification=True)
-        except (OSError, ValueError):  # of which Arrow's errors are
+        except (OSError, ValueError):  # Arrow's errors derive from these
             return False
         metadata = rows.schema.metadata or {}
         return bool(metadata.get(KEY) == self._own(chunk)
@@ -146,40 +148,42 @@ class SweepTable:
 
 def read_table(folder: str | os.PathLike[str]) -> Any:
     """
-    Return the rows that a folder holds, in order, as a ``pyarrow.SweepTable``.
+    Return the rows of a folder, in order, as a ``pyarrow.Table``.
 
     Raises
     ------
     InputError
-        It is no folder of a sweep.
+        If it is not the folder of a sweep, has no rows or is damaged.
 
     """
     arrow, parquet, path = needed('pyarrow'), needed('pyarrow.parquet'), Path(folder)
     digest = str(_described(path / DESCRIPTION).get('digest'))
     parts = sorted(path.glob(f'part-{digest[:SHOWN]}-*.parquet'))
     if not parts:
-        raise InputError(f'{path} holds no rows yet')
+        raise InputError(f'{path}: no rows; expected at least one finished chunk')
     try:
         tables = [parquet.read_table(part, page_checksum_verification=True) for part in parts]
     except (OSError, ValueError) as error:
-        raise InputError(f'{path}: {error}; run the sweep again to make it anew') from None
+        raise InputError(f'{path}: {error}; expected undamaged files: run the sweep '
+                         'again') from None
     return arrow.concat_tables(tables).replace_schema_metadata(None)
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Return the description in a sweep's folder."""
+    """Return the description stored in a sweep's folder."""
     try:
         found = json.loads(path.read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f'{path}: {reason}; expected the folder of a sweep') from None
     if not isinstance(found, dict):
-        raise InputError(f'{path} holds a {type(found).__name__}; expected the folder of a sweep')
+        raise InputError(f'{path}: description is a {type(found).__name__}; expected the folder '
+                         'of a sweep')
     return found
 
 
 def _write(path: Path, content: Any) -> None:
-    """Write a file whole or not at all, whatever ends this process or this machine."""
+    """Write a file atomically."""
     temporary = path.with_name(f'.{path.name}.partial')
     try:
         with open(temporary, 'wb') as file:

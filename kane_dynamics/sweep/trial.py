@@ -1,10 +1,10 @@
 """
-One trial as native code: a plant, the controller that holds it, and what is measured on the way.
+Kernels of one trial: the plant, its controller and the recorded outcomes.
 
-A trial's state is (q, u, work, squared error, tau): n coordinates, n speeds, the integral of the
-power of torques and friction, the n integrals of the squared tracking error, and the n torques at
-the beginning of the last step. Everything but tau is integrated by the same Runge-Kutta step; by
-the implicit one q and u, and the integrals then by the trapezoidal rule.
+The state of a trial is (q, u, work, squared error, tau): n coordinates, n speeds, the work of
+torques and friction, the n integrals of the squared tracking error, and the n torques at the
+beginning of the last step. The Runge-Kutta step integrates everything but tau. The implicit step
+integrates q and u; the integrals then use the trapezoidal rule.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ PAYLOAD = 10  # inertial parameters of a payload, in the order of a robot's para
 
 
 class Parts(NamedTuple):
-    """Where the entries of a trial's state are."""
+    """Slices of the entries of a trial's state."""
 
     q: slice
     u: slice
@@ -43,7 +43,7 @@ class Parts(NamedTuple):
 
 
 def parts(n: int) -> Parts:
-    """Return where the entries of the state of n coordinates are."""
+    """Return the slices of a trial's state for n coordinates."""
     return Parts(slice(0, n), slice(n, 2 * n), 2 * n, slice(2 * n + 1, 3 * n + 1),
                  slice(3 * n + 1, 4 * n + 1), 4 * n + 1)
 
@@ -51,16 +51,16 @@ def parts(n: int) -> Parts:
 @dataclass(frozen=True)
 class PlantParameters:
     """
-    What differs from trial to trial, as rows that the kernels read.
+    Parameters that vary between trials, as rows for the kernels.
 
     Attributes
     ----------
     payload : (N, 10) array
-        Inertial parameters of what is carried: m, m c, second moments.
+        Inertial parameters of the payload: m, m c, second moments.
     known : (N, 1) array
-        The share of it that the controller takes into account.
+        Fraction of the payload in the controller's model.
     friction : (N, n) array
-        Factors on the friction of the model.
+        Factors on the model's friction.
     kp, kd : (N, n) arrays
         Gains of computed torque, 1/s^2 and 1/s.
 
@@ -74,31 +74,31 @@ class PlantParameters:
 
     @property
     def rows(self) -> Array:
-        """Return everything side by side, (N, 11 + 3 n)."""
+        """Return all parameters in one array, (N, 11 + 3 n)."""
         return np.ascontiguousarray(np.concatenate(
             [self.payload, self.known, self.friction, self.kp, self.kd], axis=1))
 
 
 class Trial:
     """
-    The kernels of a model's trials, each compiled at its first use.
+    Kernels of a model's trials, each compiled at its first use.
 
     Parameters
     ----------
     model : Model
     payload_frame : str, optional
-        Frame in which payloads are given; without it none is carried.
+        Frame in which payloads are given. Default: no payload.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `step_kernels.INTEGRATORS`.
 
     """
 
     def __init__(self, model: Model, payload_frame: str | None = None,
                  integrator: str = 'rk4') -> None:
-        """Compile nothing yet."""
+        """Create the robot; kernels compile at the first use."""
         self.robot = Robot(model, payload_frame=payload_frame)
         self._frictionless = Robot(model, payload_frame=payload_frame, friction=False)
-        assert isinstance(self.robot.equations, TreeEquations)  # nothing was chosen but friction
+        assert isinstance(self.robot.equations, TreeEquations)  # a plain tree
         self._equations = self.robot.equations
         self.n = self.robot.n
         self.parts = parts(self.n)
@@ -107,24 +107,25 @@ class Trial:
 
     def step(self, controller: str) -> Kernel:
         """
-        Return the kernel of one step under one of `CONTROLLERS`.
+        Return the kernel of one step with one of `CONTROLLERS`.
 
-        Its arguments are the state, q, u and udot desired at the step's beginning, middle and end
-        (3, 3 n), a row of `PlantParameters`, and what all trials share: step and gravity (4,).
+        Its arguments are the state, the desired q, u and udot at the beginning, middle and end of
+        the step (3, 3 n), a row of `PlantParameters`, and step and gravity (4,).
         """
         if controller not in CONTROLLERS:
-            raise InputError(f"no controller '{controller}'; valid: {', '.join(CONTROLLERS)}")
+            raise InputError(f"controller: '{controller}'; expected one of "
+                             f"{', '.join(CONTROLLERS)}")
         name, step = ((f'trial_{controller}_implicit', self._implicit_step) if self._implicit
                       else (f'trial_{controller}', self._step))
         return self._kernel(name, partial(step, controller),
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
-        """Return the kernel of kinetic and potential energy, (2,), J, of a state and its plant."""
+        """Return the kernel of kinetic and potential energy, (2,), J, of a state."""
         return self._kernel('trial_energies', self._energies, ('state', 'plant', 'shared'), (2,))
 
     def shared(self, step: float) -> Array:
-        """Return what all trials share, for a step in s."""
+        """Return the arguments that all trials share: step (s) and gravity."""
         return np.array([step, *self.robot.model.gravity])
 
     def _kernel(self, name: str, program: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
@@ -138,7 +139,7 @@ class Trial:
                                         np.zeros(4), shape)
 
     def _step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any) -> Any:
-        """Return the state one step later."""
+        """Return the state after one Runge-Kutta step."""
         n, equations, at = self.n, self._equations, self.parts
         _, _, factors, gains = np.split(plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + n])
         carried, assumed = self._parameters(plant, shared)
@@ -148,16 +149,16 @@ class Trial:
         def rates(x: Any, wanted: Any) -> Any:
             q, u = x[at.q], x[at.u]
             tau = law(q, u, wanted)
-            pushing = tau - factors * equations.friction_force(u)
+            net = tau - factors * equations.friction_force(u)
             error = wanted[:n] - q
-            return np.array([*u, *call(motion, q, u, pushing, carried), pushing @ u,
+            return np.array([*u, *call(motion, q, u, net, carried), net @ u,
                              *(error * error)])
         after = runge_kutta_4(rates, state[:at.tau.start], desired, shared[0])
         return [*after, *law(state[at.q], state[at.u], desired[0])]
 
     def _implicit_step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any
                        ) -> Any:
-        """Return the state one step later, friction, springs and bending taken implicitly."""
+        """Return the state after one implicit (Rosenbrock) step."""
         n, equations, at = self.n, self._equations, self.parts
         _, _, factors, gains = np.split(plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + n])
         carried, assumed = self._parameters(plant, shared)
@@ -165,7 +166,7 @@ class Trial:
         motion = implicit_rates(self.robot, method)
         law = self._law(controller, gains, assumed)
 
-        def torque(q: Any, u: Any, moment: int) -> Any:  # with what the factors change of friction
+        def torque(q: Any, u: Any, moment: int) -> Any:  # with the friction factors
             return (law(q, u, desired[2 * moment])
                     + (1.0 - factors) * equations.friction_force(u))
 
@@ -184,7 +185,7 @@ class Trial:
         return [*q_1, *u_1, *sums, *law(q, u, desired[0])]
 
     def _law(self, controller: str, gains: Any, assumed: Any) -> Any:
-        """Return the controller's torque as a function of q, u and the desired q, u, udot."""
+        """Return the control law: torque from q, u and the desired q, u, udot."""
         kernels = self.robot.kernels
         if controller == Mode.COMPUTED_TORQUE:
             computed = law_program(self.robot)
@@ -196,13 +197,13 @@ class Trial:
         return lambda q, u, wanted: np.zeros(self.n).astype(object)
 
     def _energies(self, state: Any, plant: Any, shared: Any) -> Any:
-        """Return the kinetic and the potential energy."""
+        """Return the kinetic and the potential energy, J."""
         q, u, equations = state[self.parts.q], state[self.parts.u], self._equations
         carried, _ = self._parameters(plant, shared)
         return [equations.kinetic_energy(q, u, carried), equations.potential_energy(q, carried)]
 
     def _parameters(self, plant: Any, shared: Any) -> tuple[Any, Any]:
-        """Return the parameters of the plant, and those of the controller's model of it."""
+        """Return the parameters of the plant and of the controller's model."""
         gravity, payload = shared[1:], plant[:PAYLOAD]
         if not self._carries:
             return gravity, gravity

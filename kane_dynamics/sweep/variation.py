@@ -1,16 +1,16 @@
 """
-How a value differs from trial to trial, in the plain words of a sweep's description.
+Values that vary between trials, as given in a sweep's description.
 
 A value is a number (or a name), or one of::
 
     {uniform: [low, high]}
     {loguniform: [low, high]}        # both positive
-    {normal: [mean, deviation]}      # where any number makes sense
+    {normal: [mean, deviation]}      # only for values that may be negative
     {choice: [a, b, ...]}            # at random
-    {grid: [a, b, ...]}              # in turn: every combination of all the grids of a sweep
+    {grid: [a, b, ...]}              # in turn: every combination of all grids of a sweep
 
-and a value for every joint is one value for all of them, ``{each: value}`` for each joint its own
-draw, a list of one a joint, or a mapping from joints to values.
+A value for every joint is one value for all joints, ``{each: value}`` for an independent draw per
+joint, a list with one value per joint, or a mapping from joints to values.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ import numpy as np
 RANGES = ('uniform', 'loguniform', 'normal')
 LISTS = ('choice', 'grid')
 FIXED = 'fixed'
-MOST = 1e60  # what is larger is a typing error
+MOST = 1e60  # larger numbers are treated as mistakes
 SHORT = Repr()
 SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 FORMS = 'a number, or a mapping with one of uniform, loguniform, normal, choice, grid'
@@ -35,16 +35,16 @@ FORMS = 'a number, or a mapping with one of uniform, loguniform, normal, choice,
 @dataclass(frozen=True)
 class Value:
     """
-    One value of a sweep.
+    Value of a sweep with its distribution.
 
     Attributes
     ----------
     name : str
-        Of its column.
+        Name of its column.
     kind : str
         'fixed', or one of `RANGES` and `LISTS`.
     numbers : tuple of float
-        The value; low and high; mean and deviation; or the list. Of names, their places.
+        The value; low and high; mean and deviation; or the list. For names, their indices.
 
     """
 
@@ -54,7 +54,7 @@ class Value:
 
     @property
     def random(self) -> bool:
-        """Tell whether a trial draws it."""
+        """Return whether the value is drawn at random."""
         return self.kind not in (FIXED, 'grid')
 
     def taken(self, uniform: Array, normal: Array, place: Any) -> Array:
@@ -64,15 +64,15 @@ class Value:
         Parameters
         ----------
         uniform, normal : (N,) arrays
-            Each trial's draws for this value: from [0, 1), and of the standard normal law.
+            Draws of all trials: uniform in [0, 1), and standard normal.
         place : (N,) array of int
-            Each trial's place in the list of a grid.
+            Index of each trial in the list of a grid.
 
         """
         first, last = self.numbers[0], self.numbers[-1]
         if self.kind == 'uniform':
             return first + (last - first) * uniform
-        if self.kind == 'loguniform':  # math.exp: numpy's may differ by the length of an array
+        if self.kind == 'loguniform':  # not np.exp, whose result may depend on the array's length
             low, high = math.log(first), math.log(last)
             return np.array([math.exp(low + (high - low) * x) for x in uniform.tolist()])
         if self.kind == 'normal':
@@ -86,23 +86,23 @@ class Value:
 def value_of(name: str, data: Any, *, signed: bool = False,
              names: Sequence[str] = ()) -> Value:
     """
-    Return a value from plain data.
+    Parse a value from plain data.
 
     Parameters
     ----------
     name : str
-        Of its column, for the table and for messages.
+        Name of its column, for the table and for messages.
     data : number, str or mapping
         See this module.
     signed : bool
         Whether it may be negative.
     names : sequence of str
-        What to choose from, where the value is one of these names instead of a number.
+        Valid names, if the value is a name instead of a number.
 
     Raises
     ------
     InputError
-        Names the value, what was given and what is valid.
+        If the data is invalid; the message names the value.
 
     """
     if not isinstance(data, Mapping):
@@ -110,10 +110,10 @@ def value_of(name: str, data: Any, *, signed: bool = False,
     forms = LISTS if names else (*RANGES, *LISTS)
     if len(data) != 1 or next(iter(data)) not in forms:
         expected = f'one of {", ".join(names)}, or {{choice: [...]}}' if names else FORMS
-        raise InputError(f'{name} is {SHORT.repr(data)}; expected {expected}')
+        raise InputError(f'{name}: {SHORT.repr(data)}; expected {expected}')
     (kind, given), = data.items()
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
-        raise InputError(f'{name}: {kind} is {SHORT.repr(given)}; expected a list')
+        raise InputError(f'{name}: {kind}: {SHORT.repr(given)}; expected a list')
     numbers = tuple(_entry(name, x, signed or kind == 'normal', names) for x in given)
     if kind in RANGES:
         _check_range(name, kind, numbers, signed)
@@ -123,25 +123,25 @@ def value_of(name: str, data: Any, *, signed: bool = False,
 def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[float], *,
               signed: bool = False) -> tuple[Value, ...]:
     """
-    Return the values of all joints: one for all, or one a joint, called <name>.<joint>.
+    Parse the values of all joints: one for all, or one per joint, called <name>.<joint>.
 
     Parameters
     ----------
     name : str
-        What is given for every joint.
+        Name of the quantity.
     data : None, number, sequence or mapping
-        See this module; None leaves every joint at its default.
+        See this module; None selects the defaults.
     joints : sequence of str
-        In the order of a list.
+        Names, in the order of a list.
     default : sequence of float
-        For joints that a mapping does not name.
+        Values of joints that a mapping does not name.
     signed : bool
         Whether it may be negative.
 
     Raises
     ------
     InputError
-        Names the joint, what was given and what is valid.
+        If the data is invalid; the message names the joint.
 
     """
     columns = [f'{name}.{joint}' for joint in joints]
@@ -151,19 +151,19 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
         given = {} if data is None else data
         unknown = [key for key in given if key not in joints]
         if unknown:
-            raise InputError(f'{name}: no joint {SHORT.repr(unknown[0])}; valid: '
+            raise InputError(f'{name}: no joint {SHORT.repr(unknown[0])}; expected '
                              f'{", ".join(joints)}; or {FORMS}')
         data = [given.get(joint, start) for joint, start in zip(joints, default, strict=True)]
     if not isinstance(data, list | tuple | np.ndarray):
         return (value_of(name, data, signed=signed),)
     if len(data) != len(joints):
-        raise InputError(f'{name} has {len(data)} entries; expected {len(joints)}, in the order '
+        raise InputError(f'{name}: {len(data)} entries; expected {len(joints)}, in the order '
                          f'{", ".join(joints)}')
     return tuple(value_of(column, x, signed=signed) for column, x in zip(columns, data))
 
 
 def number_of(name: str, value: Any, *, signed: bool = False) -> float:
-    """Return a finite number; YAML reads 1e-3 as text, so text will do."""
+    """Return a finite number; text is accepted because YAML reads 1e-3 as text."""
     number = math.nan
     if isinstance(value, int | float | str | np.number) and not isinstance(value, bool):
         try:
@@ -171,33 +171,33 @@ def number_of(name: str, value: Any, *, signed: bool = False) -> float:
         except (ValueError, OverflowError):
             number = math.nan
     if not abs(number) < MOST or (number < 0.0 and not signed):
-        raise InputError(f'{name} is {SHORT.repr(value)}; expected a finite number'
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected a finite number'
                          f'{"" if signed else " >= 0"}')
     return number
 
 
 def _entry(name: str, value: Any, signed: bool, names: Sequence[str]) -> float:
-    """Return a number, or the place of a name."""
+    """Return a number, or the index of a name."""
     if not names:
         return number_of(name, value, signed=signed)
-    if value is None and 'none' in names:  # as YAML reads a lone `null` or `~`
+    if value is None and 'none' in names:  # YAML reads `null` and `~` as None
         value = 'none'
     if value not in names:
-        raise InputError(f'{name} is {SHORT.repr(value)}; valid: {", ".join(names)}')
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected one of {", ".join(names)}')
     return float(names.index(value))
 
 
 def _check_range(name: str, kind: str, numbers: tuple[float, ...], signed: bool) -> None:
-    """Raise InputError unless two numbers bound a range of this kind."""
+    """Raise InputError if two numbers are no valid range of this kind."""
     if kind == 'normal':
         if not signed:
-            raise InputError(f'{name} must not be negative, which a normal law does not keep to; '
-                             'give uniform or loguniform')
+            raise InputError(f'{name}: normal, which includes negative values; expected uniform '
+                             'or loguniform')
         if len(numbers) != 2 or numbers[1] < 0.0:
-            raise InputError(f'{name}: normal is {list(numbers)}; expected [mean, deviation], '
+            raise InputError(f'{name}: normal: {list(numbers)}; expected [mean, deviation], '
                              'deviation >= 0')
         return
     if len(numbers) != 2 or not numbers[0] <= numbers[1] or (
             kind == 'loguniform' and not numbers[0] > 0.0):
         bounds = '0 < low <= high' if kind == 'loguniform' else 'low <= high'
-        raise InputError(f'{name}: {kind} is {list(numbers)}; expected [low, high], {bounds}')
+        raise InputError(f'{name}: {kind}: {list(numbers)}; expected [low, high], {bounds}')

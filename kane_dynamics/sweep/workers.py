@@ -1,4 +1,4 @@
-"""Who computes the chunks of a sweep: this process, processes of this machine, a Dask cluster."""
+"""Workers that compute chunks: this process, a process pool, or a Dask cluster."""
 
 from collections.abc import Collection, Generator
 from concurrent.futures import as_completed, ProcessPoolExecutor
@@ -15,26 +15,26 @@ from kane_dynamics.sweep.simulator import Columns, compute
 from kane_dynamics.sweep.table import needed
 
 Done = Generator[tuple[int, Columns], None, None]
-MOST_DEATHS = 3  # of workers on end, without a chunk finished in between
-PATIENCE = 10  # s for a cluster to answer
+MOST_DEATHS = 3  # worker deaths in a row without a finished chunk
+CONNECT_TIMEOUT = 10  # s
 
 
 def here(work: bytes, chunks: Collection[int]) -> Done:
-    """Compute in this process, whose batches use threads."""
+    """Compute chunks in this process, with threads."""
     for chunk in chunks:
         yield chunk, compute(work, chunk)
 
 
 def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
     """
-    Compute in `count` processes; yield chunks as they finish.
+    Compute chunks in `count` processes; yield them as they finish.
 
-    What a process had in hand when it died is computed again.
+    The chunks of a process that died are computed again.
 
     Raises
     ------
     SweepError
-        Processes die without finishing anything.
+        If processes die repeatedly without finishing a chunk.
 
     """
     waiting, deaths = set(chunks), 0
@@ -54,35 +54,36 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
                 finished += 1
                 yield chunk, rows
         except BrokenProcessPool:
-            finished = 0  # while chunks were still handed out
+            finished = 0  # broken during submission
         finally:
             pool.shutdown(cancel_futures=True)
         deaths = 0 if finished else deaths + 1
         if waiting and deaths == MOST_DEATHS:
-            raise SweepError(f'{deaths} times a worker died before any chunk was finished; is '
-                             'memory short, or does the script that starts the sweep lack '
-                             "`if __name__ == '__main__':`?")
+            raise SweepError(f'workers: {deaths} died before finishing a chunk; expected enough '
+                             "memory, and `if __name__ == '__main__':` in the script that starts "
+                             'the sweep')
 
 
 def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
     """
-    Compute on the Dask cluster at an address; yield chunks as they finish.
+    Compute chunks on the Dask cluster at an address; yield them as they finish.
 
-    Dask gives what a dead worker had in hand to another one.
+    Dask reassigns the chunks of a worker that died.
 
     Raises
     ------
     InputError
-        There is no cluster.
+        If there is no cluster.
     SweepError
-        It went away, or its workers cannot run a chunk.
+        If the connection is lost, or a worker cannot run a chunk.
 
     """
     distributed = needed('distributed')
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"no Dask scheduler at '{address}': {error}") from None
+        raise InputError(f"dask: '{address}': {error}; expected the address of a Dask "
+                         'scheduler') from None
     futures: dict[Any, int] = {}
     try:
         for chunk in chunks:
@@ -94,7 +95,7 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
             except (distributed.KilledWorker, distributed.client.FutureCancelledError,
                     ImportError, OSError, RuntimeError) as error:
                 raise SweepError(f"chunk {chunk} on the Dask cluster at '{address}': {error}; "
-                                 'the rows so far are kept') from error
+                                 'finished rows are kept') from error
             future.release()
             yield chunk, rows
     finally:
@@ -103,14 +104,14 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
 
 
 def _begin() -> None:
-    """Prepare a process of the pool."""
-    os.environ[threads.VARIABLE] = '1'  # the other processes have the other processors
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the pool
+    """Initialize a process of the pool."""
+    os.environ[threads.VARIABLE] = '1'  # one processor per process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops the pool
     Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End when the parent has: killed, it cannot say so, and the pool would wait for ever."""
+    """Exit when the parent has exited; a killed parent cannot stop the pool."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

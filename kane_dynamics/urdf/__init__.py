@@ -1,4 +1,4 @@
-"""From URDF, and the supplement beside it, to a Model: the only part that reads XML."""
+"""Load URDF and its supplement into a Model; the only package that reads XML."""
 
 from kane_dynamics.urdf.load import load_urdf
 

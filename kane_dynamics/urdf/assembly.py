@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 @dataclass
 class Moving:
-    """A body in the making: the joint that carries it, its parent, and what rides on it."""
+    """Moving body under construction: its joint, its placement and its merged inertials."""
 
     single: SingleJoint
     place: Placement
@@ -34,12 +34,12 @@ class Moving:
 def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravity: ArrayLike,
              notices: Notices, *, strict: bool) -> Model:
     """
-    Return the Model of the selected part of a URDF.
+    Assemble the Model of the selected part of a URDF.
 
     Raises
     ------
     ModelError
-        A body or joint is physically impossible; names it.
+        If a body or joint is physically impossible; the message names it.
 
     """
     places, moving = _place(selection)
@@ -53,8 +53,8 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
     if supplement.payload is not None:
         name, inertial = supplement.payload
         if name not in places or name not in tree.links:
-            raise UrdfError(f"supplement: payload: link is '{name}', and no such link is part "
-                            f'of the model; valid: {listing(x.name for x in links)}')
+            raise UrdfError(f"supplement: payload: link '{name}' is not part of the model; "
+                            f'expected one of {listing(x.name for x in links)}')
         _load(inertial, places[name], moving, base)
     _note_masses(tree, selection, moving, notices)
     names = [m.single.name for m in moving if m.single.name in selection.free]
@@ -71,9 +71,10 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
 
 def _place(selection: Selection) -> tuple[dict[str, Placement], list[Moving]]:
     """
-    Return where every link sits, and the moving bodies in topological order, ties as in the URDF.
+    Return the placements of all links, and the moving bodies in topological order.
 
-    Joints that stand still are taken at once, so that they do not delay those behind them.
+    Ties are in the order of the URDF. Locked joints are followed at once, so that they do not
+    affect the order.
     """
     places = {selection.base: Placement(WORLD)}
     moving: list[Moving] = []
@@ -99,7 +100,7 @@ def _place(selection: Selection) -> tuple[dict[str, Placement], list[Moving]]:
 
 
 def _motion(single: SingleJoint, position: float) -> tuple[Array, Array]:
-    """Return the pose of a joint's child at a position, in the joint's frame."""
+    """Return the pose of a joint's child in the joint's frame at a position."""
     if position == 0.0 or single.kind == 'fixed':
         return EYE, np.zeros(3)
     axis = single.axis / math.sqrt(single.axis @ single.axis)
@@ -110,7 +111,7 @@ def _motion(single: SingleJoint, position: float) -> tuple[Array, Array]:
 
 def _load(inertial: Inertial, place: Placement, moving: list[Moving],
           base: list[Inertial]) -> None:
-    """Put the matter of a link on the body on which the link sits."""
+    """Add the inertial of a link to the body that carries it."""
     if place.rotation is not EYE or place.translation.any():
         inertial = inertial.moved(place.rotation, place.translation)
     if place.body == WORLD:
@@ -120,7 +121,7 @@ def _load(inertial: Inertial, place: Placement, moving: list[Moving],
 
 
 def _sum(parts: list[Inertial]) -> Inertial:
-    """Return the inertial of parts that are welded together."""
+    """Return the combined inertial of rigidly connected parts."""
     total = Inertial()
     for part in parts:
         total = total + part
@@ -148,7 +149,7 @@ def _note_masses(tree: UrdfTree, selection: Selection, moving: list[Moving],
     for body in moving:
         link = tree.links.get(body.single.child)
         if link is None:
-            continue  # it stands between the freedoms of one joint: without mass by design
+            continue  # intermediate body of an expanded joint: massless by design
         if link.inertial is None:
             notices.no_inertial.append(link.name)
         elif not any(inertial.mass > 0.0 for inertial in body.riders):
@@ -157,12 +158,12 @@ def _note_masses(tree: UrdfTree, selection: Selection, moving: list[Moving],
 
 def check_inertials(links: list[UrdfLink], notices: Notices, strict: bool) -> None:
     """
-    Note the inertias that no matter, or only thin matter, can have.
+    Note impossible and singular inertias.
 
     Raises
     ------
     ModelError
-        An inertia is indefinite, and `strict` is set; names the link and the moments.
+        If an inertia is indefinite and `strict` is set; the message names the link.
 
     """
     for link in links:
@@ -171,8 +172,8 @@ def check_inertials(links: list[UrdfLink], notices: Notices, strict: bool) -> No
         if found.indefinite:
             if strict:
                 raise ModelError(
-                    f"link '{link.name}': <inertia> has principal moments {found}; none may be "
-                    'negative. Correct it, or load with strict=False')
+                    f"link '{link.name}': <inertia> has principal moments {found}; expected no "
+                    'negative moment, or strict=False to load it')
             notices.indefinite.append(link.name)
             continue
         if link.inertial.mass > 0.0 and found.singular:

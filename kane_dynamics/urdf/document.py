@@ -1,7 +1,7 @@
 """
-The text of a URDF: read, decoded, refused where dangerous, and cut down to plain elements.
+Read and decode the text of a URDF, and parse it to plain elements.
 
-Together with `urdf.py`, which hands what is left to yourdfpy, this is all that knows of XML.
+Unsafe XML (document type and entity declarations) is rejected before parsing.
 """
 
 import codecs
@@ -15,14 +15,14 @@ from xml.parsers import expat
 
 from kane_dynamics.errors import InputError, UrdfError
 
-DEPTH = 4  # robot / link / inertial / mass: nothing of the dynamics lies deeper
+DEPTH = 4  # robot / link / inertial / mass: dynamics needs no deeper elements
 BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
         (codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
         (codecs.BOM_UTF16_BE, 'utf-16'), (b'<\0\0\0', 'utf-32-le'), (b'\0\0\0<', 'utf-32-be'),
         (b'<\0', 'utf-16-le'), (b'\0<', 'utf-16-be'))
 ENCODING = re.compile(rb'\s*<\?xml[^>]{0,200}?encoding\s*=\s*["\']([\w.-]{1,40})["\']')
 ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d', re.I)
-UNREAD = ('visual', 'collision', 'material')  # looks only; meshes and textures are not touched
+UNREAD = ('visual', 'collision', 'material')  # appearance only; meshes and textures are not opened
 
 
 @dataclass
@@ -35,45 +35,48 @@ class Element:
     children: list['Element'] = field(default_factory=list)
 
     def find_all(self, tag: str) -> Iterator['Element']:
-        """Yield the children called `tag`."""
+        """Yield the children with this tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> 'Element | None':
-        """Return the first child called `tag`."""
+        """Return the first child with this tag, or None."""
         return next(self.find_all(tag), None)
 
 
 def read_source(source: str | bytes | os.PathLike[str]) -> str:
-    """Return the text of a URDF given as path, as text or as bytes; UrdfError says why not."""
+    """Return the text of a URDF given as a path, text or bytes; raise UrdfError if unreadable."""
     if isinstance(source, (bytes, bytearray)):
         return _decode(bytes(source))
     if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
         return source.lstrip('\ufeff')
     if not isinstance(source, (str, os.PathLike)):
-        raise InputError(f'source is {type(source).__name__}; valid: a path, or the XML as str '
+        raise InputError(f'source: {type(source).__name__}; expected a path, or the XML as str '
                          'or bytes')
     try:
         return _decode(Path(source).read_bytes())
     except (OSError, TypeError, ValueError) as error:
         if isinstance(error, UrdfError):
             raise
+        if isinstance(error, FileNotFoundError):
+            raise UrdfError(f'no such file: {_short_path(os.fspath(source))}; expected the path '
+                            'of a URDF file, or its XML as str or bytes') from None
         reason = error.strerror if isinstance(error, OSError) else error
-        raise UrdfError(f'source is {_short_path(os.fspath(source))}: {reason}; valid: '
+        raise UrdfError(f'source: {_short_path(os.fspath(source))}: {reason}; expected '
                         'the path of a URDF file, or its XML as str or bytes') from None
 
 
 def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> Element:
     """
-    Return the root of the text's elements down to a depth, without the `unread` parts.
+    Parse XML and return the root element, down to a depth and without the `unread` elements.
 
-    Not namespace-aware, as the parsers of ROS are not: real files use prefixes that they never
-    declare.
+    The parser ignores namespaces, as the parsers of ROS do, because real files use undeclared
+    prefixes.
     """
     _refuse_declarations(text)
     try:
         data = text.encode()
     except UnicodeEncodeError as error:
-        raise UrdfError(f'the text holds the lone surrogate {text[error.start]!r}; expected '
+        raise UrdfError(f'text: lone surrogate {text[error.start]!r}; expected '
                         'Unicode text') from None
     parser = expat.ParserCreate('utf-8')
     top = Element('', {}, 0)
@@ -101,16 +104,16 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise UrdfError(f'not well-formed XML: {error}; near '
-                        f'{_near(data, parser.ErrorByteIndex)}') from None
+        raise UrdfError(f'XML: {error}, near {_near(data, parser.ErrorByteIndex)}; expected '
+                        'well-formed XML') from None
     return top.children[0]
 
 
 def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
     """
-    Return XML that holds of `root` only the children that `tags` names under each tag.
+    Return XML of `root` with only the children that `tags` lists for each tag.
 
-    Prefixes and namespaces go: a default namespace would hide every element from yourdfpy.
+    Prefixes and namespaces are removed: yourdfpy finds no elements in a default namespace.
     """
     def copy(element: Element) -> ElementTree.Element:
         made = ElementTree.Element(element.tag, {
@@ -124,45 +127,45 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
 
 
 def _decode(data: bytes) -> str:
-    """Return the text of XML bytes by byte order mark, declaration, or UTF-8."""
+    """Decode XML bytes by byte order mark, declared encoding, or UTF-8."""
     declared = ENCODING.match(data)
     name = next((name for mark, name in BOMS if data.startswith(mark)),
                 declared[1].decode() if declared else 'utf-8')
     if name != 'utf-8-sig' and not re.fullmatch(r'utf-(16|32)-[bl]e', name) and (
             not ENCODINGS.fullmatch(name)):
-        raise UrdfError(f"the XML declares encoding '{name}'; valid: UTF-8, UTF-16, UTF-32, "
-                        'US-ASCII, ISO-8859-x, windows-125x')
+        raise UrdfError(f"XML: encoding '{name}'; expected UTF-8, UTF-16, UTF-32, "
+                        'US-ASCII, ISO-8859-x or windows-125x')
     try:
         return data.decode(name)
     except (UnicodeError, LookupError) as error:
-        raise UrdfError(f'the bytes are not {name} text: {error}; valid: XML in its declared '
+        raise UrdfError(f'XML: not {name} text: {error}; expected XML in its declared '
                         'encoding, or UTF-8') from None
 
 
 def _refuse_declarations(text: str) -> None:
-    """Refuse DOCTYPE, ENTITY and their like outside comments, before any parser sees them."""
+    """Raise UrdfError for DOCTYPE, ENTITY and similar declarations outside comments."""
     at = text.find('<!')
     while at >= 0:
         closing = ('-->' if text.startswith('<!--', at)
                    else ']]>' if text.startswith('<![CDATA[', at) else None)
         if closing is None:
-            raise UrdfError(f'the XML holds the declaration {_short(text[at:at + 60])}; document '
-                            'type and entity declarations are refused: a URDF needs none')
+            raise UrdfError(f'XML: declaration {_short(text[at:at + 60])}; expected no document '
+                            'type or entity declarations')
         at = text.find(closing, at + 4)
         at = text.find('<!', at) if at >= 0 else -1
 
 
 def _short(text: object) -> str:
-    """Return a text quoted, and cut where long."""
+    """Return the quoted text, shortened if long."""
     text = str(text)
     return repr(text if len(text) <= 80 else f'{text[:60]}...')
 
 
 def _short_path(path: str) -> str:
-    """Return a path quoted; of a long one the end, where its name is."""
+    """Return the quoted path; only the end of a long one, which includes the file name."""
     return repr(path if len(path) <= 120 else f'...{path[-100:]}')
 
 
 def _near(data: bytes, at: int) -> str:
-    """Return the bytes around an index, quoted."""
+    """Return the quoted bytes around an index."""
     return repr(data[max(at - 20, 0):max(at, 0) + 20].decode('utf-8', 'replace'))

@@ -1,4 +1,4 @@
-"""The limits of the coordinates of a URDF: those of their joints and of all that mimic them."""
+"""Limits of the coordinates of a URDF: of their joints and of the mimic joints."""
 
 from collections.abc import Iterable
 import math
@@ -9,17 +9,17 @@ from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 
 UNLIMITED = Limits()
-ROUNDING = 1e-9  # relative: a follower's bound so near its master's says the same
+DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
+ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
 
 
 def coordinate_limits(singles: Iterable[SingleJoint], selection: Selection,
                       notices: Notices) -> dict[str, Limits]:
     """
-    Return the limits of the free joints among those that move, by name.
+    Return the limits of the coordinates by name.
 
-    A joint that mimics one at position q stands at ``multiplier * q + offset``, so that its
-    bounds of position and speed are bounds of q too. Its effort is none of a motor that q has:
-    the master's bounds the torque of both together.
+    A mimic joint is at ``multiplier * q + offset``, so its position and velocity limits bound q
+    too. Its effort limit is not used: the master's limit bounds the torque of both.
     """
     limits, followers = {}, []
     for single in singles:
@@ -36,7 +36,7 @@ def coordinate_limits(singles: Iterable[SingleJoint], selection: Selection,
 
 
 def _limits(single: SingleJoint, notices: Notices) -> Limits:
-    """Return a joint's limits, infinite where nothing sensible is stated; note what is not."""
+    """Return a joint's limits, infinite where missing or invalid, with notices."""
     name, stated = single.name, single.source.limits
     continuous = single.source.kind == 'continuous'
     if stated is None:
@@ -48,11 +48,13 @@ def _limits(single: SingleJoint, notices: Notices) -> Limits:
         missing = ['lower', 'upper', *missing]
     if missing:
         notices.no_limit.append(f'{name} ({", ".join(missing)})')
-    return _sensible(name, stated, continuous, notices)
+    return _sensible(single, stated, notices)
 
 
-def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notices) -> Limits:
-    """Return what is stated, infinite where that is not sensible, which is noted."""
+def _sensible(single: SingleJoint, stated: StatedLimits, notices: Notices) -> Limits:
+    """Return the stated limits, infinite where invalid, with notices."""
+    name, kind = single.name, single.source.kind
+    continuous, turns = kind == 'continuous', kind == 'revolute'
     lower, upper = stated.lower, stated.upper
     zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
     if zero:
@@ -62,19 +64,20 @@ def _sensible(name: str, stated: StatedLimits, continuous: bool, notices: Notice
         if lower is not None or upper is not None:
             notices.not_used('<limit> lower and upper of a continuous joint', name)
     elif lower is not None or upper is not None:
-        bounds = (lower or 0.0, upper or 0.0)  # URDF: 0 where only the other is stated
+        bounds = (lower or 0.0, upper or 0.0)  # URDF: default 0 if only the other is stated
         if bounds[0] >= bounds[1]:
             notices.bad_limit.append(f'{name} ({bounds[0]:g} to {bounds[1]:g})')
             bounds = (-math.inf, math.inf)
+        if turns and DEGREES < max(abs(bound) for bound in (lower or 0.0, upper or 0.0)) <= 720.0:
+            notices.degrees.append(f'{name} ({lower or 0.0:g} to {upper or 0.0:g})')
     return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
 
 
 def _led(master: Limits, single: SingleJoint, mimic: Mimic, notices: Notices) -> Limits:
-    """Return the limits of a master that keep those of its follower too."""
+    """Return the limits of a master combined with those of its mimic joint."""
     if single.source.limits is None:
         return master
-    own = _sensible(single.name, single.source.limits, single.source.kind == 'continuous',
-                    notices)
+    own = _sensible(single, single.source.limits, notices)
     if own.effort not in (math.inf, master.effort):
         notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
                          single.name)
@@ -89,5 +92,5 @@ def _led(master: Limits, single: SingleJoint, mimic: Mimic, notices: Notices) ->
 
 
 def _upper(bound: float, other: float) -> float:
-    """Return the lower of two upper bounds, the first where only rounding parts them."""
+    """Return the lower of two upper bounds; the first if they differ by rounding."""
     return bound if math.isclose(bound, other, rel_tol=ROUNDING) else min(bound, other)

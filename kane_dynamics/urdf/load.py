@@ -1,14 +1,15 @@
-"""`load_urdf`: a Model from a URDF, from the cache on disk where the same was loaded before."""
+"""Load a Model from a URDF, or from the cache on disk."""
 
 from collections.abc import Mapping, Sequence
 import os
 from typing import Any
 import warnings
 
-from kane_dynamics.errors import ModelWarning
+from kane_dynamics.errors import ModelWarning, UnusedWarning
 from kane_dynamics.model.model import GRAVITY, Model
 from kane_dynamics.urdf import model_cache
 from kane_dynamics.urdf.document import read_source
+from kane_dynamics.urdf.notices import NOT_OURS
 from numpy.typing import ArrayLike
 
 __all__ = ['load_urdf']
@@ -20,14 +21,15 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
               supplement: Any = None, gravity: ArrayLike = GRAVITY,
               strict: bool = True) -> Model:
     """
-    Return the model of a robot described in URDF; meshes are never opened.
+    Load the model of a robot from URDF; meshes are never opened.
 
-    Every joint of the model has one freedom. Fixed and locked joints merge: their masses ride on
-    the moving body behind which they stand, or on the base. A mimic joint moves with its master
-    and is no freedom. A floating joint becomes <joint>/x, /y, /z (prismatic, axes of the joint's
-    frame) and then <joint>/rx, /ry, /rz (revolute, each about the axes that the one before has
-    turned); a planar joint becomes <joint>/x, /y (prismatic, in the plane normal to its axis) and
-    <joint>/rz (revolute, about its axis). These names serve wherever a joint is named.
+    Every joint of the model has one degree of freedom. Links on fixed and locked joints are merged
+    into the moving body that carries them, or into the base. A mimic joint moves with its master
+    and has no coordinate. A floating joint becomes <joint>/x, /y, /z (prismatic, along the axes of
+    the joint's frame) and then <joint>/rx, /ry, /rz (revolute, each about the axis rotated by the
+    previous ones). A planar joint becomes <joint>/x, /y (prismatic, in the plane normal to its
+    axis) and <joint>/rz (revolute, about its axis). These names are valid wherever a joint is
+    named.
 
     Parameters
     ----------
@@ -35,40 +37,38 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         UTF-8, UTF-16, UTF-32 or a declared single-byte encoding. Document type and entity
         declarations are refused.
     base : str, optional
-        The link to fix in the world, in place of the root; all that is not behind it is cut off.
+        The link to fix in the world instead of the root; only links behind it are kept.
     tip : str, optional
-        Only joints between the base and this link move. What hangs elsewhere or beyond stays,
-        locked, with its mass.
+        Only joints between the base and this link move. All other links are kept, locked, with
+        their mass.
     joints : sequence of str, optional
-        The joints that move, in the order of q; the others are locked. Without it all move, in
+        The joints that move, in the order of q; the others are locked. Default: all, in
         topological order (parents first), ties in the order of the URDF.
     locked : mapping of str to float, optional
-        Positions (rad or m) at which to lock joints; 0 for those locked but not named here. A
-        mimic joint whose master is locked stands where the master's position puts it; one whose
-        master moves follows it, wherever it is.
+        Positions (rad or m) of locked joints; default 0. A mimic joint is at the position that
+        its master determines, locked or moving.
     drop : sequence of str, optional
-        Links whose own inertial to leave out (not those of links attached to them). Their frames
-        stay.
+        Links whose own inertial is removed; attached links and frames are kept.
     supplement : path or dict, optional
-        What URDF has no words for; see `kane_dynamics.urdf.supplement`.
+        Data that URDF cannot express; see `kane_dynamics.urdf.supplement`.
     gravity : (3,) array
-        m/s^2, world axes; the base link's axes are the world's.
+        m/s^2, world axes, which are those of the base link.
     strict : bool
-        Whether an indefinite inertia is an error; otherwise a warning.
+        Whether an indefinite inertia is an error instead of a warning.
 
     Warns
     -----
     ModelWarning
-        Once for each kind of doubt, naming all links or joints that it concerns.
+        One warning per kind of problem, which names all links or joints concerned.
 
     Raises
     ------
     UrdfError
-        The URDF or the supplement is malformed.
+        If the URDF or the supplement is malformed.
     ModelError
-        It is well-formed, but physically or topologically impossible.
+        If it is well-formed, but physically or topologically impossible.
     InputError
-        An argument names a link or joint that does not exist or cannot serve.
+        If an argument names an unknown or unsuitable link or joint.
 
     """
     text = read_source(source)
@@ -77,11 +77,12 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     name = model_cache.key(text, supplement, options)
     found = None if name is None else model_cache.load(name)
     if found is None:
-        from kane_dynamics.urdf.model_reader import read_model  # imports what a hit does not need
+        from kane_dynamics.urdf.model_reader import read_model  # slow imports
         found = read_model(text, supplement, **options)
         if name is not None and name == model_cache.key(text, supplement, options):
             model_cache.store(name, *found)  # unless the supplement's file has just changed
     model, messages = found
     for message in messages:
-        warnings.warn(message, ModelWarning, stacklevel=2)
+        category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
+        warnings.warn(message, category, stacklevel=2)
     return model

@@ -1,8 +1,8 @@
 """
-Checked models, kept on disk as JSON: what `load_urdf` returned for the same input before.
+Cache of checked models on disk, as JSON: results of `load_urdf` by input.
 
-JSON holds numbers exactly and runs no code when it is read. Every record is an object with one
-key, the name of its class; an array is one with its shape and its numbers.
+JSON stores numbers exactly and executes no code when read. A record is an object with one key, the
+name of its class; an array is stored with its shape and its numbers.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,19 +28,19 @@ RECORDS: dict[str, Callable[..., Any]] = {
 
 def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
     """
-    Return the name under which the model is kept.
+    Return the cache key of a model.
 
     Parameters
     ----------
     text : str
-        Of the URDF.
+        Text of the URDF.
     supplement, options
         Further arguments of `load_urdf`.
 
     Returns
     -------
     str or None
-        None where an argument is not plain data, or the supplement cannot be read.
+        None if an argument is not plain data, or the supplement cannot be read.
 
     """
     try:
@@ -56,14 +56,14 @@ def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
 
 @cache
 def _reader_version() -> str:
-    """Identify the installed yourdfpy without importing it."""
+    """Return the version of the installed yourdfpy without importing it."""
     spec = find_spec('yourdfpy')
     folders = (spec and spec.submodule_search_locations) or []
     return ' '.join(disk_cache.source_digest(folder) for folder in folders)
 
 
 def _comparable(value: Any) -> Any:
-    """Return plain data whose repr tells values and types apart, or raise TypeError."""
+    """Return plain data whose repr identifies values and types; raise TypeError otherwise."""
     if isinstance(value, np.ndarray):
         return ('array', value.dtype.str, value.tolist()) if value.dtype.kind in 'biufU' else (
             _comparable(value.tolist()))
@@ -79,7 +79,7 @@ def _comparable(value: Any) -> Any:
 
 
 def load(name: str) -> tuple[Model, list[str]] | None:
-    """Return the model kept under a key and its warnings, or None if there is none."""
+    """Return a cached model and its warnings, or None if there is no entry."""
     content = disk_cache.load(name)
     if content is None:
         return None
@@ -91,7 +91,7 @@ def load(name: str) -> tuple[Model, list[str]] | None:
 
 
 def store(name: str, model: Model, warnings: list[str]) -> None:
-    """Keep a model and its warnings under a key, if it comes back the same."""
+    """Store a model and its warnings, if reading them back gives the same model."""
     content = json.dumps([model, warnings], default=_plain)
     back, _ = json.loads(content, object_hook=_record)
     if back.digest() == model.digest():
@@ -99,14 +99,14 @@ def store(name: str, model: Model, warnings: list[str]) -> None:
 
 
 def _plain(value: Any) -> dict[str, Any]:
-    """Return a record or an array as JSON has it."""
+    """Convert a record or an array to JSON data."""
     if isinstance(value, np.ndarray):
         return {'array': [value.shape, value.ravel().tolist()]}
     return {type(value).__name__: [getattr(value, field.name) for field in fields(value)]}
 
 
 def _record(data: dict[str, Any]) -> Any:
-    """Return the record or array that `_plain` wrote."""
+    """Convert JSON data from `_plain` back to a record or an array."""
     (name, content), = data.items()
     if name == 'array':
         shape, numbers = content

@@ -1,4 +1,4 @@
-"""Read a URDF, by yourdfpy, with the checks that yourdfpy does not make."""
+"""Read a URDF with yourdfpy, with additional checks."""
 
 from collections.abc import Mapping, Sequence
 import io
@@ -25,7 +25,7 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
                joints: Sequence[str] | None, locked: Mapping[str, float] | None,
                drop: Sequence[str], gravity: ArrayLike, strict: bool
                ) -> tuple[Model, list[str]]:
-    """Return the model in the text of a URDF, and the warnings; arguments as `load_urdf`."""
+    """Return the model of a URDF text and the warnings; arguments as in `load_urdf`."""
     root = parse(text)
     notices = Notices()
     check_schema(root, notices)
@@ -41,7 +41,7 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
 
 def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
             extra: Supplement) -> list[tuple[str, Inertial]]:
-    """Return what is welded to a link: others on joints that stand still, and the payload."""
+    """Return the inertials attached to a link: of links on locked joints, and the payload."""
     body = next((k for k, body in enumerate(model.bodies) if body.name == link), None)
     riders = []
     for frame in model.frames:
@@ -55,7 +55,7 @@ def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
 
 
 def _tree(root: Element, notices: Notices) -> UrdfTree:
-    """Return checked XML as records."""
+    """Convert checked XML to a tree of records."""
     robot = read_robot(root, CHILDREN)
     stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
     links = [_link(link) for link in robot.links]
@@ -64,38 +64,38 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
 
 
 def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
-    """Return yourdfpy's robot of XML, cut down to the elements named under each tag."""
+    """Parse XML with yourdfpy, reduced to the elements that `children` lists."""
     import yourdfpy  # this also imports trimesh, scipy and networkx, for more than a second
     clean = rebuilt(root, children)
     try:
         return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
                                   build_scene_graph=False).robot
-    except Exception as error:  # whatever it raises is about this text
-        raise UrdfError(f'yourdfpy cannot read the URDF: {error}') from error
+    except Exception as error:  # yourdfpy raises many types
+        raise UrdfError(f'yourdfpy: {error}; expected a URDF that it can read') from error
 
 
 def _pose(origin: Any) -> tuple[Array, Array]:
-    """Return yourdfpy's (4, 4) origin, or None, as rotation and translation."""
+    """Convert yourdfpy's origin, (4, 4) or None, to rotation and translation."""
     if origin is None:
         return np.eye(3), np.zeros(3)
     return snapped(origin[:3, :3]), origin[:3, 3] + 0.0
 
 
 def _link(link: Any) -> UrdfLink:
-    """Return a link with its inertial in link axes."""
+    """Convert a link; its inertial is expressed in link axes."""
     if link.inertial is None:
         return UrdfLink(link.name)
     R, com = _pose(link.inertial.origin)
     what = f"link '{link.name}'"
     if link.inertial.mass < 0.0:
-        raise ModelError(f'{what}: <mass> value is {link.inertial.mass} kg; a mass must not be '
-                         'negative')
+        raise ModelError(f'{what}: <mass> value {link.inertial.mass} kg; expected a nonnegative '
+                         'number')
     inertia = R @ link.inertial.inertia @ R.T
     return UrdfLink(link.name, Inertial(link.inertial.mass, com, inertia))
 
 
 def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
-    """Return a joint; note what about its axis is doubtful and what of it is not used."""
+    """Convert a joint; note a questionable axis and unused elements."""
     what = f"joint '{joint.name}'"
     moves = joint.type in ('revolute', 'continuous', 'prismatic', 'planar')
     single = moves and joint.type != 'planar'
@@ -104,7 +104,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
         axis = snapped(joint.axis)
         length = float(np.sqrt(axis @ axis))
         if length < 1e-12:
-            raise ModelError(f'{what}: <axis> xyz is {axis.tolist()}; an axis must not be zero')
+            raise ModelError(f'{what}: <axis> xyz {axis.tolist()}; expected a nonzero vector')
         if stated.first('axis') is None:
             notices.no_axis.append(joint.name)
         elif abs(length - 1.0) > 1e-4:
@@ -124,7 +124,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
     for tag, values in (('dynamics', friction), ('limit', bounds)):
         for name, value in values.items():
             if value is not None and value < 0.0:
-                raise ModelError(f'{what}: <{tag}> {name} is {value}; it must not be negative')
+                raise ModelError(f'{what}: <{tag}> {name} {value}; expected a nonnegative number')
     return StatedJoint(
         joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
         friction['damping'], friction['friction'],

@@ -1,49 +1,57 @@
-"""Doubts about a model, gathered while it is loaded, one warning a kind."""
+"""Warnings about a model, collected while it is loaded, one per kind."""
 
 from dataclasses import dataclass, field, fields
 
 Names = list[str]
+NOT_USED = 'the URDF states these, but they are not used'
+NOT_OURS = 'the URDF states these for actuators and simulators; they are not used'
+NO_INERTIAL = 'moving links without <inertial>; treated as massless'
+# Of actuators, simulators and drivers: no part of the mechanism.
+OTHERS = ('<transmission>', '<gazebo>', '<safety_controller>', '<calibration>')
 
 
 def _kind(text: str) -> Names:
-    """Declare a kind of doubt with the sentence that introduces its names."""
+    """Declare a kind of warning with the text that precedes its names."""
     names: Names = field(default_factory=list, metadata={'text': text})
     return names
 
 
 @dataclass
 class Notices:
-    """Lists of what each doubt concerns; `messages` makes a warning of each that is not empty."""
+    """Names of links and joints by kind of warning; `messages` returns the warning texts."""
 
     unused: dict[str, Names] = field(default_factory=dict)
-    no_axis: Names = _kind('joints without <axis>, taken as "1 0 0" as URDF says')
-    long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); normalised')
-    no_limit: Names = _kind('joints whose <limit> lacks something, taken as unlimited there')
-    bad_limit: Names = _kind('joints whose <limit> lower is not below upper, taken as unlimited')
-    zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity, taken as not '
-                              'stated: unlimited')
-    no_room: Names = _kind('mimic joints whose <limit> leaves their master no room, taken as '
+    no_axis: Names = _kind('joints without <axis>; using the default "1 0 0"')
+    long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); normalized')
+    no_limit: Names = _kind('joints without a complete <limit>; unlimited where missing')
+    bad_limit: Names = _kind('joints whose <limit> lower is not below upper; unlimited')
+    zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity; unlimited there')
+    no_room: Names = _kind('mimic joints whose <limit> excludes all positions of their master; '
                            'unlimited in position')
-    indefinite: Names = _kind('links whose inertia has a negative principal moment, used as it '
-                              'stands because strict=False')
-    triangle: Names = _kind('links whose inertia no matter can have: a principal moment exceeds '
+    degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states rad): '
+                           'degrees?')
+    indefinite: Names = _kind('links whose inertia has a negative principal moment; used '
+                              'unchanged because of strict=False')
+    triangle: Names = _kind('links whose inertia is impossible: a principal moment exceeds '
                             'the sum of the other two')
-    singular: Names = _kind('links that have mass, but a principal moment of inertia of zero')
-    no_inertial: Names = _kind('moving links without <inertial>, taken as without mass')
+    singular: Names = _kind('links with mass and a principal moment of inertia of zero')
+    no_inertial: Names = _kind(NO_INERTIAL)
     massless: Names = _kind('moving bodies without mass; forward dynamics fails if their joints '
                             'move nothing else')
 
     def not_used(self, what: str, name: str) -> None:
-        """Note that `what` is stated of the link or joint `name`, but not used."""
+        """Note that `what` of the link or joint `name` is not used."""
         self.unused.setdefault(what, []).append(name)
 
     def messages(self) -> list[str]:
-        """Return one warning for each kind of doubt."""
+        """Return one warning text for each kind with names."""
         found = []
-        if self.unused:
+        for text, others in ((NOT_USED, False), (NOT_OURS, True)):
             listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
-                               for what, names in self.unused.items())
-            found.append(f'the URDF states these, but they are not used: {listed}')
+                               for what, names in self.unused.items()
+                               if what.startswith(OTHERS) == others)
+            if listed:
+                found.append(f'{text}: {listed}')
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:

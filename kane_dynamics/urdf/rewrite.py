@@ -1,4 +1,4 @@
-"""A URDF with other inertials and friction; everything else of it stays as it was."""
+"""Rewrite inertials and friction of a URDF; keep everything else unchanged."""
 
 from collections.abc import Collection, Mapping
 import os
@@ -14,39 +14,39 @@ from kane_dynamics.urdf.supplement import INERTIA_KEYS
 def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, Inertial],
               emptied: Collection[str], friction: Mapping[str, tuple[float, float]]) -> str:
     """
-    Return the text of a URDF with some of its numbers replaced; comments stay.
+    Return the text of a URDF with replaced inertials and friction; comments are kept.
 
     Parameters
     ----------
     source : path, or str or bytes of XML
         The URDF.
     inertials : mapping of link to Inertial
-        What the links weigh from now on.
+        New inertials.
     emptied : collection of str
-        Links that lose their inertial, because others carry it now.
+        Links whose inertial is removed.
     friction : mapping of joint to (damping, friction)
         N m s/rad and N m, or N s/m and N.
 
     Raises
     ------
     UrdfError
-        The XML cannot be read, or lacks a link or joint.
+        If the XML cannot be read, or a link or joint is missing.
 
     """
     text = read_source(source)
-    parse(text)  # refuses what is dangerous
+    parse(text)  # rejects unsafe XML
     builder = ElementTree.TreeBuilder(insert_comments=True)
     try:
         root = ElementTree.fromstring(text, ElementTree.XMLParser(target=builder))
     except ElementTree.ParseError as error:
-        raise UrdfError(f'the URDF cannot be rewritten: {error}') from None
+        raise UrdfError(f'URDF: {error}; expected well-formed XML') from None
     links = {link.get('name'): link for link in root.findall('link')}
     joints = {joint.get('name'): joint for joint in root.findall('joint')}
     for kind, wanted, there in (('link', [*inertials, *emptied], links),
                                 ('joint', [*friction], joints)):
         lacking = [name for name in wanted if name not in there]
         if lacking:
-            raise UrdfError(f'the URDF has no {kind} {listing(lacking)}, which the model has')
+            raise UrdfError(f'URDF: no {kind} {listing(lacking)}; expected those of the model')
     for name in [*inertials, *emptied]:
         for old in links[name].findall('inertial'):
             links[name].remove(old)
@@ -62,7 +62,7 @@ def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, In
 
 
 def _inertial(inertial: Inertial) -> ElementTree.Element:
-    """Return an <inertial> in the link's axes, exact to the last digit."""
+    """Return an <inertial> element in the link's axes, with all digits."""
     element = ElementTree.Element('inertial')
     ElementTree.SubElement(element, 'origin', xyz=' '.join(map(repr, inertial.com.tolist())),
                            rpy='0 0 0')

@@ -1,8 +1,8 @@
 """
-What a URDF may hold: elements, attributes, and numbers, checked before anyone converts them.
+Check the elements, attributes and numbers of a URDF before conversion.
 
-yourdfpy takes the first of several elements, fills in what is missing and lets any number pass
-that float() knows. So everything is checked here first, and what is not used is noted.
+yourdfpy uses the first of several elements, replaces missing values by defaults and accepts any
+number that float() accepts. So all of them are checked here first, and unused ones are noted.
 """
 
 from dataclasses import dataclass, field
@@ -16,12 +16,12 @@ from kane_dynamics.urdf.tree import MOVING, TYPES
 
 NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?', re.ASCII)
 LONGEST = 1000  # characters of a name or number
-LARGEST = 1e60  # beyond it products overflow; only limits may be larger, for 'none'
+LARGEST = 1e60  # larger numbers overflow in products; limits may be larger, meaning 'none'
 
 
 @dataclass(frozen=True)
 class Rule:
-    """An element: its children, the attributes it must have, and numbers with their counts."""
+    """Rule for an element: children, required attributes, and counts of numbers."""
 
     children: tuple[str, ...] = ()
     required: tuple[str, ...] = ()
@@ -49,7 +49,7 @@ RULES = {
 MANY = ('link', 'joint')
 NEEDED = {'inertial': ('mass', 'inertia'), 'joint': ('parent', 'child')}
 CHILDREN = {tag: rule.children for tag, rule in RULES.items()}
-# Elements and attributes that nobody takes for dynamics: no word is lost on them.
+# Elements and attributes that do not concern dynamics: no warning.
 HARMLESS = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'sensor', 'camera',
             'contact', 'self_collision_checking', 'collision_checking', 'self_filter', 'verbose',
             'group', 'disable_collisions', 'xmlns', 'dont_collapse'}
@@ -58,35 +58,36 @@ GAZEBO = {'springStiffness', 'springReference', 'spring_stiffness', 'spring_refe
           'implicitSpringDamper', 'dampingFactor', 'damping', 'friction', 'turnGravityOff',
           'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
           'joint', 'link'}
+XACRO = 'xacro FILE.urdf.xacro > FILE.urdf'
 
 
 def check_schema(root: Element, notices: Notices) -> None:
     """
-    Raise UrdfError for the first fault; note what is not used though it might seem to be.
+    Check all elements; note unused elements that a user might expect to be used.
 
     Raises
     ------
     UrdfError
-        Names the link or joint, the element, the attribute, its value, and what is valid.
+        If an element is invalid; the message names the link or joint, element and attribute.
 
     """
     if root.tag != 'robot':
-        raise UrdfError(f'the root element is <{root.tag}> (line {root.line}); valid: <robot>. '
-                        'Other formats (SDF, MJCF) must be converted to URDF first')
+        raise UrdfError(f'root element: <{root.tag}> (line {root.line}); expected <robot>: '
+                        'other formats (SDF, MJCF) must be converted to URDF first')
     _check(root, '', notices)
     for joint in root.find_all('joint'):
         _check_joint(joint)
     if root.first('link') is None:
-        raise UrdfError(f"robot '{root.attributes['name']}' has no <link>; valid: at least one")
+        raise UrdfError(f"robot '{root.attributes['name']}': no <link>; expected at least one")
 
 
 def _check(element: Element, owner: str, notices: Notices) -> None:
-    """Check an element, and what is below it; `owner` is the text that names it."""
+    """Check an element and its children; `owner` is the link or joint in messages."""
     rule = RULES[element.tag]
     if element.tag in ('robot', *MANY):
         if not element.attributes.get('name', '').strip():
-            raise UrdfError(f'a <{element.tag}> (line {element.line}) has the name '
-                            f'{element.attributes.get("name")!r}; valid: a name that is not empty')
+            raise UrdfError(f'<{element.tag}> (line {element.line}): name '
+                            f'{element.attributes.get("name")!r}; expected a nonempty name')
         owner = f"{element.tag} '{element.attributes['name']}'"
         what = owner
     else:
@@ -94,10 +95,10 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
     _check_attributes(element, owner, what, notices)
     for tag in rule.children:
         if tag not in MANY and sum(1 for _ in element.find_all(tag)) > 1:
-            raise UrdfError(f'{what} has more than one <{tag}> (line {element.line}); valid: one')
+            raise UrdfError(f'{what}: more than one <{tag}> (line {element.line}); expected one')
     for tag in NEEDED.get(element.tag, ()):
         if element.first(tag) is None:
-            raise UrdfError(f'{what} has no <{tag}> (line {element.line}); valid: exactly one')
+            raise UrdfError(f'{what}: no <{tag}> (line {element.line}); expected exactly one')
     for child in element.children:
         if child.tag in rule.children:
             _check(child, owner, notices)
@@ -106,16 +107,16 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
 
 
 def _check_attributes(element: Element, owner: str, what: str, notices: Notices) -> None:
-    """Check that required attributes are there and numbers are numbers."""
+    """Check required attributes and the format of numbers."""
     rule = RULES[element.tag]
     for name in rule.required:
         if not element.attributes.get(name, '').strip():
-            raise UrdfError(f"{what} has no attribute '{name}' (line {element.line}); it needs "
+            raise UrdfError(f"{what}: no attribute '{name}' (line {element.line}); expected "
                             f"{', '.join(rule.required)}")
     for name, text in element.attributes.items():
         if len(text) > LONGEST:
-            raise UrdfError(f'<{element.tag}> (line {element.line}): {name} is {len(text)} '
-                            f"characters long, '{text[:40]}...'; valid: at most {LONGEST}")
+            raise UrdfError(f'<{element.tag}> (line {element.line}): {name} has {len(text)} '
+                            f"characters, '{text[:40]}...'; expected at most {LONGEST}")
         if name in rule.numbers:
             _check_numbers(element, text, rule.numbers[name], f'{what} {name}')
         elif name not in rule.required + rule.optional and ':' not in name and (
@@ -124,34 +125,34 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
 
 
 def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
-    """Raise UrdfError unless a text is `count` finite decimal numbers, parted by blanks."""
+    """Raise UrdfError if a text is not `count` finite decimal numbers separated by spaces."""
     largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
     if len(parts) != count or not all(
             NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts):
         expected = ('one finite number, like 0.5 or 1e-3' if count == 1
-                    else f'{count} finite numbers parted by blanks, like "0 0.5 1e-3"')
-        hint = '; expand it with xacro first' if '${' in text else ''
-        raise UrdfError(f"{what} is '{text}' (line {element.line}); expected {expected}{hint}")
+                    else f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"')
+        hint = f'; expand it with xacro first: {XACRO}' if '${' in text else ''
+        raise UrdfError(f"{what}: '{text}' (line {element.line}); expected {expected}{hint}")
 
 
 def _check_joint(joint: Element) -> None:
-    """Raise UrdfError for a joint type that does not exist, or that cannot mimic."""
+    """Raise UrdfError for an unknown joint type, or one that cannot have <mimic>."""
     what, kind = f"joint '{joint.attributes['name']}'", joint.attributes.get('type')
     if kind not in TYPES:
-        raise UrdfError(f'{what}: type is {kind!r} (line {joint.line}); valid: '
+        raise UrdfError(f'{what}: type {kind!r} (line {joint.line}); expected one of '
                         f'{", ".join(TYPES)}')
     if kind not in (*MOVING, 'fixed') and joint.first('mimic') is not None:
-        raise UrdfError(f'{what} is {kind} and has <mimic> (line {joint.line}); valid: on a joint '
-                        f'that is {", ".join(MOVING)}')
+        raise UrdfError(f'{what}: {kind} with <mimic> (line {joint.line}); expected <mimic> only '
+                        f'on types {", ".join(MOVING)}')
 
 
 def _note_element(element: Element, owner: str, notices: Notices) -> None:
-    """Note an element that is not read, unless nobody would expect it to be."""
+    """Note an unused element, unless it is known not to concern dynamics."""
     tag = element.tag
     if tag.startswith('xacro:'):
-        raise UrdfError(f'{owner} holds <{tag}> (line {element.line}), which xacro would have '
-                        'replaced; valid: the output of xacro')
+        raise UrdfError(f'{owner}: <{tag}> (line {element.line}); expected the output of xacro, '
+                        f'which replaces this element: {XACRO}')
     if tag == 'transmission':
         names = [x.attributes.get('name', '?') for x in element.find_all('joint')]
         for name in names or [element.attributes.get('name', '?')]:

@@ -1,4 +1,4 @@
-"""Which joints of a URDF move, which stand still and where: base, tip, joints, locked, drop."""
+"""Select the moving and locked joints of a URDF by base, tip, joints, locked and drop."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
@@ -15,24 +15,24 @@ from kane_dynamics.urdf.tree import check_mimics, UrdfTree
 @dataclass(frozen=True)
 class Selection:
     """
-    What `select` decided, in terms of single-freedom joints.
+    Result of `select`, in terms of joints of one degree of freedom.
 
     Attributes
     ----------
     base : str
-        The link that is fixed in the world.
+        The link fixed in the world.
     behind : dict
-        For every link or intermediate body that is kept, the joints that go outward from it.
+        Outward joints of every link or intermediate body that is kept.
     free : frozenset of str
-        Joints with a coordinate of their own.
+        Joints with their own coordinate.
     followers : dict
-        Mimic joints that move, each with the free joint that leads it.
+        Moving mimic joints, each with its free master joint.
     positions : dict
-        Where the other joints stand, rad or m.
+        Positions of the locked joints, rad or m.
     order : tuple of str or None
-        The order of the coordinates, where it was asked for.
+        The requested order of the coordinates, if any.
     drop : frozenset of str
-        Links without their inertial.
+        Links whose inertial is removed.
     singles : dict
         Every joint of the file by name.
 
@@ -52,12 +52,13 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
            joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None,
            drop: Sequence[str] = ()) -> Selection:
     """
-    Return which joints move and where the others stand; arguments as of `load_urdf`.
+    Return the moving joints and the positions of the others; arguments as in `load_urdf`.
 
     Raises
     ------
     InputError
-        An argument names what does not exist or cannot serve; lists what is valid.
+        If an argument names an unknown or unsuitable link or joint; the message lists the valid
+        ones.
 
     """
     mimics = check_mimics(tree.joints)
@@ -86,22 +87,22 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
 
 
 def _singles(tree: UrdfTree) -> dict[str, SingleJoint]:
-    """Return all joints expand_joint, by name; the names that expanding makes must be new."""
+    """Return all joints, expanded to one degree of freedom, by name; check the new names."""
     singles: dict[str, SingleJoint] = {}
     taken = {joint.name for joint in tree.joints} | tree.links.keys()
     for index, joint in enumerate(tree.joints):
         parts = expand_joint(joint, index)
         for single in parts:
             if len(parts) > 1 and single.name in taken:
-                raise UrdfError(f"joint '{joint.name}' is {joint.kind} and expands to "
-                                f"'{single.name}', but a link or joint has that name; valid: "
-                                'another name for it')
+                raise UrdfError(f"joint '{joint.name}': {joint.kind}, expands to "
+                                f"'{single.name}', which names another link or joint; expected "
+                                'a unique name')
             singles[single.name] = single
     return singles
 
 
 def _kept(singles: Iterable[SingleJoint], base: str) -> dict[str, list[SingleJoint]]:
-    """Return, for the base and all that is behind it, the joints that go outward from it."""
+    """Return the outward joints of the base and of every link and body beyond it."""
     outward: dict[str, list[SingleJoint]] = {}
     for single in singles:
         outward.setdefault(single.parent, []).append(single)
@@ -120,7 +121,7 @@ def _path(singles: Iterable[SingleJoint], base: str, tip: str) -> set[str]:
     path, link = set(), tip
     while link != base:
         if link not in above:
-            raise InputError(f"tip is '{tip}', which is not behind base '{base}'; valid: a link "
+            raise InputError(f"tip: '{tip}', which is not behind base '{base}'; expected a link "
                              f"on a branch that starts at '{base}'")
         path.add(above[link].name)
         link = above[link].parent
@@ -128,67 +129,68 @@ def _path(singles: Iterable[SingleJoint], base: str, tip: str) -> set[str]:
 
 
 def _link(tree: UrdfTree, name: Any, argument: str) -> str:
-    """Return a link's name, or raise InputError listing the valid ones."""
+    """Return a link's name; raise InputError that lists the valid ones if it is unknown."""
     if not isinstance(name, str) or name not in tree.links:
-        raise InputError(f'{argument} is {name!r}, and no such link exists; valid: '
+        raise InputError(f'{argument}: {name!r} is no link; expected one of '
                          f'{listing(tree.links)}')
     return name
 
 
 def _names(given: Any, argument: str) -> list[Any]:
-    """Return a collection of names as a list; a lone string is not one."""
+    """Return a collection of names as a list; raise InputError for a single string."""
     if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Collection):
-        raise InputError(f'{argument} is {given!r}; valid: a list of names of type str')
+        raise InputError(f'{argument}: {given!r}; expected a list of names of type str')
     return list(given)
 
 
 def _joints(joints: Any, candidates: list[str], singles: Mapping[str, SingleJoint],
             mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
-    """Return the names in `joints`, checked."""
+    """Return the checked names of `joints`."""
     names = _names(joints, 'joints')
     if isinstance(joints, Set):
-        raise InputError(f'joints is {joints!r}; valid: a list or tuple, as its order is that of '
+        raise InputError(f'joints: {joints!r}; expected a list or tuple, whose order is that of '
                          'the coordinates')
     valid = set(candidates)
     for name in names:
         if not isinstance(name, str) or name not in valid:
-            raise InputError(f'joints: {_fault(name, singles, mimics)}; valid: '
+            raise InputError(f'joints: {_fault(name, singles, mimics)}; expected some of '
                              f'{listing(candidates)}')
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
-        raise InputError(f'joints names {listing(twice)} more than once; valid: each once')
+        raise InputError(f'joints: {listing(twice)} more than once; expected each once')
     return tuple(names)
 
 
 def _locked(locked: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic],
             free: Collection[str]) -> dict[str, float]:
-    """Return the positions in `locked`, checked."""
+    """Return the checked positions of `locked`."""
     if not isinstance(locked, Mapping):
-        raise InputError(f'locked is {locked!r}; valid: a mapping of joint names to positions')
+        raise InputError(f'locked: {locked!r}; expected a mapping of joint names to positions')
     positions = {}
     for name, value in locked.items():
         if name not in singles or singles[name].kind == 'fixed' or name in mimics:
             valid = [x for x, s in singles.items() if s.kind != 'fixed' and x not in mimics]
-            raise InputError(f'locked: {_fault(name, singles, mimics)}; valid: {listing(valid)}')
+            raise InputError(f'locked: {_fault(name, singles, mimics)}; expected some of '
+                             f'{listing(valid)}')
         if name in free:
             raise InputError(f"locked: joint '{name}' is also in joints, the ones that move; "
-                             'valid: in one of the two')
+                             'expected it in one of the two')
         try:
             number = float(value)
         except (TypeError, ValueError):
             number = math.nan
         if isinstance(value, (str, bool)) or not abs(number) < 1e60:
-            raise InputError(f"locked: joint '{name}' is {value!r}; expected a finite number, "
+            raise InputError(f"locked: joint '{name}': {value!r}; expected a finite number, "
                              'rad or m')
         positions[name] = number
     return positions
 
 
 def _fault(name: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic]) -> str:
-    """Return why a name is not one of a joint that may move or be locked."""
+    """Return why a name is not that of a joint that can move or be locked."""
     if not isinstance(name, str) or name not in singles:
-        return f'{name!r} is no joint of one freedom'
+        return f'{name!r} is no joint of one degree of freedom'
     if name in mimics:
-        return f"joint '{name}' mimics '{mimics[name].master}' and has no freedom of its own"
+        return f"joint '{name}' mimics '{mimics[name].master}' and has no coordinate"
     fixed = singles[name].kind == 'fixed'
     return f"joint '{name}' is fixed" if fixed else f"joint '{name}' is not between base and tip"

@@ -1,7 +1,7 @@
 """
-The supplement: what URDF has no words for, from one YAML file beside it.
+Supplement of a URDF: data that URDF cannot express, in one YAML file.
 
-Schema, every key optional::
+Schema; every key is optional unless noted::
 
     joints:
       <joint>:                  # a joint of the URDF that can move; <joint>/rx and the like too
@@ -11,30 +11,30 @@ Schema, every key optional::
         damping: 0.5            # viscous friction in place of the URDF's, N m s/rad or N s/m, >= 0
         friction: 1.2           # Coulomb friction in place of the URDF's, N m or N, >= 0
         friction_speed: 0.05    # friction * tanh(rate / friction_speed); rad/s or m/s, > 0
-        friction_offset: 0.1    # added to it whatever the rate, N m or N
+        friction_offset: 0.1    # added at any rate, N m or N
     payload:
       link: tool0               # required: the link that carries it
       mass: 2.0                 # required: kg, >= 0
-      com: [0.0, 0.0, 0.05]     # mass centre from the link's origin, in its axes, m; default 0
-      inertia:                  # about the mass centre, in the link's axes, kg m^2; default 0
+      com: [0.0, 0.0, 0.05]     # center of mass from the link's origin, in its axes, m; default 0
+      inertia:                  # about the center of mass, in the link's axes, kg m^2; default 0
         {ixx: 0.01, iyy: 0.01, izz: 0.01, ixy: 0.0, ixz: 0.0, iyz: 0.0}
     beams:
-      <link>:                   # a moving link that bends; its own inertial is the beam's then
+      <link>:                   # a moving link that bends; the beam replaces its own inertial
         length: 1.0             # required: m, along `direction` from the link's joint
         density: 2.0            # required: mass per length, kg/m
         stiffness: 100.0        # required: EI, N m^2; or two, along `up` and across it
-        modes: [3, 0]           # how many in these two directions; default 3 each
+        modes: [3, 0]           # number in these two directions; default 3 each
         direction: [1, 0, 0]    # in the link's axes
         up: [0, 1, 0]
         damping: 0.0            # material damping, s
-        tip_mass: 0.0           # that the modes' shapes assume, kg
-        torsion:                # without it the link does not twist
+        tip_mass: 0.0           # assumed by the mode shapes, kg
+        torsion:                # omitted: no torsion
           stiffness: 50.0       # required: GJ, N m^2
           inertia: 1e-3         # required: rho I_p, kg m: moment of inertia per length
           modes: 1
-          tip_inertia: 0.0      # that the shapes assume, kg m^2
+          tip_inertia: 0.0      # assumed by the mode shapes, kg m^2
 
-What is said of a joint that is locked, or on a branch that was cut off, has no effect.
+Entries for joints that are locked or not part of the model have no effect.
 """
 
 from collections.abc import Collection, Mapping
@@ -73,14 +73,14 @@ class Supplement:
 
 def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -> Supplement:
     """
-    Return the supplement in a YAML file or in a dict of the same layout.
+    Read the supplement from a YAML file or a dict of the same layout.
 
     Raises
     ------
     UrdfError
-        Names the key, its value and what is valid.
+        If a key or value is invalid; the message names it.
     ModelError
-        The payload's inertia has a negative principal moment.
+        If the payload's inertia has a negative principal moment.
 
     """
     if source is None:
@@ -101,15 +101,15 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
 
 
 def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
-    """Raise UrdfError if the supplement speaks of a joint that is not among `valid`."""
+    """Raise UrdfError if the supplement names a joint that is not in `valid`."""
     for name in supplement.joints:
         if name not in valid:
-            raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; valid: "
-                            f'{listing(valid)}')
+            raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; expected "
+                            f'some of {listing(valid)}')
 
 
 def _number(value: Any, what: str, *, signed: bool = False, positive: bool = False) -> float:
-    """Return a finite number within its bounds; YAML reads 1e-3 as text, so text will do."""
+    """Return a finite number within bounds; text is accepted: YAML reads 1e-3 as text."""
     number = math.nan
     if isinstance(value, (int, float, str, np.floating, np.integer)) and (
             not isinstance(value, bool)):
@@ -118,17 +118,17 @@ def _number(value: Any, what: str, *, signed: bool = False, positive: bool = Fal
     if not abs(number) < 1e60 or (not signed and number < 0.0) or (positive and number == 0.0):
         expected = 'finite number' if signed else (
             'positive number' if positive else 'finite number that is not negative')
-        raise UrdfError(f'{what} is {SHORT.repr(value)}; expected a {expected}')
+        raise UrdfError(f'{what}: {SHORT.repr(value)}; expected a {expected}')
     return number
 
 
 def _beam(name: str, data: Any) -> FlexibleLink:
-    """Return the beam that a link becomes; `FlexibleLink.checked` judges the numbers."""
+    """Return the beam of a link; `FlexibleLink.checked` checks the numbers."""
     what = f"supplement: beam '{name}'"
     entry = dict(mapping(data, what, BEAM_KEYS))
     for key in BEAM_KEYS[:3]:
         if key not in entry:
-            raise UrdfError(f'{what}: {key} is missing')
+            raise UrdfError(f'{what}: {key} is missing; expected a number')
     tip_mass = _number(entry.pop('tip_mass', 0.0), f'{what}: tip_mass')
     for key in ('length', 'density', 'damping'):
         if key in entry:
@@ -143,30 +143,30 @@ def _beam(name: str, data: Any) -> FlexibleLink:
 
 
 def _torsion(data: Any, what: str) -> Torsion:
-    """Return a beam's torsion."""
+    """Return the torsion of a beam."""
     entry = dict(mapping(data, what, TORSION_KEYS))
     for key in TORSION_KEYS[:2]:
         if key not in entry:
-            raise UrdfError(f'{what}: {key} is missing')
+            raise UrdfError(f'{what}: {key} is missing; expected a number')
     modes = entry.pop('modes', 1)
     numbers = {key: _number(value, f'{what}: {key}') for key, value in entry.items()}
     return Torsion(**numbers, modes=modes)
 
 
 def _payload(data: Any) -> tuple[str, Inertial]:
-    """Return the payload's link and inertial."""
+    """Return the link and the inertial of the payload."""
     what = 'supplement: payload'
     entry = mapping(data, what, PAYLOAD_KEYS)
     for key in ('link', 'mass'):
         if key not in entry:
-            raise UrdfError(f"{what} has no '{key}'; it needs link and mass, and may have com "
+            raise UrdfError(f"{what}: no '{key}'; expected link and mass, and optionally com "
                             'and inertia')
     if not isinstance(entry['link'], str):
-        raise UrdfError(f'{what}: link is {SHORT.repr(entry["link"])}; expected the name of a '
+        raise UrdfError(f'{what}: link {SHORT.repr(entry["link"])}; expected the name of a '
                         'link')
     com = entry.get('com', (0.0, 0.0, 0.0))
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
-        raise UrdfError(f'{what}: com is {SHORT.repr(com)}; expected three numbers, m')
+        raise UrdfError(f'{what}: com {SHORT.repr(com)}; expected three numbers, m')
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
     for key, value in mapping(entry.get('inertia', {}), f'{what}: inertia',
                               INERTIA_KEYS).items():
@@ -176,7 +176,7 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     found = principal_moments(inertia)
     if found.indefinite:
         raise ModelError(f'{what}: inertia has the principal moment {found.moments[0]:g} kg m^2; '
-                         'none may be negative')
+                         'expected no negative one')
     return entry['link'], Inertial(
         _number(entry['mass'], f'{what}: mass'),
         np.array([_number(x, f'{what}: com', signed=True) for x in com]), inertia)

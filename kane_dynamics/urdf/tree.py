@@ -1,8 +1,8 @@
 """
-Links and joints as a URDF states them, and what makes them a tree.
+Links and joints of a URDF as a checked kinematic tree.
 
-The records here stand between the XML and the Model: joints may still have any number of
-freedoms, and nothing has been chosen, locked or merged yet.
+These records are the stage between XML and Model: joints may have any number of degrees of
+freedom, and nothing is selected, locked or merged.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ TYPES = (*MOVING, 'fixed', 'floating', 'planar')
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link: its name, and its inertial in link axes if it states one."""
+    """Link: its name and its inertial in link axes, if stated."""
 
     name: str
     inertial: Inertial | None = None
@@ -28,7 +28,7 @@ class UrdfLink:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """A checked tree: links by name, joints in URDF order, and the one root."""
+    """Checked tree: links by name, joints in URDF order, and the root."""
 
     name: str
     links: dict[str, UrdfLink]
@@ -38,42 +38,42 @@ class UrdfTree:
 
 def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[StatedJoint]) -> UrdfTree:
     """
-    Return links and joints as a tree.
+    Build the tree of links and joints, and check it.
 
     Raises
     ------
     UrdfError
-        A name is given twice, or a joint joins a link that does not exist.
+        If a name is not unique, or a joint refers to an unknown link.
     ModelError
-        What they form is no tree; names the links.
+        If the links do not form a tree; the message names them.
 
     """
     for what, names in (('link', [x.name for x in links]), ('joint', [x.name for x in joints])):
         twice = [repr(x) for x, count in Counter(names).items() if count > 1]
         if twice:
-            raise UrdfError(f'{what} names must be unique; given more than once: '
-                            f'{listing(twice)}')
+            raise UrdfError(f'{what} names: {listing(twice)} more than once; expected unique '
+                            'names')
     by_name = {link.name: link for link in links}
     above: dict[str, StatedJoint] = {}
     for joint in joints:
         for what, link in (('parent', joint.parent), ('child', joint.child)):
             if link not in by_name:
-                raise UrdfError(f"joint '{joint.name}': {what} is '{link}', and no such link "
-                                f'exists; valid: {listing(by_name)}')
+                raise UrdfError(f"joint '{joint.name}': {what} '{link}' is no link; expected one "
+                                f'of {listing(by_name)}')
         if joint.child in above:
-            raise ModelError(f"link '{joint.child}' is the child of two joints, "
-                             f"'{above[joint.child].name}' and '{joint.name}'; valid: one")
+            raise ModelError(f"link '{joint.child}': child of two joints, "
+                             f"'{above[joint.child].name}' and '{joint.name}'; expected one")
         above[joint.child] = joint
     roots = [name for name in by_name if name not in above]
     if len(roots) > 1:
-        raise ModelError(f'links {listing(roots)} have no parent; valid: exactly one root link, '
+        raise ModelError(f'links {listing(roots)}: no parent; expected exactly one root link, '
                          'every other the child of a joint')
     _check_connected(by_name, above)
     return UrdfTree(name, by_name, tuple(joints), roots[0])
 
 
 def _check_connected(links: dict[str, UrdfLink], above: dict[str, StatedJoint]) -> None:
-    """Raise ModelError if going up from some link never ends."""
+    """Raise ModelError if links form a loop."""
     sound: set[str] = set()
     for link in links:
         trail: dict[str, None] = {}
@@ -85,21 +85,21 @@ def _check_connected(links: dict[str, UrdfLink], above: dict[str, StatedJoint]) 
         if link in trail and link in above:
             names = list(trail)
             loop = names[names.index(link):]
-            raise ModelError(f'links {listing([*loop, link])} form a loop, each the child of the '
-                             'next; valid: a tree, whose loops are cut')
+            raise ModelError(f'links {listing([*loop, link])}: a loop, each the child of the '
+                             'next; expected a tree, with loops cut')
         sound.update(trail)
 
 
 def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
     """
-    Return for every mimic joint its root master, with composed multiplier and offset.
+    Return the root master of every mimic joint, with composed multiplier and offset.
 
     Raises
     ------
     UrdfError
-        A master does not exist or has not one freedom.
+        If a master does not exist or does not have one degree of freedom.
     ModelError
-        Joints mimic one another in a circle.
+        If mimic joints form a cycle.
 
     """
     by_name = {joint.name: joint for joint in joints}
@@ -110,19 +110,18 @@ def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
         while name not in resolved and (mimic := by_name[name].mimic) is not None:
             master = by_name.get(mimic.master)
             if master is None or master.kind not in MOVING:
-                fault = ('no such joint exists' if master is None
-                         else f'that joint is {master.kind}')
+                fault = 'is no joint' if master is None else f'is {master.kind}'
                 valid = listing(x.name for x in joints if x.kind in MOVING and x.name != name)
-                raise UrdfError(f"joint '{name}': <mimic> joint is '{mimic.master}', and {fault}; "
-                                f'valid: {valid}')
+                raise UrdfError(f"joint '{name}': <mimic> joint '{mimic.master}' {fault}; "
+                                f'expected a joint that moves: {valid}')
             if name in trail:
-                raise ModelError(f'joints {listing([*trail, name])} mimic one another in a '
-                                 'circle; valid: a chain that ends at a joint without <mimic>')
+                raise ModelError(f'joints {listing([*trail, name])}: mimic one another in a '
+                                 'circle; expected a chain that ends at a joint without <mimic>')
             trail[name] = None
             name = mimic.master
         for follower in reversed(trail):
             mimic = by_name[follower].mimic
-            assert mimic is not None  # the trail holds followers only
+            assert mimic is not None  # the trail contains only mimic joints
             onward = resolved.get(mimic.master, Mimic(mimic.master))
             resolved[follower] = Mimic(onward.master, mimic.multiplier * onward.multiplier,
                                        mimic.multiplier * onward.offset + mimic.offset)
@@ -130,5 +129,5 @@ def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
                 if not abs(getattr(resolved[follower], key)) < 1e60:
                     raise ModelError(f"joint '{follower}': <mimic> {key} is "
                                      f'{getattr(resolved[follower], key):g} through its chain of '
-                                     'masters; valid: below 1e60')
+                                     'masters; expected less than 1e60')
     return resolved

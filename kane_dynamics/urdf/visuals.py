@@ -1,4 +1,4 @@
-"""What the links of a URDF look like; files of meshes are found, not opened."""
+"""Visual shapes of the links of a URDF; mesh files are located, not opened."""
 
 from dataclasses import dataclass
 import os
@@ -25,22 +25,22 @@ _SHARES = ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')
 @dataclass(frozen=True, eq=False)
 class Visual:
     """
-    One shape of a link.
+    Visual shape of a link.
 
     Attributes
     ----------
     link : str
-        In whose axes it stands.
+        The link.
     kind : 'box', 'cylinder', 'sphere' or 'mesh'
     size : (k,) array
-        A box's lengths, a cylinder's radius and length (along z), a sphere's radius, m; a mesh's
-        scale along its axes.
+        Edge lengths of a box, radius and length (along z) of a cylinder, radius of a sphere, m;
+        scale factors of a mesh.
     pose : (4, 4) array
-        m.
+        Pose in the link's axes, m.
     color : (3,) array or None
         Red, green, blue, from 0 to 1.
     file : Path or None
-        Of a mesh.
+        File of a mesh.
 
     """
 
@@ -54,26 +54,25 @@ class Visual:
 
 def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
     """
-    Return the shapes of a URDF's links.
+    Return the visual shapes of a URDF's links.
 
-    A mesh is looked for as a path, by a package's name or without it beside the URDF and in every
-    folder above, and in share/ of the environments that AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH
-    name.
+    A mesh is searched as a path, with or without the package name beside the URDF and in every
+    parent folder, and in share/ of AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH.
 
     Parameters
     ----------
     source : path, or str or bytes of XML
-        As `load_urdf` takes it; beside XML without a path there are no files.
+        As in `load_urdf`; for XML without a path, meshes beside the URDF are not found.
 
     Warns
     -----
     ModelWarning
-        Meshes were not found; they are left out.
+        If meshes are not found; they are omitted.
 
     Raises
     ------
     UrdfError
-        The URDF is malformed.
+        If the URDF is malformed.
 
     """
     robot = read_robot(parse(read_source(source), depth=_DEPTH, unread=('collision',)), _CHILDREN)
@@ -91,13 +90,15 @@ def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
             else:
                 found.append(shape)
     if missing:
-        warnings.warn(f'meshes are not found, and left out: {", ".join(sorted(missing))}',
-                      ModelWarning, stacklevel=2)
+        warnings.warn(f'{len(missing)} meshes not found: links without another shape are drawn '
+                      'as rods; expected the URDF inside its package or the workspace in '
+                      f'AMENT_PREFIX_PATH; missing: {", ".join(sorted(missing))}', ModelWarning,
+                      stacklevel=2)
     return tuple(found)
 
 
 def _visual(link: str, visual: Any, colors: dict[str, Any], here: Path | None) -> Visual | None:
-    """Return yourdfpy's record as ours; None if it has no shape."""
+    """Convert yourdfpy's record; return None if it has no shape."""
     for kind, names in _SIZES.items():
         shape = getattr(visual.geometry, kind, None)
         if shape is None:
@@ -115,7 +116,7 @@ def _visual(link: str, visual: Any, colors: dict[str, Any], here: Path | None) -
 
 
 def _found(name: str, here: Path | None) -> Path | None:
-    """Return the path of a file that a URDF names, or None."""
+    """Return the path of a file named in a URDF, or None if it does not exist."""
     scheme, _, rest = name.rpartition('://')
     package, _, inside = rest.partition('/') if scheme == 'package' else ('', '', rest)
     candidates = [Path(inside)] if Path(inside).is_absolute() else []

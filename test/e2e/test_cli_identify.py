@@ -55,7 +55,7 @@ def test_negative_friction_is_told_and_written_nowhere(tmp_path, capsys):
     assert "negative, as no joint's is:" in told
     assert all(f'{name} damping' in told for name in model.joint_names)
     assert main([*arguments, '--out', str(out)]) == 2
-    assert 'must not be negative' in capsys.readouterr().err
+    assert 'expected a nonnegative number' in capsys.readouterr().err
     assert not out.exists()
 
 

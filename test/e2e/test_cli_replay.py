@@ -102,4 +102,4 @@ def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
         assert words in done.stderr
     done = process(str(URDF), str(tmp_path / 'alone.mcap'))
     assert done.returncode == 2
-    assert 'no bag' in done.stderr
+    assert 'ROS 2 bag' in done.stderr

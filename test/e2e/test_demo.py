@@ -24,5 +24,6 @@ def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / 'demo.png').stat().st_size > 50_000
     assert not (tmp_path / 'record.npz').exists()
-    for words in ('Tracking error', 'fr3_joint7', 'From joint state to torque', 'foretold'):
+    for words in ('Tracking error', 'fr3_joint7', 'Latency from joint state to torque',
+                  'predicted'):
         assert words in done.stdout

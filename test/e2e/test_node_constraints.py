@@ -74,7 +74,7 @@ rclpy.shutdown()
 @pytest.fixture(scope='module')
 def process(files):
     process = Process(urdf=files[0], constraints=files[1])
-    process.wait_for('stays inactive')
+    process.wait_for('remains inactive')
     yield process
     assert process.end()[0] == 0
     assert 'Traceback' not in process.log
@@ -90,7 +90,7 @@ def close(value, expected):
     np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_forces_of_the_constraints_come_with_inverse_and_forward_dynamics(node, linkage, posture):
+def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, posture):
     q, u, a = posture, np.array([5.0]), np.array([1.0])
     tau = linkage.inverse_dynamics(q, u, a)
     forces = linkage.constraint_forces(q, u, tau)
@@ -116,7 +116,7 @@ def test_forces_of_the_constraints_come_with_inverse_and_forward_dynamics(node, 
     close(forward.constraint_forces, forces)
 
 
-def test_equations_and_sources_are_those_of_the_independent_joints(node, linkage, posture):
+def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, posture):
     answer = node.call(GetDynamics, 'get_dynamics', position=posture.tolist(), velocity=[5.0])
     assert answer.joint_names == ['crank_joint']
     close(answer.mass_matrix, linkage.mass_matrix(posture).ravel())
@@ -129,7 +129,7 @@ def test_equations_and_sources_are_those_of_the_independent_joints(node, linkage
     assert abs(told.explanation.power_residual) < 1e-9
 
 
-def test_forces_of_the_constraints_come_with_simulations(node, linkage, posture):
+def test_simulations_return_constraint_forces(node, linkage, posture):
     expected = simulate(linkage, posture, np.array([2.0]), 0.5, step=1e-3, sample=0.1)
     request = {'position': posture.tolist(), 'velocity': [2.0], 'duration': 0.5,
                'sample_period': 0.1}
@@ -154,17 +154,18 @@ def test_forces_of_the_constraints_come_with_simulations(node, linkage, posture)
         assert len(points[0].accelerations) == 0
 
 
-def test_it_is_never_active_and_says_why(node):
+def test_an_arm_with_constraints_is_not_activated(node):
     assert not node.transition(Transition.TRANSITION_ACTIVATE)
     assert node.state() == 'inactive'
-    assert 'commands only arms without' in node.process.log
+    assert 'commands only arms without constraints' in node.process.log
 
 
 @pytest.mark.parametrize(('kind', 'name', 'change', 'words'), [
-    (InverseDynamics, 'inverse_dynamics', {'position': [0.8, 0.0, -1.5]}, "misses 'pin/"),
-    (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'valid: 1'),
-    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'valid: ZERO, TABLE')])
-def test_what_the_loop_forbids_is_refused_in_words(node, posture, kind, name, change, words):
+    (InverseDynamics, 'inverse_dynamics', {'position': [0.8, 0.0, -1.5]},
+     "of constraint 'pin/"),
+    (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'expected 1'),
+    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'expected ZERO or TABLE')])
+def test_requests_that_violate_constraints_are_refused(node, posture, kind, name, change, words):
     fields = {'position': posture.tolist(), 'velocity': [1.0], **change}
     if kind is InverseDynamics:
         fields['acceleration'] = [0.0]
@@ -173,7 +174,7 @@ def test_what_the_loop_forbids_is_refused_in_words(node, posture, kind, name, ch
     assert words in answer.message
 
 
-def test_a_small_gap_of_encoders_is_closed(node, linkage, posture):
+def test_a_small_constraint_residual_is_corrected(node, linkage, posture):
     moved = posture + [0.0, 1e-3, -1e-3]
     answer = node.call(InverseDynamics, 'inverse_dynamics', position=moved.tolist(),
                        velocity=[5.0], acceleration=[1.0])

@@ -49,7 +49,7 @@ def test_shipped_arms_and_their_configurations_have_no_problem(name):
     assert 'no rotor inertia (armature) is known' in found['doubt']
 
 
-def test_a_weak_arm_and_a_wrong_configuration_are_told_by_name(tmp_path):
+def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
     path = tmp_path / 'weak.urdf'
     path.write_text(URDF.replace('effort="60"', 'effort="1"'))
     wrong = tmp_path / 'wrong.yaml'
@@ -67,7 +67,7 @@ def test_a_weak_arm_and_a_wrong_configuration_are_told_by_name(tmp_path):
     assert 'gravity is [0.0, 0.0, 9.81]' in found['doubt']
 
 
-def test_a_sound_graph_is_found_sound(client, urdf):
+def test_a_valid_graph_has_no_problem(client, urdf):
     """In simulated time, on a controller's topic, beside a gripper that speaks for itself."""
     away = ('-r', '__ns:=/ward',  # from what the client itself publishes
             '-r', 'commands:=effort/commands')
@@ -82,8 +82,8 @@ def test_a_sound_graph_is_found_sound(client, urdf):
         JointState(name=['finger'], position=[0.01])))
     try:
         running[0].wait_for('active, mode')
-        running[1].wait_for('joint states a second')
-        # Little time to hear: who is there, and how they are called, takes up to two heartbeats.
+        running[1].wait_for('joint states/s')
+        # A short duration, because discovery takes up to two heartbeats.
         code, found = doctor(urdf, '--live', '1', '--namespace', 'ward', '--commands',
                              'effort/commands')
     finally:
@@ -92,14 +92,14 @@ def test_a_sound_graph_is_found_sound(client, urdf):
         for process in running:
             process.end()
     assert (code, found['problem']) == (0, ''), found
-    assert 'kane_dynamics commands plant' in found['fine'], found
-    assert 'joint states a second name all joints' in found['fine'], found
+    assert 'commands: from kane_dynamics to plant' in found['fine'], found
+    assert 'joint states/s with all joints' in found['fine'], found
     assert 'of the weight' in found['fine'], found
     assert 'stamps' not in found['doubt'], found
     assert 'commands' not in found['doubt'], found
 
 
-def test_a_sick_graph_is_told_what_ails_it(client, urdf):
+def test_the_problems_of_a_graph_are_reported(client, urdf):
     publishers = [client.create_publisher(JointState, 'joint_states', 10) for _ in range(2)]
     described = client.create_publisher(String, 'robot_description', QoSProfile(depth=1))
     commands = [client.create_publisher(Float64MultiArray, 'commands', 1) for _ in range(2)]
@@ -123,8 +123,8 @@ def test_a_sick_graph_is_told_what_ails_it(client, urdf):
         for publisher in (*publishers, described, *commands):
             client.destroy_publisher(publisher)
     assert code == 1
-    for words in ('publishers share joint_states', 'clocks differ', 'opposite sign',
-                  'publishers share commands', 'is not latched'):
+    for words in ('joint_states: 2 publishers', 'expected the same clock', 'opposite sign',
+                  'commands: 2 publishers', 'expected transient local'):
         assert words in found['problem'], found
     code, found = doctor(urdf, '--live', '1', '--namespace', 'elsewhere')
-    assert 'no joint state came within 1 s' in found['problem']
+    assert 'joint states: none within 1 s; expected' in found['problem']

@@ -35,7 +35,7 @@ def holding():
     return Robot(model()).gravity_force(Q)
 
 
-def test_a_plant_that_dies_brings_zeros_and_one_that_restarts_in_another_order_is_answered(
+def test_a_lost_plant_gives_zeros_and_a_restart_with_another_joint_order_is_accepted(
         client, start, holding):
     start(state_timeout=0.2)
     client.connect()
@@ -48,12 +48,12 @@ def test_a_plant_that_dies_brings_zeros_and_one_that_restarts_in_another_order_i
     assert close(client.ask(Q[order], np.zeros(3), [JOINTS[k] for k in order]), holding)
 
 
-def test_a_simulated_clock_may_pause_jump_ahead_and_jump_back(client, start, holding):
+def test_simulated_time_may_pause_and_jump_forward_and_backward(client, start, holding):
     node = start(use_sim_time='true', state_timeout=0.5)
     node.wait_for('active, mode')
     assert wait_until(lambda: client.motions.get_subscription_count())
     client.follow([(0.0, [0, 0, 0]), (50.0, [1, 1, 0.1])])
-    node.wait_for('joint_trajectory rejected: use_sim_time is set, and nothing has come on /clock')
+    node.wait_for('joint_trajectory rejected: use_sim_time: true without a message on /clock')
     publisher = client.create_publisher(Clock, '/clock', 1)
 
     def at(seconds):
@@ -68,21 +68,21 @@ def test_a_simulated_clock_may_pause_jump_ahead_and_jump_back(client, start, hol
     assert wait_until(lambda: not close(client.ask(Q, np.zeros(3), stamp=at(100.1), timeout=0.1),
                                         holding))
     count = len(client.commands)
-    time.sleep(0.8)  # the clock stands: nothing times out, and the same stamp is still good
+    time.sleep(0.8)  # paused clock: no timeout, and the same stamp is valid
     assert len(client.commands) == count
     assert client.ask(Q, np.zeros(3), stamp=round(100.1 * SECOND)) is not None
     client.torques.clear()
-    assert close(client.ask(Q, np.zeros(3), stamp=at(50.0)), holding), 'the motion is forgotten'
-    node.wait_for('it jumped backwards')
+    assert close(client.ask(Q, np.zeros(3), stamp=at(50.0)), holding), 'the motion is dropped'
+    node.wait_for('jumped backward')
     assert client.ask(Q, np.zeros(3), stamp=at(5000.0)) is not None
     assert client.ask(Q, np.zeros(3), stamp=round(60.0 * SECOND), timeout=0.2) is None
     assert wait_until(lambda: any(client.commands[-1]))
-    client.destroy_publisher(publisher)  # a pause ends some time, this does not
+    client.destroy_publisher(publisher)  # not a pause: the publisher is gone
     assert wait_until(lambda: not any(client.commands[-1]), 5.0)
-    node.wait_for('nobody publishes /clock any more: zeros are commanded')
+    node.wait_for('/clock has no publisher; commanding zeros')
 
 
-def test_zeros_come_when_the_clock_is_exchanged_and_while_a_simulated_one_has_no_time(
+def test_a_clock_replacement_commands_zeros_until_simulated_time_is_received(
         client, start, holding):
     node = start(state_timeout=5.0)
     client.connect()
@@ -94,16 +94,16 @@ def test_zeros_come_when_the_clock_is_exchanged_and_while_a_simulated_one_has_no
     client.torques.clear()
     assert client.ask(Q, np.zeros(3), stamp=0, timeout=0.3) is None
     assert len(client.commands) == count
-    node.wait_for('nothing on /clock')
+    node.wait_for('no message on /clock')
     assert client.adjust(use_sim_time=False).successful
     assert wait_until(lambda: client.ask(Q, np.zeros(3), timeout=0.3) is not None)
 
 
-def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
+def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
     node = start(state_timeout=60.0)
     client.connect()
     second = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
-    node.wait_for('2 publishers on joint_states', 5.0)
+    node.wait_for('joint_states: 2 publishers; expected one', 5.0)
     client.diagnostics.clear()
     assert wait_until(lambda: any('2 publishers on joint_states' in message and level != b'\0'
                                   for level, message, _ in client.diagnostics), 5.0)
@@ -111,7 +111,7 @@ def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
     client.diagnostics.clear()
     assert wait_until(lambda: any(values.get('publishers of joint states') == '1'
                                   for _, _, values in client.diagnostics), 5.0)
-    # A gripper that tells of its own joints is none of them.
+    # A publisher of other joints does not count.
     gripper = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
     client.diagnostics.clear()
 
@@ -125,7 +125,7 @@ def test_a_second_publisher_of_joint_states_is_pointed_out(client, start):
     client.destroy_publisher(gripper)
 
 
-def test_1e308_brings_no_torque_and_the_next_state_does(client, start, holding):
+def test_overflowing_states_give_no_command_and_the_next_state_does(client, start, holding):
     start(state_timeout=1.0)
     client.connect()
     for k in range(3):
@@ -138,7 +138,7 @@ def test_1e308_brings_no_torque_and_the_next_state_does(client, start, holding):
     assert close(client.ask(Q, np.zeros(3)), holding)
 
 
-def test_after_sigkill_the_last_torque_stays_until_a_new_node_speaks(client, start, holding):
+def test_after_sigkill_the_last_command_stays_until_a_new_node_starts(client, start, holding):
     node = start(state_timeout=0.2)
     client.connect()
     assert close(client.ask(Q, np.zeros(3)), holding)
@@ -146,7 +146,7 @@ def test_after_sigkill_the_last_torque_stays_until_a_new_node_speaks(client, sta
     assert node.end(signal.SIGKILL)[0] == -signal.SIGKILL
     count = len(client.commands)
     time.sleep(0.6)
-    # What a controller must be ready for: no zero comes, so it needs a timeout of its own.
+    # No zeros are published: a controller needs its own timeout.
     assert len(client.commands) == count
     assert any(client.commands[-1])
     start(state_timeout=0.2)
@@ -154,7 +154,7 @@ def test_after_sigkill_the_last_torque_stays_until_a_new_node_speaks(client, sta
     assert close(client.ask(Q, np.zeros(3)), holding)
 
 
-def test_deactivation_in_the_middle_of_a_motion_commands_zeros_and_forgets_it(
+def test_deactivation_during_a_motion_commands_zeros_and_drops_it(
         client, start, holding):
     start(state_timeout=1.0)
     client.connect()
@@ -167,11 +167,11 @@ def test_deactivation_in_the_middle_of_a_motion_commands_zeros_and_forgets_it(
     assert close(client.ask(Q, np.zeros(3)), holding)
 
 
-def test_a_flood_of_requests_is_answered_oldest_first_and_the_rest_told_at_once(
+def test_a_flood_of_requests_is_answered_in_order_and_the_rest_refused_as_busy(
         client, start, holding):
     start(state_timeout=1.0, simulation__max_waiting=4)
     client.connect()
-    # Of ordinary depth, a client loses answers that come faster than it reads them.
+    # With the default depth, a client loses responses that arrive faster than it reads them.
     simulations, torques = (
         client.create_client(kind, f'{NAME}/{name}', qos_profile=QoSProfile(depth=200))
         for kind, name in ((Simulate, 'simulate'), (InverseDynamics, 'inverse_dynamics')))
@@ -192,7 +192,7 @@ def test_a_flood_of_requests_is_answered_oldest_first_and_the_rest_told_at_once(
     assert all('busy' in answer.message for answer in answers if not answer.success)
 
 
-def test_bytes_that_are_no_message_bring_no_torque_and_are_counted(client, start, holding):
+def test_malformed_messages_give_no_command_and_are_counted(client, start, holding):
     start(state_timeout=1.0)
     client.connect()
     good = serialize_message(JointState(name=list(JOINTS), position=[0.0] * 3, velocity=[0.0] * 3))
@@ -203,21 +203,21 @@ def test_bytes_that_are_no_message_bring_no_torque_and_are_counted(client, start
     assert close(client.ask(Q, np.zeros(3)), holding)
     assert len(client.torques) == before + 1
     client.diagnostics.clear()
-    assert wait_until(lambda: any('states dropped: not a joint state' in values
+    assert wait_until(lambda: any('states dropped: malformed message' in values
                                   for _, _, values in client.diagnostics), 3.0)
 
 
-def test_a_urdf_beyond_all_bounds_is_refused(client, start):
+def test_a_urdf_above_the_size_limit_is_refused(client, start):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
     with client.describing() as publisher:
         publisher.publish(String(data='<robot name="x">' + ' ' * 10_000_000 + '</robot>'))
-        node.wait_for('not configured: the URDF has 10000024 bytes; valid: at most 10000000')
+        node.wait_for('not configured: URDF: 10000024 bytes; expected at most 10000000')
         publisher.publish(String(data=URDF))
         node.wait_for('active, mode')
 
 
-def test_real_time_settings_are_made_or_their_refusal_is_told(client, start):
+def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start):
     node = start(realtime__priority=10, realtime__cpus='[0]', realtime__lock_memory='true',
                  realtime__collect_rarely='true')
     node.wait_for('active, mode')
@@ -227,12 +227,12 @@ def test_real_time_settings_are_made_or_their_refusal_is_told(client, start):
         with open(f'/proc/{node.pid}/task/{task}/comm') as file:
             name = file.read().strip()
         policies[name, int(task)] = os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK
-    if 'realtime.priority 10 is refused' not in node.log:
+    if 'realtime.priority 10: refused' not in node.log:
         assert policies[next(key for key in policies if key[1] == node.pid)] == os.SCHED_FIFO
         assert {policy for (name, _), policy in policies.items() if name.startswith('dds.')} == {
             os.SCHED_FIFO}
-        assert os.SCHED_OTHER in policies.values(), 'services and simulations stay ordinary'
-    if 'realtime.lock_memory is refused' not in node.log:
+        assert os.SCHED_OTHER in policies.values(), 'only the torque path is scheduled'
+    if 'realtime.lock_memory: refused' not in node.log:
         with open(f'/proc/{node.pid}/status') as file:
             locked = next(line for line in file if line.startswith('VmLck'))
         assert int(locked.split()[1]) > 10_000

@@ -22,7 +22,7 @@ CYCLONE = """<CycloneDDS><Domain>
 Q = [0.3, -0.4, 0.2]
 
 
-def test_a_client_without_ros_gets_the_same_torques_by_topic_and_by_service(start):
+def test_a_client_without_rclpy_gets_the_same_torques_by_topic_and_service(start):
     start(state_timeout=1.0).wait_for('active, mode')
     client = subprocess.run(
         [sys.executable, str(Path(__file__).parent / 'independent.py'),

@@ -1,4 +1,4 @@
-"""Lifecycle, URDF sources, and the end of the process: zeros, exit code 0, within 2 s."""
+"""Lifecycle, sources of the URDF, and shutdown: zeros, exit code 0, within 2 s."""
 
 import signal
 
@@ -11,10 +11,11 @@ import pytest
 from std_msgs.msg import String
 
 POSE = [0.3, -0.4, 0.2]
+NOT_CONFIGURED = 'node: not configured; expected a configured node'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_brings_zeros_and_exit_code_0_within_2_s(client, start, number):
+def test_a_signal_gives_zeros_and_exit_code_0_within_2_s(client, start, number):
     node = start()
     client.connect()
     assert client.ask(POSE, np.zeros(3)).any()
@@ -27,20 +28,20 @@ def test_a_signal_brings_zeros_and_exit_code_0_within_2_s(client, start, number)
     assert 'Traceback' not in node.log
 
 
-def test_a_signal_before_any_urdf_is_known_exits_with_0(start):
+def test_a_signal_before_the_urdf_is_known_gives_exit_code_0(start):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
     code, seconds = node.end(signal.SIGTERM)
     assert (code, seconds < 2.0) == (0, True)
 
 
-def test_without_autostart_every_transition_is_the_operators(client, start):
+def test_without_autostart_the_node_waits_for_transitions(client, start):
     start(autostart='false')
     assert client.state() == 'unconfigured'
     answer = client.call(GetDynamics, 'get_dynamics', position=POSE)
-    assert (answer.success, answer.message) == (False, 'not configured')
+    assert (answer.success, answer.message) == (False, NOT_CONFIGURED)
     answer = client.call(Simulate, 'simulate', position=POSE, duration=1.0)
-    assert (answer.success, answer.message) == (False, 'not configured')
+    assert (answer.success, answer.message) == (False, NOT_CONFIGURED)
     assert client.transition(Transition.TRANSITION_CONFIGURE)
     assert client.call(GetDynamics, 'get_dynamics', position=POSE).success
     assert client.rest() is None, 'an inactive node commands nothing'
@@ -58,7 +59,7 @@ def description(client):
         yield publisher
 
 
-def test_the_urdf_comes_from_the_topic_and_a_change_waits_for_the_next_configuration(
+def test_a_changed_urdf_on_the_topic_is_used_at_the_next_configuration(
         client, start, description):
     node = start(robot_description="''")
     node.wait_for('waiting for a URDF')
@@ -71,13 +72,13 @@ def test_the_urdf_comes_from_the_topic_and_a_change_waits_for_the_next_configura
     before = client.ask(POSE, np.zeros(3))
     heavier = URDF.replace('value="2.0"', 'value="4.0"')
     description.publish(String(data=heavier))
-    node.wait_for('a changed robot_description is refused while the node is active')
+    node.wait_for('robot_description: changed while the node is active and ignored')
     assert (client.ask(POSE, np.zeros(3)) == before).all()
     assert client.transition(Transition.TRANSITION_DEACTIVATE)
     description.publish(String(data=URDF))
-    node.wait_for('takes effect when the node is cleaned up')
+    node.wait_for('changed; clean up and configure the node')
     description.publish(String(data=heavier))
-    assert wait_until(lambda: node.log.count('takes effect when') == 2)
+    assert wait_until(lambda: node.log.count('changed; clean up and') == 2)
     assert client.transition(Transition.TRANSITION_CLEANUP)
     assert client.adjust(imu__topic='no topic!').successful
     assert not client.transition(Transition.TRANSITION_CONFIGURE)
@@ -90,7 +91,7 @@ def test_the_urdf_comes_from_the_topic_and_a_change_waits_for_the_next_configura
     assert wait_until(lambda: client.count_publishers('commands') == 1)
 
 
-def test_a_bad_urdf_leaves_the_node_unconfigured_and_says_why(client, start):
+def test_an_invalid_urdf_leaves_the_node_unconfigured_with_the_reason(client, start):
     node = start(urdf='/no/such/file.urdf')
     node.wait_for('not configured: ')
     assert '/no/such/file.urdf' in node.log
@@ -98,21 +99,21 @@ def test_a_bad_urdf_leaves_the_node_unconfigured_and_says_why(client, start):
 
 
 @pytest.mark.parametrize(('words', 'parameters'), [
-    ("parameter 'mode' is 'fly'; valid: one of inverse_dynamics", {'mode': 'fly'}),
-    ("parameter 'state_timeout' is 0", {'state_timeout': 0.0}),
-    ("parameter 'gravity' is 'down'", {'gravity': 'down'}),
+    ("parameter 'mode': 'fly'; expected one of inverse_dynamics", {'mode': 'fly'}),
+    ("parameter 'state_timeout': 0", {'state_timeout': 0.0}),
+    ("parameter 'gravity': 'down'", {'gravity': 'down'}),
     ('autostart', {'autostart': 3}),
 ])
-def test_a_bad_parameter_at_start_ends_the_process_with_the_reason(start, words, parameters):
+def test_an_invalid_initial_parameter_ends_the_process_with_the_reason(start, words, parameters):
     node = start(**parameters)
     assert wait_until(lambda: not node.alive())
     assert node.end()[0] == 1
     assert words in node.log
 
 
-def test_a_misspelt_parameter_is_pointed_out(start):
+def test_an_unknown_parameter_gives_a_warning(start):
     node = start(robot_description="''", state_timout=0.2)
-    node.wait_for("parameter 'state_timout' does not exist and is ignored; did you mean "
+    node.wait_for("parameter 'state_timout': unknown and ignored; did you mean "
                   "'state_timeout'?")
 
 
@@ -129,5 +130,5 @@ def test_names_follow_namespace_and_remapping(client, start):
 def test_every_shipped_configuration_starts_a_node(start, name):
     node = start('--params-file', str(resource_path('config', name)), robot_description='""')
     node.wait_for('active, mode inverse_dynamics')
-    assert 'does not exist' not in node.log
+    assert 'unknown and ignored' not in node.log
     assert node.end()[0] == 0

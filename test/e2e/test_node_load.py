@@ -86,11 +86,11 @@ def test_ten_simulated_seconds_of_a_seven_axis_arm_return_in_under_100_ms(node):
     assert min(seconds) < 0.1
 
 
-def test_no_state_goes_unanswered_while_idle(node):
+def test_every_state_gets_a_command_while_idle(node):
     assert unanswered(10.0, lambda: time.sleep(0.1)) == 0.0
 
 
-def test_at_most_two_percent_go_unanswered_beside_simulations_back_to_back(node):
+def test_at_most_two_percent_of_states_are_lost_during_simulations(node):
     simulate(node)
     requests = 0
 
@@ -103,7 +103,7 @@ def test_at_most_two_percent_go_unanswered_beside_simulations_back_to_back(node)
     assert requests > 50
 
 
-def test_a_thousand_points_asked_for_and_ten_thousand_sent_do_not_stall_the_torques(node):
+def test_large_trajectories_do_not_stall_the_torque_path(node):
     points = [(1e-2 * (k + 1), HOME) for k in range(10_000)]
     asked = 0
 

@@ -54,12 +54,12 @@ def node(module_node, client):
     return client
 
 
-def test_the_payload_of_the_parameters_is_carried_from_the_start(node):
+def test_the_payload_parameters_apply_from_the_start(node):
     assert close(node.ask(Q, np.zeros(3)), loaded(1.0).gravity_force(np.array(Q)))
 
 
 @pytest.mark.parametrize('mass', [2.5, 0.0, 1.5])
-def test_from_the_answer_on_torques_services_and_simulations_carry_the_payload(node, mass):
+def test_torques_services_and_simulations_use_the_payload_after_the_response(node, mass):
     robot = loaded(mass)
     answer = node.call(SetPayload, 'set_payload', payload=payload(mass))
     assert answer.success, answer.message
@@ -72,12 +72,12 @@ def test_from_the_answer_on_torques_services_and_simulations_carry_the_payload(n
 
 
 @pytest.mark.parametrize(('words', 'fields'), [
-    ('mass is -1 kg', {'payload': payload(-1.0)}), ('mass is nan', {'payload': payload(math.nan)}),
-    ('at most 2 m away', {'payload': payload(1.0, (0.0, 3.0, 0.0))}),
-    ("not fixed to that of parameter payload.frame, 'c'", {'frame': 'a', 'payload': payload(1.0)}),
+    ('mass: -1 kg', {'payload': payload(-1.0)}), ('mass: nan', {'payload': payload(math.nan)}),
+    ('at most 2 m from the frame', {'payload': payload(1.0, (0.0, 3.0, 0.0))}),
+    ("'a', not fixed to the body of payload.frame 'c'", {'frame': 'a', 'payload': payload(1.0)}),
     ("no frame 'claw'", {'frame': 'claw', 'payload': payload(1.0)}),
 ])
-def test_a_bad_payload_is_refused_with_the_reason_and_changes_nothing(node, words, fields):
+def test_an_invalid_payload_is_refused_with_the_reason_and_changes_nothing(node, words, fields):
     before = node.ask(Q, np.zeros(3))
     answer = node.call(SetPayload, 'set_payload', **fields)
     assert not answer.success
@@ -85,7 +85,7 @@ def test_a_bad_payload_is_refused_with_the_reason_and_changes_nothing(node, word
     assert (node.ask(Q, np.zeros(3)) == before).all()
 
 
-def test_gravity_changes_under_a_payload_for_services_too(node):
+def test_gravity_changes_with_a_payload_and_for_services(node):
     assert node.call(SetPayload, 'set_payload', payload=payload(1.5)).success
     assert node.adjust(gravity=[3.0, 0.0, -9.0]).successful
     robot = loaded(1.5, (3.0, 0.0, -9.0))
@@ -95,25 +95,25 @@ def test_gravity_changes_under_a_payload_for_services_too(node):
     assert node.adjust(gravity=[0.0, 0.0, -9.81]).successful
 
 
-def test_parameters_change_the_payload_too_all_of_them_or_none(node):
+def test_payload_parameters_are_applied_together_or_not_at_all(node):
     assert node.call(SetPayload, 'set_payload', payload=payload(2.5)).success
     assert node.adjust(gains__kp=90.0).successful
     assert close(node.ask(Q, np.zeros(3)), loaded(2.5).gravity_force(np.array(Q))), (
-        'another parameter must not bring the old payload back')
-    refused = node.adjust(payload__com=[0.0, 0.0, 0.1])  # of which mass?
-    assert 'the last ~/set_payload, of which the parameters do not know' in refused.reason
+        'other parameters must not change the payload')
+    refused = node.adjust(payload__com=[0.0, 0.0, 0.1])  # without a mass
+    assert "payload set by ~/set_payload; expected 'payload.mass' in" in refused.reason
     refused = node.adjust(payload__mass=0.5, payload__inertia=[1.0, 0.0, 0.0, 0.1, 0.0, 0.1])
     assert not refused.successful
-    assert "parameters 'payload.*': the inertia has the principal moments" in refused.reason
+    assert "parameters 'payload.*': inertia: principal moments" in refused.reason
     refused = node.adjust(payload__max_mass=0.5, payload__mass=0.6)
-    assert "'payload.*': the mass is 0.6 kg; valid: 0 to 0.5 kg" in refused.reason
+    assert "'payload.*': mass: 0.6 kg; expected 0 to 0.5 kg" in refused.reason
     assert close(node.ask(Q, np.zeros(3)), loaded(2.5).gravity_force(np.array(Q)))
     assert node.adjust(payload__mass=1.5).successful
     assert close(node.ask(Q, np.zeros(3)), loaded(1.5).gravity_force(np.array(Q)))
     answer = node.call(GetDynamics, 'get_dynamics', position=Q)
     assert close(answer.gravity_force, loaded(1.5).gravity_force(np.array(Q)))
     assert node.call(SetPayload, 'set_payload', payload=payload(2.5)).success
-    assert node.adjust(payload__mass=1.5).successful  # as the parameter is, not as the arm
+    assert node.adjust(payload__mass=1.5).successful  # equal to the parameter, not to the payload
     assert close(node.ask(Q, np.zeros(3)), loaded(1.5).gravity_force(np.array(Q)))
     assert node.adjust(payload__mass=1.0, gains__kp=100.0).successful
 

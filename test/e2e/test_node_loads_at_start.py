@@ -18,7 +18,7 @@ def close(value, expected):
     return value is not None and np.abs(value - expected).max() <= 1e-9 * np.abs(expected).max()
 
 
-def test_without_a_payload_frame_the_service_says_so(client, start):
+def test_without_a_payload_frame_set_payload_is_refused(client, start):
     start()
     client.connect()
     answer = client.call(SetPayload, 'set_payload', payload=Inertia(m=1.0))
@@ -26,7 +26,7 @@ def test_without_a_payload_frame_the_service_says_so(client, start):
     assert 'payload.frame' in answer.message
 
 
-def test_an_imu_on_the_base_turns_gravity(client, start):
+def test_an_imu_on_the_base_sets_the_direction_of_gravity(client, start):
     node = start(imu__topic='imu/data', imu__time_constant=0.2, state_timeout=1.0)
     client.connect()
     publisher = client.create_publisher(Imu, 'imu/data', BEST_EFFORT)
@@ -44,8 +44,8 @@ def test_an_imu_on_the_base_turns_gravity(client, start):
         time.sleep(0.02)
         return client.ask(Q, np.zeros(3))
 
-    level = measured(15.0)  # the base is pushed: this says nothing of gravity
-    node.wait_for('the acceleration is 15 m/s^2')
+    level = measured(15.0)  # not at rest: ignored
+    node.wait_for('acceleration of the IMU: 15 m/s^2')
     assert close(level, Robot(model()).gravity_force(np.array(Q)))
     assert wait_until(lambda: close(measured(9.7), expected), 5.0)
     answer = client.adjust(gravity=[0.0, 0.0, -9.0])
@@ -56,12 +56,12 @@ def test_an_imu_on_the_base_turns_gravity(client, start):
 
 @pytest.mark.parametrize(('words', 'parameters'), [
     ("no frame 'claw'", {'payload__frame': 'claw'}),
-    ("'payload.frame' holds 'base', which does not move", {'payload__frame': 'base'}),
-    ('mass is 60 kg', {'payload__frame': 'c', 'payload__mass': 60.0}),
-    ('set parameter payload.frame', {'payload__mass': 1.0}),
-    ("the IMU's frame 'b' moves", {'imu__topic': 'imu', 'imu__frame': 'b'}),
+    ("'payload.frame': 'base', a frame that does not move", {'payload__frame': 'base'}),
+    ('mass: 60 kg', {'payload__frame': 'c', 'payload__mass': 60.0}),
+    ('payload.frame is empty; expected a frame', {'payload__mass': 1.0}),
+    ("frame of the IMU: 'b', which moves", {'imu__topic': 'imu', 'imu__frame': 'b'}),
 ])
-def test_loads_that_do_not_fit_leave_the_node_unconfigured_and_say_why(
+def test_invalid_loads_leave_the_node_unconfigured_with_the_reason(
         client, start, words, parameters):
     start(**parameters).wait_for(words)
     assert client.state() == 'unconfigured'

@@ -81,7 +81,7 @@ class Watch:
 def process():
     process = Process(module=PLANT, robot_description=f"'{URDF}'", publish_clock='true', rate=200,
                       initial__position=list(START), wrench__frames='[c]', diagnostics_rate=20)
-    process.wait_for('200 joint states a second')
+    process.wait_for('200 joint states/s')
     yield process
     assert process.end()[0] == 0
     assert 'Traceback' not in process.log
@@ -89,7 +89,7 @@ def process():
 
 @pytest.fixture
 def plant(process, client):
-    """Return a watch on a plant that is as it was at its start."""
+    """Return a watch on a plant in its initial state."""
     watch = Watch(client)
     assert watch.adjust(rate_factor=1.0, dropout__states=0.0, delay__states=0.0,
                         reset_clock=False, after_timeout='zero').successful
@@ -103,7 +103,7 @@ def plant(process, client):
     watch.close()
 
 
-def test_brakes_hold_it_and_then_commands_move_it_as_the_library_says(plant):
+def test_brakes_hold_the_arm_until_commands_move_it_as_in_the_library(plant):
     _, q, u, effort = plant.fresh()
     assert plant.names == JOINTS
     assert (q.tolist(), u.tolist(), effort.tolist()) == (list(START), [0.0] * 3, [0.0] * 3)
@@ -117,32 +117,32 @@ def test_brakes_hold_it_and_then_commands_move_it_as_the_library_says(plant):
     assert t1 - t0 == 5_000_000
     udot = robot.forward_dynamics(0.5 * (q0 + q1), 0.5 * (u0 + u1), tau)
     np.testing.assert_allclose((u1 - u0) / 5e-3, udot, rtol=1e-3)
-    assert wait_until(lambda: not plant.states[-1][3].any(), 3.0), 'a late command must end'
+    assert wait_until(lambda: not plant.states[-1][3].any(), 3.0), 'the command must time out'
 
 
-def test_bad_commands_move_nothing_and_are_counted(plant):
+def test_invalid_commands_have_no_effect_and_are_counted(plant):
     for data in ([1.0, 2.0], [1.0, math.nan, 0.0], []):
         plant.commands.publish(Float64MultiArray(data=data))
         assert plant.fresh(5)[1].tolist() == list(START)
-    plant.process.wait_for('commands rejected: commands has 2 entries; valid: 3')
+    plant.process.wait_for('commands rejected: commands: 2 entries; expected 3')
     assert plant.reported('rejected: commands', '3')
 
 
-def test_a_push_moves_the_arm_and_one_on_no_frame_of_its_is_refused(plant):
+def test_a_wrench_moves_the_arm_and_one_at_another_frame_is_refused(plant):
     assert plant.adjust(after_timeout='hold').successful
     hold = Robot(model()).gravity_force(np.array(START))
     plant.commands.publish(Float64MultiArray(data=hold.tolist()))
     still = plant.fresh(10)[1]
     np.testing.assert_allclose(still, START, atol=1e-9)
     plant.push('b', (40.0, 0.0, 0.0))
-    plant.process.wait_for("wrench rejected: frame_id is 'b'; valid: c")
+    plant.process.wait_for("wrench rejected: frame_id: 'b'; expected c")
     np.testing.assert_allclose(plant.fresh(5)[1], START, atol=1e-9)
     plant.push('c', (40.0, 0.0, 0.0))  # along the sliding joint
     assert wait_until(lambda: plant.states[-1][1][2] > START[2] + 0.05)
 
 
-def test_paused_it_stands_until_it_is_stepped(plant):
-    assert plant.service('step').message == 'it is running; ~/pause it first'
+def test_a_paused_plant_advances_by_steps(plant):
+    assert plant.service('step').message == 'plant: running; expected paused by ~/pause'
     assert plant.service('pause', data=True).success
     time.sleep(0.1)
     count, stamp = len(plant.states), plant.clock[-1]
@@ -156,7 +156,7 @@ def test_paused_it_stands_until_it_is_stepped(plant):
     plant.fresh(5)
 
 
-def test_time_goes_at_the_speed_that_is_asked_for_and_starts_anew(plant):
+def test_simulated_time_follows_rate_factor_and_reset_clock(plant):
     for factor in (4.0, 0.2):
         assert plant.adjust(rate_factor=factor).successful
         plant.fresh(2)
@@ -173,12 +173,13 @@ def test_time_goes_at_the_speed_that_is_asked_for_and_starts_anew(plant):
     assert not any('at -' in message for _, message, _ in plant.client.diagnostics)
 
 
-def test_states_are_lost_and_delayed_on_request_and_bad_requests_change_nothing(plant):
+def test_dropouts_and_delays_are_applied_and_invalid_requests_change_nothing(plant):
     refused = plant.adjust(dropout__states=1.0, delay__states=-1.0)
     assert not refused.successful
     assert refused.reason == (
-        "parameter 'delay.states' is -1.0; valid: a number, at least 0, at most 10")
-    assert 'start the node anew' in plant.adjust(dropout__states=1.0, rate=100.0).reason
+        "parameter 'delay.states': -1.0; expected a number, at least 0, at most 10")
+    refused = plant.adjust(dropout__states=1.0, rate=100.0)
+    assert 'expected no change; restart the node' in refused.reason
     plant.fresh(5)
     assert plant.adjust(delay__states=0.2).successful
     time.sleep(0.5)
@@ -190,13 +191,13 @@ def test_states_are_lost_and_delayed_on_request_and_bad_requests_change_nothing(
     assert len(plant.states) == count
 
 
-def test_the_shipped_configuration_starts_it_and_a_missing_urdf_is_said(start):
+def test_the_shipped_configuration_starts_the_plant_and_a_missing_urdf_is_an_error(start):
     node = start('--params-file', str(resource_path('config', 'plant.yaml')), module=PLANT,
                  robot_description='""')
     node.wait_for('ur10e: 6 joints')
-    assert 'does not exist' not in node.log
+    assert 'unknown and ignored' not in node.log
     assert node.end()[0] == 0
     node = start(module=PLANT, robot_description='""')
     assert wait_until(lambda: not node.alive())
     assert node.end()[0] == 1
-    assert "plant_node: no URDF: set parameter 'robot_description' or 'urdf'" in node.log
+    assert "plant_node: URDF: none; expected parameter 'robot_description' or 'urdf'" in node.log

@@ -8,8 +8,7 @@ from builtin_interfaces.msg import Duration
 from graph import JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (ForwardDynamics, GetDynamics,
-                                          InverseDynamics, Simulate)
+from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
 import numpy as np
 import pytest
 from rclpy.action import ActionClient
@@ -69,7 +68,7 @@ def test_inverse_dynamics_answers_in_the_order_of_the_request(node, robot):
         assert close(parts, robot.joint_reaction(name, np.array(Q), np.array(U), np.array(A)))
 
 
-def test_forward_dynamics_equals_the_librarys(node, robot):
+def test_forward_dynamics_equals_that_of_the_library(node, robot):
     expected = robot.forward_dynamics(np.array(Q), np.array(U), np.array(A))
     answer = node.call(ForwardDynamics, 'forward_dynamics', joint_names=NAMES,
                        position=mixed(Q), velocity=mixed(U), effort=mixed(A))
@@ -77,7 +76,7 @@ def test_forward_dynamics_equals_the_librarys(node, robot):
     assert close(answer.acceleration, mixed(expected))
 
 
-def test_get_dynamics_equals_the_librarys_in_the_order_of_the_request(node, robot):
+def test_get_dynamics_equals_the_library_in_the_order_of_the_request(node, robot):
     q, u = np.array(Q), np.array(U)
     answer = node.call(GetDynamics, 'get_dynamics', joint_names=NAMES, position=mixed(Q),
                        velocity=mixed(U))
@@ -91,7 +90,7 @@ def test_get_dynamics_equals_the_librarys_in_the_order_of_the_request(node, robo
     assert close(answer.potential_energy, robot.potential_energy(q))
 
 
-def test_simulate_without_torques_equals_the_librarys(node, robot):
+def test_simulate_without_torques_equals_the_library(node, robot):
     expected = simulate(robot, Q, U, 0.5, step=1e-3, sample=0.01)
     answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q),
                        velocity=mixed(U), duration=0.5, sample_period=0.01)
@@ -128,7 +127,8 @@ def reference():
 
 def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     motion = Motion.from_points([0.0, 0.4], [Q, [0.5, -0.2, 0.1]], joint_names=JOINTS)
-    expected = simulate(robot, Q, np.zeros(3), 0.5, torque=ComputedTorque(motion, 100.0, 20.0))
+    expected = simulate(robot, Q, np.zeros(3), 0.5,
+                        torque=ComputedTorque(robot, motion, 100.0, 20.0))
     answer = node.call(Simulate, 'simulate', joint_names=NAMES, position=mixed(Q), duration=0.5,
                        torque_source=Simulate.Request.COMPUTED_TORQUE, reference=reference())
     assert answer.success, answer.message
@@ -136,30 +136,30 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
 
 
 @pytest.mark.parametrize(('words', 'fields'), [
-    ('position has 2 entries; valid: 3', {'position': [0.0, 0.0]}),
-    ('valid: finite numbers', {'position': [0.0, math.nan, 0.0]}),
-    ("joint_names lacks 'lift'", {'joint_names': ['turn', 'reach', 'wheel']}),
-    ("joint_names holds 'wheel'", {'joint_names': [*JOINTS, 'wheel']}),
-    ('names a joint twice', {'joint_names': [*JOINTS, 'lift']}),
-    ('duration is 0 s', {'duration': 0.0}),
-    ('duration is nan s', {'duration': math.nan}),
-    ('duration is inf s', {'duration': math.inf}),
+    ('position: 2 entries; expected 3', {'position': [0.0, 0.0]}),
+    ('expected finite numbers', {'position': [0.0, math.nan, 0.0]}),
+    ("joint_names: 'lift' is missing", {'joint_names': ['turn', 'reach', 'wheel']}),
+    ("joint_names: 'wheel' is unknown", {'joint_names': [*JOINTS, 'wheel']}),
+    ('a joint is named twice', {'joint_names': [*JOINTS, 'lift']}),
+    ('duration is 0 s; expected', {'duration': 0.0}),
+    ('duration is nan', {'duration': math.nan}),
+    ('duration is inf', {'duration': math.inf}),
     ('at most 3600 s', {'duration': 1e9}),
     ('at most 1000000 (parameter simulation.max_steps)', {'duration': 1.0, 'step': 1e-9}),
     ('at most 2000 (parameter simulation.max_points)',
      {'duration': 10.0, 'sample_period': 1e-3}),
-    ('step is -1 s', {'step': -1.0}),
-    ('step is 2 s; valid: at most the duration', {'step': 2.0}),
+    ('step is -1 s; expected', {'step': -1.0}),
+    ('step: 2 s; expected at most the duration', {'step': 2.0}),
     ('whole number of steps', {'duration': 0.5005}),
-    ('torque_source is 9', {'torque_source': 9}),
-    ('torques has 4 entries', {'torque_source': 1, 'torques': [0.0] * 4}),
+    ('torque_source: 9; expected', {'torque_source': 9}),
+    ('torques: 4 entries', {'torque_source': 1, 'torques': [0.0] * 4}),
     ('at least 500', {'torque_source': 1, 'torques': [0.0] * 6}),
     ('row 0 of torques', {'torque_source': 1, 'torques': [math.nan] * 3}),
     ('0 points', {'torque_source': 2}),
     ("kp of joint 'turn' is -1", {'torque_source': 2, 'reference': reference(),
                                   'kp': [-1.0, 1.0, 1.0]}),
 ])
-def test_a_bad_simulation_request_is_answered_with_the_reason(node, words, fields):
+def test_an_invalid_simulation_request_is_answered_with_the_reason(node, words, fields):
     answer = node.call(Simulate, 'simulate', **{'position': Q, 'duration': 0.5, **fields})
     assert not answer.success
     assert words in answer.message
@@ -167,12 +167,13 @@ def test_a_bad_simulation_request_is_answered_with_the_reason(node, words, field
 
 
 @pytest.mark.parametrize(('kind', 'name', 'words', 'fields'), [
-    (InverseDynamics, 'inverse_dynamics', 'acceleration has 0', {'position': Q, 'velocity': U}),
-    (ForwardDynamics, 'forward_dynamics', 'effort has 1', {'position': Q, 'effort': [1.0]}),
-    (GetDynamics, 'get_dynamics', 'position has 0', {}),
-    (GetDynamics, 'get_dynamics', 'velocity is', {'position': Q, 'velocity': [math.inf] * 3}),
+    (InverseDynamics, 'inverse_dynamics', 'acceleration: 0 entries',
+     {'position': Q, 'velocity': U}),
+    (ForwardDynamics, 'forward_dynamics', 'effort: 1 entries', {'position': Q, 'effort': [1.0]}),
+    (GetDynamics, 'get_dynamics', 'position: 0 entries', {}),
+    (GetDynamics, 'get_dynamics', 'velocity: [', {'position': Q, 'velocity': [math.inf] * 3}),
 ])
-def test_a_bad_request_is_answered_with_the_reason(node, kind, name, words, fields):
+def test_an_invalid_request_is_answered_with_the_reason(node, kind, name, words, fields):
     answer = node.call(kind, name, **fields)
     assert not answer.success
     assert words in answer.message
@@ -199,7 +200,7 @@ class Goal:
         return self._result.result().status, self._result.result().result
 
 
-def test_the_action_reports_progress_and_ends_with_the_librarys_numbers(node, robot):
+def test_the_action_publishes_feedback_and_its_result_equals_the_library(node, robot):
     assert node.adjust(simulation__max_duration=3600.0).successful
     goal = Goal(node, duration=300.0, sample_period=1.0)
     status, result = goal.result()
@@ -214,7 +215,7 @@ def test_the_action_reports_progress_and_ends_with_the_librarys_numbers(node, ro
     assert all(0.0 <= each.progress <= 1.0 for each in goal.feedback)
 
 
-def test_the_action_can_be_cancelled_and_keeps_what_it_has(node):
+def test_a_cancelled_goal_returns_the_points_so_far(node):
     goal = Goal(node, duration=1000.0, step=1e-3)
     assert wait_until(lambda: goal.feedback)
     began = time.monotonic()
@@ -227,14 +228,14 @@ def test_the_action_can_be_cancelled_and_keeps_what_it_has(node):
     assert result.trajectory.points
 
 
-def test_a_bad_goal_is_aborted_with_the_reason(node):
+def test_an_invalid_goal_is_aborted_with_the_reason(node):
     status, result = Goal(node, duration=-1.0).result()
     assert status == GoalStatus.STATUS_ABORTED
     assert not result.success
-    assert 'duration is -1 s' in result.message
+    assert 'duration is -1 s; expected' in result.message
 
 
-def test_more_waiting_simulations_than_allowed_are_told_that_it_is_busy(node):
+def test_a_full_queue_answers_that_it_is_busy(node):
     assert node.adjust(simulation__max_waiting=1).successful
     long = [Goal(node, duration=1000.0) for _ in range(3)]
     answers = [each.result(30.0)[1] for each in long[2:]]

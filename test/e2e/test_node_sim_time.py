@@ -89,22 +89,22 @@ def pair(processes, client):
     pair.close()
 
 
-def test_torques_hold_the_simulated_arm_where_it_is(pair):
+def test_the_node_holds_the_simulated_arm(pair):
     assert wait_until(lambda: len(pair.states) > 200)
     np.testing.assert_allclose(pair.states[-1][1], START, atol=2e-3)
     np.testing.assert_allclose(pair.answered(), Robot(model()).gravity_force(pair.states[-1][1]),
                                rtol=1e-3)
 
 
-def test_while_time_stands_nothing_is_commanded_and_nothing_times_out(pair):
+def test_while_time_is_paused_there_are_no_commands_and_no_timeouts(pair):
     pair.pause(True)
     time.sleep(0.1)
     pair.client.commands.clear()
     pair.client.diagnostics.clear()
-    time.sleep(0.5)  # five timeouts, were time to go on
+    time.sleep(0.5)  # five timeouts of real time
     assert not pair.client.commands
     # Between the plant's own reports.
-    assert any(message.endswith('; the clock stands')
+    assert any(message.endswith('; /clock does not advance')
                for _, message, _ in pair.client.diagnostics)
     pair.pause(False)
     pair.answered()
@@ -112,7 +112,7 @@ def test_while_time_stands_nothing_is_commanded_and_nothing_times_out(pair):
 
 
 @pytest.mark.parametrize('speed', [0.05, 10.0])
-def test_the_timeout_is_simulated_time_in_slow_and_in_fast_motion(pair, speed):
+def test_the_timeout_is_in_simulated_time(pair, speed):
     timeout = 0.02 if speed < 1.0 else 5.0
     assert pair.client.adjust(state_timeout=timeout).successful
     pair.adjust(rate_factor=speed)
@@ -135,7 +135,7 @@ def test_the_timeout_is_simulated_time_in_slow_and_in_fast_motion(pair, speed):
     pair.answered(3)
 
 
-def test_after_a_jump_back_the_node_goes_on_and_follows_the_motions_that_come_then(pair):
+def test_after_a_backward_jump_the_node_follows_later_motions(pair):
     assert pair.client.adjust(mode='inverse_dynamics', state_timeout=3.0).successful
     pair.client.follow([(0.0, [0, 0, 0]), (60.0, [1, 1, 0.1])])
     hold = Robot(model()).gravity_force(START)

@@ -59,7 +59,7 @@ def test_without_a_motion_the_torques_hold_gravity_at_the_measured_pose(node, ro
         assert close(node.ask(q, u), robot.gravity_force(q))
 
 
-def test_commands_hold_the_same_numbers_as_joint_torques_which_are_named(node, robot):
+def test_commands_equal_the_efforts_of_joint_torques(node, robot):
     q = np.array([0.3, -0.4, 0.2])
     tau = node.ask(q, np.zeros(3))
     assert node.names == JOINTS
@@ -67,7 +67,7 @@ def test_commands_hold_the_same_numbers_as_joint_torques_which_are_named(node, r
 
 
 @pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
-def test_along_a_motion_the_torques_equal_the_librarys(node, robot, mode):
+def test_along_a_motion_the_torques_equal_those_of_the_library(node, robot, mode):
     assert node.adjust(mode=mode, compensate__friction=False, limits__effort=1000.0).successful
     points = [(0.0, [0, 0, 0]), (0.6, [0.5, -0.4, 0.3]), (1.5, [0.1, 0.2, -0.2])]
     start = time.time_ns() + 50_000_000
@@ -114,21 +114,21 @@ def test_joints_are_mapped_by_name_and_others_ignored(node, robot):
     ('arrays of unequal length', {'q': [0, 0, 0], 'u': [0]}),
     ('arrays of unequal length', {'q': [0, 0, 0, 0], 'u': [0, 0, 0]}),
     ('no velocity', {'q': [], 'u': [], 'names': []}),
-    ('older than state_timeout', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': -3.0}),
-    ('stamp from the future', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': 3.0}),
+    ('stale (older than state_timeout)', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': -3.0}),
+    ('stamp in the future', {'q': [0, 0, 0], 'u': [0, 0, 0], 'shift': 3.0}),
 ])
-def test_a_bad_state_gets_no_torque_and_is_counted(node, reason, arguments):
+def test_an_invalid_state_gives_no_command_and_is_counted(node, reason, arguments):
     arguments = dict(arguments)
     stamp = time.time_ns() + int(arguments.pop('shift', 0.0) * 1e9)
     reason = 'joint missing' if arguments.get('names') == [] else reason
     node.diagnostics.clear()
     assert node.ask(stamp=stamp, timeout=0.1, **arguments) is None
-    assert node.rest() is not None, 'the next good state must be answered'
+    assert node.rest() is not None, 'the next valid state must give a command'
     assert wait_until(lambda: any(f'states dropped: {reason}' in values
                                   for _, _, values in node.diagnostics), 3.0)
 
 
-def test_torques_beyond_the_finite_numbers_are_not_commanded(node):
+def test_non_finite_torques_are_not_commanded(node):
     assert node.adjust(mode='computed_torque').successful
     assert node.ask([0, 0, 0], [1e200, 1e200, 1e200], timeout=0.1) is None
     assert node.rest() is not None
@@ -151,7 +151,7 @@ def test_torques_are_clamped_to_the_limit(node, robot):
                                   for _, _, values in node.diagnostics), 3.0)
 
 
-def test_silence_brings_zeros_once_and_shows_in_diagnostics(node):
+def test_a_timeout_commands_zeros_once_and_shows_in_the_diagnostics(node):
     assert node.adjust(state_timeout=0.1).successful
     node.diagnostics.clear()
     assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
@@ -159,13 +159,13 @@ def test_silence_brings_zeros_once_and_shows_in_diagnostics(node):
     assert wait_until(lambda: len(node.commands) > before, 0.5)
     assert node.commands[-1] == [0.0, 0.0, 0.0]
     count = len(node.commands)
-    assert wait_until(lambda: any('no good joint state' in message and level == b'\x02'
+    assert wait_until(lambda: any('no valid joint state' in message and level == b'\x02'
                                   for level, message, _ in node.diagnostics), 3.0)
     assert len(node.commands) == count, 'zeros must come once'
-    assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any(), 'it must go on with the next state'
+    assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any(), 'the next state must give a command'
 
 
-def test_deactivation_commands_zeros_and_ends_the_answers(node):
+def test_deactivation_commands_zeros_and_ends_the_commands(node):
     assert node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
     assert node.transition(Transition.TRANSITION_DEACTIVATE)
     assert wait_until(lambda: node.commands[-1] == [0.0, 0.0, 0.0])
@@ -175,14 +175,16 @@ def test_deactivation_commands_zeros_and_ends_the_answers(node):
 
 
 @pytest.mark.parametrize(('words', 'arguments'), [
-    ('lacks lift', {'points': [(1.0, [0, 0])], 'names': ['turn', 'reach']}),
-    ('point 1 is at 1 s, not after point 0', {'points': [(1.0, [0] * 3), (1.0, [1] * 3)]}),
-    ('point 0 has positions', {'points': [(1.0, [0, math.nan, 0])]}),
-    ('point 1 has 2 positions', {'points': [(1.0, [0] * 3), (2.0, [0] * 2)]}),
-    ('no positions', {'points': [(1.0, [])]}),
-    ('it ended', {'points': [(1.0, [0] * 3)], 'start': 10**9}),
+    ('lift missing; expected each of turn, lift, reach once',
+     {'points': [(1.0, [0, 0])], 'names': ['turn', 'reach']}),
+    ('point 1: time_from_start 1 s; expected more than that of point 0',
+     {'points': [(1.0, [0] * 3), (1.0, [1] * 3)]}),
+    ('point 0: positions [', {'points': [(1.0, [0, math.nan, 0])]}),
+    ('point 1: 2 positions; expected', {'points': [(1.0, [0] * 3), (2.0, [0] * 2)]}),
+    ('positions of the trajectory: none', {'points': [(1.0, [])]}),
+    ('end of the motion: ', {'points': [(1.0, [0] * 3)], 'start': 10**9}),
 ])
-def test_a_bad_trajectory_is_rejected_with_the_reason(node, robot, words, arguments):
+def test_an_invalid_trajectory_is_rejected_with_the_reason(node, robot, words, arguments):
     count = node.process.log.count(words)
     node.follow(**arguments)
     assert wait_until(lambda: node.process.log.count(words) > count), node.process.log[-2000:]
@@ -191,20 +193,20 @@ def test_a_bad_trajectory_is_rejected_with_the_reason(node, robot, words, argume
 
 
 @pytest.mark.parametrize(('words', 'values'), [
-    ("'mode' is 'fly'", {'mode': 'fly'}),
-    ("'state_timeout' is -1", {'state_timeout': -1.0}),
-    ("'state_timeout' is nan", {'state_timeout': math.nan}),
-    ('has 2 entries for 3 joints', {'gains__kp': [1.0, 2.0]}),
-    ("'gains.kd' is", {'gains__kd': [1.0, -2.0, 3.0]}),
-    ("'gains.kp' is []", {'gains__kp': []}),
-    ("'diagnostics_rate' is 1e-12", {'diagnostics_rate': 1e-12}),
+    ("'mode': 'fly'; expected", {'mode': 'fly'}),
+    ("'state_timeout': -1", {'state_timeout': -1.0}),
+    ("'state_timeout': nan", {'state_timeout': math.nan}),
+    ('2 entries; expected one number, or one for each of the 3 joints', {'gains__kp': [1.0, 2.0]}),
+    ("'gains.kd': [", {'gains__kd': [1.0, -2.0, 3.0]}),
+    ("'gains.kp': []", {'gains__kp': []}),
+    ("'diagnostics_rate': 1e-12", {'diagnostics_rate': 1e-12}),
     ('clean up first', {'urdf': '/some/other.urdf'}),
     ('clean up first', {'joints': ['lift']}),
-    ("'gravity' is", {'gravity': [0.0, 1.0]}),
+    ("'gravity': [", {'gravity': [0.0, 1.0]}),
     ('', {'autostart': False}),
 ])
-def test_a_bad_parameter_is_refused_with_the_reason_and_changes_nothing(node, robot, words,
-                                                                        values):
+def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(node, robot, words,
+                                                                             values):
     answer = node.adjust(compensate__gravity=False, **values)
     assert not answer.successful
     assert words in answer.reason
@@ -216,7 +218,7 @@ BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one', 'v
        'six': [1.0], 'numbers': 1, 'per_joint': [-1.0]}
 
 
-def test_every_live_parameter_may_be_set_while_active_and_bad_values_are_refused_by_name(node):
+def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_by_name(node):
     before = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
     for spec in SPECS:
         name = spec.name.replace('.', '__')
@@ -225,7 +227,7 @@ def test_every_live_parameter_may_be_set_while_active_and_bad_values_are_refused
         answer = node.adjust(**{'state_timeout': 0.7, name: BAD[spec.kind]})
         assert not answer.successful
         assert spec.name in answer.reason
-        assert spec.read_only or f'valid: {spec.constraint}' in answer.reason
+        assert spec.read_only or f'expected {spec.constraint}' in answer.reason
     assert node.adjust(state_timeout=1.0).successful
     after = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
     for spec, old, new in zip(SPECS, before.values, after.values):
@@ -233,13 +235,13 @@ def test_every_live_parameter_may_be_set_while_active_and_bad_values_are_refused
     assert node.rest() is not None
 
 
-def test_a_second_client_sees_every_parameter_described(node):
+def test_every_parameter_has_a_description(node):
     answer = node.call(DescribeParameters, 'describe_parameters',
                        names=[spec.name for spec in SPECS])
     assert all(each.description and each.additional_constraints for each in answer.descriptors)
 
 
-def test_a_request_that_cannot_be_met_is_answered_and_stops_no_torque(node):
+def test_an_impossible_request_is_answered_and_does_not_stop_the_torque_path(node):
     q = [0.3, -0.4, 0.2]
     for number in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CONFIGURE, 99):
         assert not node.transition(number)
@@ -252,7 +254,7 @@ def test_a_request_that_cannot_be_met_is_answered_and_stops_no_torque(node):
     assert node.ask(q, np.zeros(3)).any()
 
 
-def test_a_motion_ends_with_the_mode_and_without_points(node, robot):
+def test_a_mode_change_or_an_empty_trajectory_ends_the_motion(node, robot):
     q = np.array([0.3, -0.4, 0.2])
     assert node.adjust(mode='computed_torque').successful
 
@@ -269,8 +271,9 @@ def test_a_motion_ends_with_the_mode_and_without_points(node, robot):
     node.follow([(0.0, q), (0.1, q + 0.5)])
     assert followed()
     assert node.adjust(mode='gravity_compensation').successful
-    before = node.process.log.count('which follows no motion')
+    words = 'gravity_compensation; expected a mode that follows'
+    before = node.process.log.count(words)
     node.follow([(0.0, q), (0.1, q + 0.5)])
-    assert wait_until(lambda: node.process.log.count('which follows no motion') > before)
+    assert wait_until(lambda: node.process.log.count(words) > before)
     assert node.adjust(mode='computed_torque').successful
     assert held()

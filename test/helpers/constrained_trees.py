@@ -3,8 +3,8 @@
 from functools import cache
 
 from kane_dynamics import ModelBuilder
-from kane_dynamics.mechanics.constraints import (Coupling, DependentSpeeds, knife_edge,
-                                                 PointVelocity, Prescribed)
+from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
+                                                 PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     closed_posture)
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates, momenta, Speeds
@@ -86,3 +86,57 @@ def states(mechanism, seed):
     rng = np.random.default_rng(seed)
     q = closed_posture(mechanism, rng.uniform(-1.0, 1.0, mechanism.model.n), t=T)
     return q, *rng.uniform(-1.0, 1.0, (2, mechanism.n))
+
+
+def two_bodies_on_a_base():
+    """Return a base that floats, and two bodies on it, each with frames turned and shifted."""
+    b = ModelBuilder('pair')
+    b.body('base', 'world', 'floating', matter=disc(2.0, 0.3))
+    b.body('one', 'base', 'spherical', at=(0.3, 0.1, 0), matter=rod(1.0, (0, 0, 0), (0.4, 0.1, 0)))
+    b.body('two', 'base', 'floating', at=(-0.2, 0.1, 0.3),
+           matter=rod(1.5, (0, 0, 0), (0.1, 0.5, 0)))
+    b.load('one', disc(0.5, 0.2))
+    b.load('two', disc(0.5, 0.2))
+    b.frame('end', 'one', at=(0.4, 0.1, 0.2), rpy=(0.3, 0.2, 0.1))
+    b.frame('socket', 'two', at=(0.1, -0.2, 0.2), rpy=(-0.3, 0.5, 0.1))
+    return b.model()
+
+
+CLOSURES = ('weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'spherical', 'planar',
+            'inline', 'distance')
+AXIS = np.array([0.2, 0.3, 0.9]) / np.sqrt(0.94)
+
+
+def closure(kind, first='end', second='socket'):
+    """Return a closure of a kind, about an axis that is no axis of a frame."""
+    return Closure(first, second, kind, AXIS, length=0.5 if kind == 'distance' else None)
+
+
+ROLLING = {f'{body} {side} {surface}'.replace('  ', ' '): (axis, surface, side == 'inside')
+           for body, axis in (('ball', None), ('wheel', (0.1, 0.2, 0.97)))
+           for surface in ('plane', 'cylinder', 'sphere')
+           for side in (('on',) if surface == 'plane' else ('on', 'inside'))}
+
+
+def rolling(kind):
+    """Return rolling of `one`'s end on a surface of `two`'s socket; both move."""
+    axis, surface, inside = ROLLING[kind]
+    curved = {} if surface == 'plane' else {'surface_radius': 1.2 if inside else 0.8}
+    return Rolling('end', 0.4, axis, (0.1, 0.2, 0.9), 0.1 if surface == 'plane' else 0.0,
+                   'roll', 'socket', surface, surface_axis=(0.2, 0.1, 1.0), inside=inside,
+                   **curved)
+
+
+# A tilted rim touches the inner side of a cylinder at two points: no residual tells it there.
+ROLLING_TESTED = [kind for kind in ROLLING if kind != 'wheel inside cylinder']
+
+
+@cache
+def rolling_pair(kind):
+    """Return the two bodies, one of which rolls on the other, found where they touch."""
+    model = two_bodies_on_a_base()
+    start = np.zeros(model.n)
+    start[9:12] = (0.5, 0.3, -0.2) if 'inside' in kind else (1.2, 0.9, -0.8)
+    free = choose_independent(model, None, (rolling(kind),), rank_tolerance=1e-9)
+    return choose_independent(model, None, (rolling(kind),),
+                              configuration=closed_posture(free, start))

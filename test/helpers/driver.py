@@ -1,4 +1,4 @@
-"""A process that sends joint states at a steady rate and counts those that get no answer."""
+"""A process that publishes joint states at a fixed rate and counts those without torques."""
 
 import json
 import sys
@@ -15,7 +15,7 @@ RATE = 500.0
 
 
 def drive(joints, seconds):
-    """Print how many states were sent, how many never answered, and the longest hold-up, s."""
+    """Print the number of states, the number without torques, and the longest delay, s."""
     rclpy.init()
     node = rclpy.create_node('driver')
     answered = set()
@@ -38,7 +38,7 @@ def drive(joints, seconds):
 
     deadline = time.monotonic() + 20.0
     while not answered:
-        assert time.monotonic() < deadline, 'the node does not answer'
+        assert time.monotonic() < deadline, 'the node publishes no torques'
         send()
         executor.spin_once(0.1)
     print('ready', flush=True)
@@ -47,8 +47,8 @@ def drive(joints, seconds):
     for _ in range(round(seconds * RATE)):
         sent.append(send())
         now = time.perf_counter()
-        held = max(held, now - due)  # one state's, or what else the machine had to do
-        due = max(due + 1.0 / RATE, now)  # late is late: no bursts to catch up
+        held = max(held, now - due)  # delay of one state, or of the machine
+        due = max(due + 1.0 / RATE, now)  # no bursts after a delay
         while (left := due - time.perf_counter()) > 0.0:
             executor.spin_once(left)
     end = time.perf_counter() + 0.5

@@ -1,4 +1,4 @@
-"""A dynamics node in its own process and a client of it, over real DDS."""
+"""A dynamics node in its own process and a client of it, over DDS."""
 
 from collections import OrderedDict
 from contextlib import contextmanager
@@ -57,7 +57,7 @@ def model():
 
 
 class Process:
-    """A node in a process of its own; the dynamics node unless another module is named."""
+    """A node in its own process; the dynamics node unless another module is given."""
 
     def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', **parameters):
         command = [sys.executable, '-m', module, '--ros-args']
@@ -84,12 +84,12 @@ class Process:
         return self._process.poll() is None
 
     def wait_for(self, words, timeout=60.0):
-        """Wait until the log holds some words."""
+        """Wait until the log contains some text."""
         wait_until(lambda: words in self.log or not self.alive(), timeout)
         assert words in self.log, self.log
 
     def end(self, number=signal.SIGINT, timeout=5.0):
-        """Send a signal; return exit code and seconds until the end."""
+        """Send a signal; return the exit code and the time until the exit, s."""
         began = time.monotonic()
         if self.alive():
             self._process.send_signal(number)
@@ -114,7 +114,7 @@ def wait_until(condition, timeout=10.0):
 
 
 class Stall:
-    """Measures, while a block runs, for how long the machine kept a thread from going on."""
+    """Measures the longest time for which the machine delays a thread while a block runs."""
 
     def __enter__(self):
         self.longest, self._ended = 0.0, threading.Event()
@@ -134,7 +134,7 @@ class Stall:
 
 
 class Client(Node):
-    """Publishes joint states, keeps what comes back, and calls services."""
+    """Publishes joint states, keeps the received messages, and calls services."""
 
     def __init__(self, joints=JOINTS):
         super().__init__('client')
@@ -145,7 +145,7 @@ class Client(Node):
         self.diagnostics = []
         self.states = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
-        self._heard = []
+        self._subscriptions_of_torques = []
         self.listen(True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP)
         self.spinner = SingleThreadedExecutor()
@@ -157,7 +157,7 @@ class Client(Node):
 
     @contextmanager
     def describing(self):
-        """Give a publisher of the URDF; what it has latched ends with it."""
+        """Provide a publisher of the URDF for a block; its latched message ends with it."""
         publisher = self.create_publisher(String, 'robot_description', LATCHED)
         try:
             yield publisher
@@ -170,7 +170,7 @@ class Client(Node):
                 self.spinner.spin_once(timeout_sec=0.5)
             except (ExternalShutdownException, ShutdownException):
                 return
-            except InvalidHandle:  # of something that was destroyed at that moment
+            except InvalidHandle:  # an entity was destroyed during the call
                 continue
 
     def close(self):
@@ -181,10 +181,10 @@ class Client(Node):
         self.destroy_node()
 
     def listen(self, on):
-        """Subscribe to the torques, or leave a node under load to its driver alone."""
-        for subscription in self._heard:
+        """Subscribe to torques and commands, or unsubscribe."""
+        for subscription in self._subscriptions_of_torques:
             self.destroy_subscription(subscription)
-        self._heard = [
+        self._subscriptions_of_torques = [
             self.create_subscription(JointState, f'{NAME}/joint_torques', self._on_torques, DEEP),
             self.create_subscription(Float64MultiArray, 'commands',
                                      lambda m: self.commands.append(list(m.data)), DEEP),
@@ -211,7 +211,7 @@ class Client(Node):
         return stamp
 
     def ask(self, q, u=None, names=None, stamp=None, timeout=2.0):
-        """Publish a joint state; return the torques that answer it, or None."""
+        """Publish a joint state; return its torques, or None."""
         stamp = self.send(q, u, names, stamp)
         wait_until(lambda: stamp in self.torques, timeout)
         return self.torques.get(stamp)
@@ -221,10 +221,10 @@ class Client(Node):
                         timeout=0.3)
 
     def connect(self, timeout=60.0):
-        """Wait until the node answers joint states."""
+        """Wait until the node computes torques."""
         process = getattr(self, 'process', None)
         assert wait_until(lambda: self.rest() is not None, timeout), (
-            f'the node does not answer; it said: {process and process.log}')
+            f'the node publishes no torques; log: {process and process.log}')
 
     def call(self, kind, name, timeout=20.0, **fields):
         """Call a service; return its response."""
@@ -246,7 +246,7 @@ class Client(Node):
         return self.call(GetState, 'get_state').current_state.label
 
     def adjust(self, node=NAME, /, **parameters):
-        """Set parameters of a node together; return its answer."""
+        """Set parameters of a node together; return the result."""
         messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                     for name, value in parameters.items()]
         assert all(isinstance(message, ParameterMessage) for message in messages)
@@ -254,7 +254,7 @@ class Client(Node):
                          parameters=messages).result
 
     def follow(self, points, names=None, start=None, velocities=None):
-        """Send a desired motion; points is a list of (time, positions)."""
+        """Publish a desired motion; points is a list of (time, positions)."""
         message = JointTrajectory(joint_names=list(self.joints if names is None else names))
         if start is not None:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)

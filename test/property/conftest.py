@@ -1,4 +1,4 @@
-"""Hypothesis, the same on every machine and every run; `make test-slow` tries more examples."""
+"""Deterministic Hypothesis profile; `make test-slow` tries more examples."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Roads to the same numbers: definition, recursion, compiled code, energies; payload, mimics."""
+"""Agreement of formulations: definition, recursion, compiled code, energies; payload, mimics."""
 
 from dataclasses import replace
 
@@ -19,12 +19,12 @@ PUSH = np.array([[1.0, -2.0, 0.5, 0.3, 0.1, -0.7]])
 
 
 def close(value, expected, size, tolerance=1e-11):
-    """Assert agreement relative to the size of what was added up."""
+    """Assert agreement relative to the size of the terms."""
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=tolerance * (1e-3 + size))
 
 
 def reference(robot):
-    """Return the definition of what a drawn robot computes."""
+    """Return the reference formulation of a drawn robot."""
     return Definition(robot.model, wrench_frames=(robot.model.frames[-1].name,))
 
 
@@ -69,7 +69,7 @@ def test_recursion_on_numbers_is_what_was_compiled(drawn):
 
 
 @given(robots_and_states(3))
-def test_energy_road_gives_kanes_generalized_forces(drawn):
+def test_energy_formulation_gives_kanes_generalized_forces(drawn):
     robot, q, u, udot = drawn
     model = robot.model
     inertia_force = energies.generalized_inertia_force(model, q, u, udot)
@@ -80,7 +80,7 @@ def test_energy_road_gives_kanes_generalized_forces(drawn):
 
 
 @given(robots_and_states(2))
-def test_energy_road_gives_energies_and_mass_matrix(drawn):
+def test_energy_formulation_gives_energies_and_mass_matrix(drawn):
     robot, q, u = drawn
     M = energies.mass_matrix(robot.model, q)
     close(robot.mass_matrix(q), M, np.abs(M).max())
@@ -91,7 +91,7 @@ def test_energy_road_gives_energies_and_mass_matrix(drawn):
 
 
 @given(robots_and_states(3, most=3))
-def test_definition_takes_traced_scalars(drawn):
+def test_reference_formulation_accepts_traced_scalars(drawn):
     robot, q, u, udot = drawn
     arguments = [Argument(name, (robot.n,)) for name in ('q', 'u', 'udot')]
 
@@ -113,7 +113,7 @@ def test_link_frames_do_not_matter(drawn):
 
 
 def freed(model):
-    """Return the model with every mimic joint on a coordinate of its own, G and g: q = G q + g."""
+    """Return the model with independent mimic joints, and G and g of q_free = G q + g."""
     own = [replace(body, joint=replace(body.joint, coordinate=k, multiplier=1.0, offset=0.0))
            for k, body in enumerate(model.bodies)]
     G, g = np.zeros((len(own), model.n)), np.zeros(len(own))
@@ -174,7 +174,7 @@ def test_friction_is_viscous_plus_smoothed_coulomb_at_the_joints_own_rate():
 
 
 def tilted(model, angle):
-    """Return the model with every axis, joint frame and offset off by an angle, rad."""
+    """Return the model with all axes, joint frames and offsets rotated by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return replace(model, bodies=tuple(

@@ -1,4 +1,4 @@
-"""Batches of random mechanisms are their states one by one."""
+"""Batches of random mechanisms equal the results of single states."""
 
 from hypothesis import given, strategies as st
 from kane_dynamics.robot.kernel_set import QUANTITIES

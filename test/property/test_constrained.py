@@ -1,8 +1,10 @@
-"""Chosen speeds and constraints: the one linear system against Kane's definition."""
+"""Chosen speeds and constraints: compiled equations against Kane's definition."""
 
 from dataclasses import replace
 
-from constrained_trees import KINDS, linkage_of_four_bars, rolling_disc, states, T, tree
+from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, rolling_disc,
+                               rolling_pair, ROLLING_TESTED, states, T, tree,
+                               two_bodies_on_a_base)
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import Closure, knife_edge, PointVelocity, Rolling
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -18,12 +20,12 @@ import pytest
 
 
 def compiled_road(mechanism):
-    """Return the equations that are traced."""
+    """Return the equations that are compiled."""
     return ConstrainedEquations(TreeEquations(mechanism.model), mechanism)
 
 
 def check_roads(mechanism, seed):
-    """Hold inverse dynamics, motion, constraint rows and power of one state to each other."""
+    """Compare inverse dynamics, motion, constraint rows and power of one state."""
     model, equations = mechanism.model, compiled_road(mechanism)
     q, u, udot = states(mechanism, seed)
     tau = equations.inverse_dynamics(q, u, udot, None, model.gravity, T).astype(float)
@@ -54,20 +56,20 @@ def check_roads(mechanism, seed):
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
 @pytest.mark.parametrize('kind', KINDS)
-def test_compiled_road_is_kanes_definition_on_trees(kind, speeds, seed):
+def test_compiled_equations_match_kanes_definition_on_trees(kind, speeds, seed):
     check_roads(tree(seed, kind, speeds), seed)
 
 
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
-def test_compiled_road_is_kanes_definition_on_a_closed_loop(kind):
+def test_compiled_equations_match_kanes_definition_on_a_closed_loop(kind):
     mechanism = choose_independent(linkage_of_four_bars(), None, (
         Closure('pin_coupler', 'pin_rocker', kind, axis=(0, 1, 0)),))
     assert mechanism.n == 1
-    assert len(mechanism.kept) == 2  # what points out of the plane follows from the rest
+    assert len(mechanism.kept) == 2  # the out-of-plane rows are dependent
     check_roads(mechanism, 1)
 
 
-def test_compiled_road_is_kanes_definition_on_a_chain_welded_at_both_ends():
+def test_compiled_equations_match_kanes_definition_on_a_chain_welded_at_both_ends():
     chain = random_model(11, 8, branching=0.0, prismatic=0.0)
     tip = chain.frames[-1]
     R, p = kinematics.frame_pose(chain, tip, np.full(8, 0.2))
@@ -77,7 +79,7 @@ def test_compiled_road_is_kanes_definition_on_a_chain_welded_at_both_ends():
     check_roads(mechanism, 4)
 
 
-def test_compiled_road_is_kanes_definition_on_a_rolling_disc():
+def test_compiled_equations_match_kanes_definition_on_a_rolling_disc():
     for speeds in (None, body_angular_velocity('disc')):
         mechanism = choose_independent(rolling_disc(), speeds,
                                        (Rolling('disc', 0.3, axis=(0, 1, 0)),))
@@ -123,3 +125,13 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
             def forward_dynamics(q, u, tau, wrench, parameters, bound=bound):
                 return bound.forward_dynamics(q, u, tau, wrench, parameters, 0.0)
         assert operations(AtTimeZero, mechanism.n) < 3 * cost
+
+
+@pytest.mark.parametrize('kind', CLOSURES)
+def test_compiled_road_is_kanes_definition_under_every_closure(kind):
+    check_roads(choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
+
+
+@pytest.mark.parametrize('kind', ROLLING_TESTED)
+def test_compiled_road_is_kanes_definition_in_rolling_on_what_moves(kind):
+    check_roads(rolling_pair(kind), 4)

@@ -1,4 +1,4 @@
-"""Derivatives, regressor, reactions: against exact differentiation and the laws of balance."""
+"""Derivatives, regressor, reactions: against automatic differentiation and balance laws."""
 
 from hypothesis import given
 from kane_dynamics import Robot
@@ -18,7 +18,7 @@ def gradients(vector, count):
 
 
 def size_of(*matrices):
-    """Return what rounding is relative to."""
+    """Return the size to which rounding is relative."""
     return 1e-2 + max(np.abs(matrix).max() for matrix in matrices)
 
 
@@ -122,8 +122,8 @@ def test_a_reaction_about_the_joints_axis_is_the_torque_that_reaches_the_link(dr
     np.testing.assert_allclose(total, reaching, rtol=0.0, atol=1e-11 * size_of(parts.by_source))
 
 
-def test_reactions_and_regressors_use_what_a_body_really_weighs():
-    # Base-parameter regrouping moves matter between bodies: no reaction may notice.
+def test_reactions_and_regressors_use_the_full_inertial_parameters():
+    # Base-parameter regrouping moves inertia between bodies, which must not affect reactions.
     model = random_model(4, 5)
     robot, rest = Robot(model), np.zeros(5)
     for k, body in enumerate(model.bodies):

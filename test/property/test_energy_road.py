@@ -1,10 +1,11 @@
-"""The energy road, in both its forms, against Kane's under chosen speeds and constraints."""
+"""Both energy formulations against Kane's equations with chosen speeds and constraints."""
 
 from dataclasses import replace
 from functools import cache
 
-from constrained_trees import (KINDS, linkage_of_four_bars, rolling_disc, states, T, tree,
-                               tree_constraints, wavy)
+from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, rolling_disc,
+                               rolling_pair, ROLLING_TESTED, states, T, tree, tree_constraints,
+                               two_bodies_on_a_base, wavy)
 from kane_dynamics import ConstraintError
 from kane_dynamics.mechanics.constraints import Closure, Rolling
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
@@ -25,13 +26,13 @@ SCLERONOMIC = ('a point in the world', 'a point seen from a body', 'a knife edge
 
 
 def close(value, expected, size=None):
-    """Hold two arrays to 1e-9 of the size, by default of the second's."""
+    """Assert agreement to 1e-9 of the size, by default that of the second array."""
     size = 1.0 + np.abs(expected).max() if size is None else size
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-9 * size)
 
 
 def check_motion(mechanism, q, u, udot):
-    """Hold W, X, A, B, q' and q'' to those from partial velocities; return the motion."""
+    """Compare W, X, A, B, q' and q'' with those from partial velocities; return the motion."""
     motion = admissible(mechanism, q, u, udot, T)
     of_kane = nonholonomic.reduction(mechanism, q, T)
     for name in 'WXAB':
@@ -44,10 +45,10 @@ def check_motion(mechanism, q, u, udot):
 
 
 class OfKane:
-    """A state's forces by Kane's definition, with pushes at the last frame."""
+    """Forces of a state by Kane's definition, with external wrenches at the last frame."""
 
     def __init__(self, mechanism, q, u, udot):
-        """Find tau, M, joint torques that make up tau, and the force that each row exerts."""
+        """Compute tau, M, equivalent joint torques, and the constraint force of each row."""
         model = mechanism.model
         self.wrenches = {model.frames[-1].name: (np.array([3.0, -2.0, 1.0]),
                                                  np.array([0.5, 1.0, -1.5]))}
@@ -90,7 +91,7 @@ def check(mechanism, seed):
 
 @pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
 @pytest.mark.parametrize('kind', KINDS)
-def test_energy_road_is_kanes_on_trees(kind, speeds):
+def test_energy_formulation_matches_kanes_on_trees(kind, speeds):
     powers, size = check(tree(1, kind, speeds), 1)
     if kind in SCLERONOMIC:  # constraints at rest do no work
         assert powers.max() < 1e-9 * size
@@ -99,14 +100,14 @@ def test_energy_road_is_kanes_on_trees(kind, speeds):
 
 
 @pytest.mark.parametrize('joined', ['revolute', 'spherical'])
-def test_energy_road_is_kanes_on_a_closed_loop(joined):
+def test_energy_formulation_matches_kanes_on_a_closed_loop(joined):
     mechanism = choose_independent(linkage_of_four_bars(), wavy(3, 2), (
         Closure('pin_coupler', 'pin_rocker', joined, axis=(0, 1, 0)),))
     powers, size = check(mechanism, 1)
     assert powers.max() < 1e-9 * size
 
 
-def test_energy_road_is_kanes_on_a_welded_spatial_loop():
+def test_energy_formulation_matches_kanes_on_a_welded_spatial_loop():
     model = random_model(4, 7, branching=0.0, prismatic=0.0)
     T_tip = poses(model, np.linspace(0.2, 0.8, 7))[-1]
     model = replace(model, frames=(*model.frames, Frame('tip', 6),
@@ -118,7 +119,7 @@ def test_energy_road_is_kanes_on_a_welded_spatial_loop():
 
 
 @pytest.mark.parametrize('speeds', [None, body_angular_velocity('disc')])
-def test_energy_road_is_kanes_on_a_rolling_disc(speeds):
+def test_energy_formulation_matches_kanes_on_a_rolling_disc(speeds):
     mechanism = choose_independent(rolling_disc(), speeds, (Rolling('disc', 0.3, axis=(0, 1, 0)),))
     powers, size = check(mechanism, 2)
     assert powers.max() < 1e-9 * size
@@ -133,7 +134,7 @@ def branched():
                                                   kinds['a prescribed joint']))
 
 
-def test_energy_road_is_kanes_on_a_branched_tree_with_mimics_and_two_constraints():
+def test_energy_formulation_matches_kanes_on_a_branched_tree_with_mimics_and_two_constraints():
     assert branched().n == 4
     check(branched(), 5)
 
@@ -174,3 +175,16 @@ def test_singular_speeds_and_constraints_are_named():
     rates = Mechanism(model, None, (coupling,), free=[1], kept=[0])
     with pytest.raises(ConstraintError, match='prescribed joint1 on the speeds joint0 are'):
         admissible(rates, np.zeros(2), np.ones(1), np.ones(1))
+
+
+@pytest.mark.parametrize('kind', CLOSURES)
+def test_energy_road_is_kanes_under_every_closure(kind):
+    mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
+    powers, size = check(mechanism, 3)
+    assert powers.max() < 1e-9 * size
+
+
+@pytest.mark.parametrize('kind', ROLLING_TESTED)
+def test_energy_road_is_kanes_in_rolling_on_what_moves(kind):
+    powers, size = check(rolling_pair(kind), 4)
+    assert powers.max() < 1e-9 * size

@@ -1,4 +1,4 @@
-"""Flexible links: the recursion with its integrals, Kane's sums over matter, the energy road."""
+"""Flexible links: recursion with modal integrals, Kane's volume integrals, energies."""
 
 from functools import cache
 
@@ -43,14 +43,14 @@ def arm_robot(twists=0):
 
 
 def states(model, seed=0):
-    """Return q, u, udot with deflections of a few centimetres."""
+    """Return q, u, udot with deflections of a few centimeters."""
     rng = np.random.default_rng(seed)
     modal = np.array([0.02 if '_' in name else 1.0 for name in model.coordinate_names])
     return rng.uniform(-1.0, 1.0, (3, model.n)) * modal
 
 
 @pytest.mark.parametrize('seed, twists', [(0, 0), (1, 0), (2, 0), (3, 1), (4, 1)])
-def test_three_roads_give_one_torque(seed, twists):
+def test_three_formulations_give_one_torque(seed, twists):
     robot = arm_robot(twists)
     model = robot.model
     q, u, udot = states(model, seed)
@@ -171,7 +171,7 @@ def test_energy_split_is_the_volume_integral():
 
 
 def cantilever(modes=4, tip=0.0, assumed=None, gravity=(0, 0, 0)):
-    """Return a beam of unit wave speed on a turning root: L = 2 m, EI / rho A = 16 m^4/s^2."""
+    """Return a beam of unit wave speed on a rotating root: L = 2 m, EI / rho A = 16 m^4/s^2."""
     b = ModelBuilder('cantilever', gravity=gravity)
     b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0, (modes, 0), bending=assumed))
     if tip:
@@ -226,7 +226,7 @@ def test_a_hub_of_inertia_makes_the_beam_that_the_frequency_equation_says():
 
 
 def rotating_by_ritz(speed, hub):
-    """Return flap frequencies of a beam turning at a hub, in its own units, by polynomials."""
+    """Return nondimensional flap frequencies of a rotating beam, by Ritz's method."""
     x, w = np.polynomial.legendre.leggauss(40)
     x, w = 0.5 * (x + 1.0), 0.5 * w
     rows = []
@@ -272,13 +272,13 @@ def test_a_shaft_twists_at_its_natural_frequencies():
 
 
 def first_root(f, k):
-    """Return where f changes its sign in (k pi, (k + 1/2) pi)."""
+    """Return the root of f in (k pi, (k + 1/2) pi)."""
     x = np.linspace(k * np.pi, (k + 0.5) * np.pi, 2_000_001)
     signs = np.sign(f(x))
     return x[np.argmax(signs[1:] != signs[:-1])]
 
 
-def test_what_hangs_beside_a_shaft_twists_it_by_its_weight():
+def test_eccentric_load_twists_a_shaft_by_its_weight():
     # theta = m g d / (GJ / L) as far as the first modes go; the load sinks by d theta.
     m, d = 0.01, 0.1
     b = ModelBuilder('crank')
@@ -304,12 +304,12 @@ def test_a_tube_is_a_beam_of_its_section():
     assert inertial.inertia[0, 0] == pytest.approx(2700.0 * area * 1.5 * (0.05**2 + 0.04**2) / 2)
     assert inertial.inertia[1, 1] == pytest.approx(2700.0 * area * 1.5 * (
         (0.05**2 + 0.04**2) / 4 + 1.5**2 / 12))
-    with pytest.raises(ModelError, match=r'has a bore of 0\.06 m'):
+    with pytest.raises(ModelError, match=r'tube: bore 0\.06 m, radius'):
         FlexibleLink.tube(1.5, 0.05, 0.06, 70e9, 26e9, 2700.0)
 
 
 @pytest.mark.parametrize('hub', [0.0, 1.0, 3.0])
-def test_a_turning_beam_stiffens(hub):
+def test_rotating_beam_stiffens(hub):
     # In units of sqrt(EI / rho A L^4): flap as Ritz has it, lag^2 = flap^2 - speed^2.
     b = ModelBuilder('rotor', gravity=(0, 0, 0))
     b.body('hub', 'world', matter=ball(1.0, 0.1))
@@ -355,7 +355,7 @@ def test_energy_of_a_falling_arm_is_kept_at_the_integrators_order():
 
 
 @pytest.mark.parametrize('make', [flexible_four_bar, mast_on_a_sleigh])
-def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
+def test_constraints_on_flexible_links_match_the_energy_formulation(make):
     robot = make()
     start = np.array([0.8, 0.0, 0.0, 0.0, -1.5]) if robot.n_q == 5 else np.zeros(robot.n_q)
     q = start
@@ -374,34 +374,34 @@ def test_constraints_hold_on_flexible_links_as_the_energy_road_says(make):
 
 
 @pytest.mark.parametrize('values, words', [
-    ({'length': 0.0}, "beam 'b': length is 0; it must be positive"),
-    ({'density': -1.0}, "beam 'b': density is -1; it must be positive"),
-    ({'stiffness': -5.0}, "beam 'b': stiffness is -5.0; EI must be positive"),
-    ({'damping': -0.1}, "beam 'b': damping is -0.1; it must not be negative"),
-    ({'modes': 1.5}, "beam 'b': modes is 1.5; expected numbers of modes"),
-    ({'torsion': Torsion(-1.0, 0.1)}, "beam 'b': torsion: stiffness is -1; it must be positive"),
-    ({'torsion': Torsion(1.0, 0.0)}, "beam 'b': torsion: inertia is 0; it must be positive"),
-    ({'torsion': Torsion(1.0, 1.0, -1)}, "beam 'b': torsion: modes is -1; expected how many"),
-    ({'torsion': Torsion(1.0, 1.0, 1, -2.0)}, 'torsion: tip_inertia is -2; it must not be neg'),
-    ({'up': (2, 0, 0)}, "beam 'b': direction .* and up .* must be two directions"),
+    ({'length': 0.0}, "beam 'b': length 0; expected a positive number"),
+    ({'density': -1.0}, "beam 'b': density -1; expected a positive number"),
+    ({'stiffness': -5.0}, "beam 'b': stiffness -5.0; expected positive EI"),
+    ({'damping': -0.1}, "beam 'b': damping -0.1; expected a nonnegative number"),
+    ({'modes': 1.5}, "beam 'b': modes 1.5; expected one or two numbers of modes"),
+    ({'torsion': Torsion(-1.0, 0.1)}, "beam 'b': torsion: stiffness -1; expected a positive"),
+    ({'torsion': Torsion(1.0, 0.0)}, "beam 'b': torsion: inertia 0; expected a positive"),
+    ({'torsion': Torsion(1.0, 1.0, -1)}, "beam 'b': torsion: modes -1; expected an integer"),
+    ({'torsion': Torsion(1.0, 1.0, 1, -2.0)}, 'torsion: tip_inertia -2; expected a nonneg'),
+    ({'up': (2, 0, 0)}, "beam 'b': direction .* and up .*; expected two different"),
     ({'bending': Bending.shapes(lambda x: (np.stack([x**2, 2 * x**2]), np.stack([2 * x, 4 * x]),
                                            np.full((2, len(x)), 2.0))), 'modes': (2, 0)},
-     "beam 'b': the 2 shapes of bending depend on each other"),
+     "beam 'b': 2 linearly dependent shapes of bending"),
     ({'bending': Bending.shapes(lambda x: (x, x, x)), 'modes': (2, 0)},
-     r'shapes of bending must be three finite arrays of shape \(2, ')])
-def test_a_beam_that_cannot_be_is_refused_by_name_and_value(values, words):
+     r'shapes of bending: .*; expected three finite arrays of shape \(2, ')])
+def test_invalid_beam_is_rejected_by_name_and_value(values, words):
     given = {'length': 1.0, 'density': 1.0, 'stiffness': 5.0, **values}
     with pytest.raises(ModelError, match=words):
         ModelBuilder().beam('b', 'world', FlexibleLink(**given))
 
 
-def test_a_users_own_shapes_serve_as_well():
+def test_user_defined_shapes_are_supported():
     shapes = Bending.shapes(lambda x: (
         np.stack([x**2, x**3, x**4]), np.stack([2 * x, 3 * x**2, 4 * x**3]),
         np.stack([2 + 0 * x, 6 * x, 12 * x**2])))
     found = wave_numbers(cantilever(3, assumed=shapes))
     assert found[0]**2 == pytest.approx(1.875104**2, rel=1e-3)
-    with pytest.raises(ModelError, match=r"3.0 m is not on beam 'beam', which is 2 m long"):
+    with pytest.raises(ModelError, match=r"3.0 m on beam 'beam'; expected 0 to 2 m"):
         b = ModelBuilder()
         b.beam('beam', 'world', FlexibleLink(2.0, 0.5, 8.0))
         b.section('beyond', 'beam', 3.0)
@@ -426,14 +426,14 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     for frame in ('tool0', 'forearm_link'):
         np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, posture),
                                    atol=1e-12)
-    # A stiff beam carries the rest as the rigid arm does, but for its own mass.
+    # A stiff beam matches the rigid arm except for its own mass.
     moved = robot.model.bodies[1].inertial
     assert moved.mass == pytest.approx(12.0 * 0.6127)
     found = natural_vibration(robot, q, held=robot.joint_names[:6]).frequencies / (2 * np.pi)
     assert 5.0 < found[0] < 15.0  # Hz, with some 20 kg at its end
 
 
-def test_what_is_welded_to_a_bending_link_goes_on_weighing():
+def test_inertia_attached_to_a_bending_link_is_kept():
     source, com = resource_path('urdf', 'two_link.urdf'), [0.1, 0.05, 0.02]
     beams = {'link2': {'length': 0.4, 'density': 3.0, 'stiffness': 100.0, 'modes': [1, 1]}}
     bare, *held = (load_urdf(source, supplement={'beams': beams, **payload}) for payload in (
@@ -442,7 +442,7 @@ def test_what_is_welded_to_a_bending_link_goes_on_weighing():
     expected = energies.conservative_force(with_payload(bare, 'tip', point_mass(1.5, com)), q)
     np.testing.assert_allclose(energies.conservative_force(held[0], q), expected)
     beside, = (body for body in held[1].bodies if body.inertial.mass == 1.5)
-    assert beside.name.startswith('link2/at_0.1/')  # the section beside its mass centre
+    assert beside.name.startswith('link2/at_0.1/')  # the section nearest to its center of mass
     locked = load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement={
         'beams': {'upper_arm_link': UPPER_ARM}}, joints=['shoulder_pan_joint',
                                                          'shoulder_lift_joint'])
@@ -450,28 +450,29 @@ def test_what_is_welded_to_a_bending_link_goes_on_weighing():
     assert locked.bodies[-1].inertial.mass == pytest.approx(3.989 + 2.1 + 1.98 + 0.615)
 
 
-def test_a_second_beam_hangs_on_the_first():
+def test_second_beam_is_attached_to_the_first():
     arm = with_beam(ur10e(upper_arm_link=UPPER_ARM), 'forearm_link', FlexibleLink(
         0.57155, 8.0, 4e3, (1, 1), direction=(-1, 0, 0), up=(0, 0, 1)))
     assert Robot(arm).verify(1) < 1e-9
-    with pytest.raises(ModelError, match="link 'forearm_link' is a beam already"):
+    with pytest.raises(ModelError, match="link 'forearm_link': is a beam already; expected"):
         with_beam(arm, 'forearm_link', FlexibleLink(1.0, 1.0, 1.0))
 
 
 @pytest.mark.parametrize('beams, error, words', [
-    ({'lower_arm': UPPER_ARM}, ModelError, "no moving link 'lower_arm' to bend; valid: shoulder"),
+    ({'lower_arm': UPPER_ARM}, ModelError,
+     "no moving link 'lower_arm' to bend; expected one of shoulder"),
     ({'upper_arm_link': {'length': 1.0}}, UrdfError,
      "supplement: beam 'upper_arm_link': density is missing"),
-    ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length is -1; expected a fin'),
+    ({'upper_arm_link': {**UPPER_ARM, 'length': -1}}, UrdfError, 'length: -1; expected a fin'),
     ({'upper_arm_link': {**UPPER_ARM, 'torsion': {'stiffness': 1}}}, UrdfError,
      "beam 'upper_arm_link': torsion: inertia is missing"),
     ({'upper_arm_link': {**UPPER_ARM, 'width': 1}}, UrdfError, "unknown key 'width'")])
-def test_a_supplement_that_cannot_bend_a_link_says_so(beams, error, words):
+def test_invalid_beam_in_a_supplement_is_rejected(beams, error, words):
     with pytest.raises(error, match=words):
         ur10e(**beams)
 
 
-def test_a_payload_swings_with_the_arm_that_carries_it():
+def test_payload_moves_with_the_beam_that_carries_it():
     b = ModelBuilder('pendulum')  # hanging: weight alone pulls back
     b.beam('beam', 'world', FlexibleLink(1.0, 0.5, 200.0, (2, 0), direction=(0, 0, -1),
                                          up=(1, 0, 0)), axis=Y)

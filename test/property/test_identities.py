@@ -1,4 +1,4 @@
-"""Identities of mechanics, on random mechanisms: what is true of every one of them."""
+"""Identities of mechanics on random mechanisms."""
 
 from hypothesis import given
 from kane_dynamics import Robot, simulate
@@ -14,12 +14,12 @@ EPS = np.finfo(float).eps
 
 
 def scale(robot, q, u, udot):
-    """Return the size of the torques that add up: what rounding is relative to."""
+    """Return the size of the torque terms, to which rounding is relative."""
     return 1e-3 + np.abs(robot.torque_terms(q, u, udot)).max()
 
 
 def rates(robot, q, u, udot):
-    """Return dKE/dt and dPE/dt along the motion, exactly, by the energy road."""
+    """Return dKE/dt and dPE/dt along the motion, by automatic differentiation."""
     path = seeded(q, u, 0, robot.n)
     kinetic = energies.kinetic_energy(robot.model, path, seeded(u, udot, 0, robot.n))
     return kinetic.rate, energies.potential_energy(robot.model, path).rate
@@ -60,7 +60,7 @@ def test_rate_of_mass_matrix_less_twice_coriolis_is_skew(drawn):
 
 
 @given(robots_and_states(4, most=4))
-def test_power_of_actuators_and_pushes_less_friction_is_the_rate_of_energy(drawn):
+def test_power_of_actuators_and_wrenches_minus_friction_is_the_rate_of_energy(drawn):
     robot, q, u, tau, _ = drawn
     push = np.resize([1.0, -2.0, 0.5, 0.3, 0.1, -0.7], (1, 6))
     udot = robot.forward_dynamics(q, u, tau, wrench=push)
@@ -147,7 +147,7 @@ def test_velocity_is_partials_times_speeds_and_acceleration_its_rate(drawn):
 
 
 @given(robots_and_states(3))
-def test_a_push_works_through_its_frames_partial_velocities(drawn):
+def test_generalized_force_of_a_wrench_is_the_transposed_jacobian_times_it(drawn):
     robot, q, u, udot = drawn
     push = np.random.default_rng(1).normal(size=(1, 6))
     partials = robot.partial_velocities(robot.equations.wrench_frames[0].name, q)

@@ -1,4 +1,4 @@
-"""Merging loses nothing: mass, mass centre and inertia of the whole robot, for any selection."""
+"""Merging keeps mass, center of mass and inertia of the robot for any selection."""
 
 from hypothesis import given, settings, strategies as st
 from kane_dynamics.model.model import Inertial, WORLD
@@ -11,7 +11,7 @@ KINDS = ('revolute', 'continuous', 'prismatic', 'fixed', 'floating', 'planar')
 
 
 def text(values):
-    """Return numbers as the text of an attribute that reads back exactly."""
+    """Return numbers as attribute text with all digits."""
     return ' '.join(repr(float(value)) for value in values)
 
 
@@ -40,7 +40,7 @@ def random_urdf(seed, n, mimics=False):
 
 
 def poses(model, q):
-    """Return the pose of every body in the world, by its joints one after the other."""
+    """Return the poses of all bodies in the world."""
     found = []
     for body in model.bodies:
         R, p = (np.eye(3), np.zeros(3)) if body.parent == WORLD else found[body.parent]
@@ -58,7 +58,7 @@ def poses(model, q):
 
 
 def whole(model, q):
-    """Return the pseudo-inertia of all that there is, about the world's origin."""
+    """Return the pseudo-inertia of the whole robot about the world's origin."""
     total = model.base_inertial.pseudo_inertia
     for body, (R, p) in zip(model.bodies, poses(model, q)):
         total = total + body.inertial.moved(R, p).pseudo_inertia
@@ -67,7 +67,7 @@ def whole(model, q):
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 8), st.data())
-def test_locking_some_joints_keeps_mass_centre_and_inertia_of_the_whole(seed, n, data):
+def test_locking_joints_keeps_mass_com_and_inertia_of_the_robot(seed, n, data):
     source = random_urdf(seed, n)
     free, _ = load_with_warnings(source)
     q = np.random.default_rng(seed).normal(size=free.n)
@@ -110,7 +110,7 @@ def test_locking_a_master_keeps_its_mimics_where_they_were(seed, n):
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 6))
-def test_order_of_links_and_joints_in_the_text_is_of_no_consequence(seed, n):
+def test_order_of_links_and_joints_in_the_text_does_not_matter(seed, n):
     source = random_urdf(seed, n)
     body = source.removeprefix('<robot name="r">').removesuffix('</robot>')
     parts = [part for part in body.replace('<link', '\n<link').replace('<joint', '\n<joint')
@@ -124,7 +124,7 @@ def test_order_of_links_and_joints_in_the_text_is_of_no_consequence(seed, n):
     assert_allclose(whole(second, q), expected, atol=1e-12 * np.abs(expected).max(), rtol=0)
 
 
-def test_the_measure_itself_sees_a_lost_gram():
+def test_comparison_detects_a_lost_gram():
     source = random_urdf(1, 4)
     free, _ = load_with_warnings(source)
     q = np.zeros(free.n)

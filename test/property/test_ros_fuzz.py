@@ -1,7 +1,7 @@
 """
-Mutated messages: no crash, no hang, and no torque that rclpy's own reading would not have given.
+Mutated messages cause no crash, no hang, and no torque other than that of rclpy's reading.
 
-Every mutation starts from a good message and a fixed seed, so that a failure can be repeated.
+Each mutation starts from a valid message and a fixed seed, so that failures are reproducible.
 """
 
 from collections import Counter
@@ -21,9 +21,9 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError, KaneError  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
-from kane_dynamics.ros.services import services  # noqa: E402
-from kane_dynamics.ros.services.simulation_request import (Bounds,  # noqa: E402
-                                                           ServedRobot, SimulationRequest)
+from kane_dynamics.ros.services import service_calls  # noqa: E402
+from kane_dynamics.ros.services.served_robot import RequestLimits, ServedRobot  # noqa: E402
+from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory  # noqa: E402
@@ -87,7 +87,7 @@ def state(chance, names, stamp=NOW, speeds=True):
 
 
 def as_rclpy_reads(data):
-    """Return stamp, q, u as plainly as can be; None for what must be dropped."""
+    """Return stamp, q, u as read by rclpy; None for a state that must be dropped."""
     try:
         message = deserialize_message(data, JointState)
     except Exception:
@@ -104,7 +104,7 @@ def as_rclpy_reads(data):
 
 
 class Sent:
-    """Keeps what is published."""
+    """Keeps the published messages."""
 
     def __init__(self):
         self.messages = []
@@ -113,7 +113,7 @@ class Sent:
         self.messages.append(data)
 
 
-def test_a_mutated_state_brings_the_torque_that_rclpys_reading_brings_or_none():
+def test_mutated_state_gives_the_torque_of_rclpys_reading_or_none():
     chance = random.Random(5)
     seeds = [state(chance, names) for names in ([A, B], [B, A], ['x', A, 'yy', B], [A], [])
              for _ in range(3)]
@@ -124,7 +124,7 @@ def test_a_mutated_state_brings_the_torque_that_rclpys_reading_brings_or_none():
                       statistics, lambda reason, detail: None)
     last, seen = 0, Counter()
     for turn in range(STATES):
-        if turn % 20 == 0:  # stamps go forward: without a new start most would be before one
+        if turn % 20 == 0:  # restart, because stamps may not decrease
             path.start()
             last = 0
         data = mutated(chance, chance.choice(seeds), seeds) if turn % 8 else chance.choice(seeds)
@@ -138,7 +138,7 @@ def test_a_mutated_state_brings_the_torque_that_rclpys_reading_brings_or_none():
             continue
         try:
             torque = ROBOT.gravity_force(np.array(read[1]))
-        except InputError:  # the numbers are finite, the torque is not
+        except InputError:  # the torque of a finite state overflows
             assert not came
             continue
         last = stamp
@@ -148,11 +148,11 @@ def test_a_mutated_state_brings_the_torque_that_rclpys_reading_brings_or_none():
         assert np.frombuffer(came[0], offset=20).tolist() == expected.tolist(), (turn, data.hex())
         stamped = deserialize_message(torques.messages[-1], JointState)
         assert stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec == read[0]
-        seen[path._reader.normal] += 1
-    # Both roads were taken, and most of what was dropped was dropped for a reason that is told.
+        seen[path._reader.full_parses] += 1
+    # Both code paths were used, and most dropped states have a reported reason.
     assert statistics.commands > 0.15 * STATES
-    assert 1000 < path._reader.normal < STATES - 1000
-    assert (statistics.dropped.total() + statistics.others
+    assert 1000 < path._reader.full_parses < STATES - 1000
+    assert (statistics.dropped.total() + statistics.foreign_states
             + statistics.commands) == STATES
     assert len(statistics.dropped) >= 8
 
@@ -178,7 +178,7 @@ def motion_or_none(read, data):
     return motion, ''
 
 
-def test_a_mutated_trajectory_is_the_motion_that_rclpys_reading_is_or_rejected():
+def test_a_mutated_trajectory_gives_the_motion_that_rclpy_reads_or_is_rejected():
     chance = random.Random(6)
     seeds = [serialize_message(trajectory(chance, points)) for points in (1, 2, 3, 5, 0)]
     good = 0
@@ -187,8 +187,8 @@ def test_a_mutated_trajectory_is_the_motion_that_rclpys_reading_is_or_rejected()
         mine, why = motion_or_none(lambda data: read_trajectory(data, 20), data)
         theirs, _ = motion_or_none(lambda data: deserialize_message(data, JointTrajectory), data)
         if mine is None:
-            # Stricter than rclpy only in what no ROS program writes; rclpy leaves a point whose
-            # array is longer than the message half read.
+            # Stricter than rclpy only for messages that no ROS program writes; rclpy accepts a
+            # point whose array is longer than the message.
             assert theirs is None or any(words in why for words in (
                 'encapsulation', 'NUL', 'UTF-8', 'elements of 8 bytes')), (why, data.hex())
             continue
@@ -208,7 +208,7 @@ def push(chance, frame=FRAME, stamp=NOW):
 
 
 def push_as_rclpy_reads(data):
-    """Return the numbers, (6,), as plainly as can be; None for what must be dropped."""
+    """Return the wrench, (6,), as read by rclpy; None for one that must be rejected."""
     try:
         message = deserialize_message(data, WrenchStamped)
     except Exception:
@@ -221,7 +221,7 @@ def push_as_rclpy_reads(data):
     return numbers if good else None
 
 
-def test_a_mutated_wrench_acts_as_rclpys_reading_does_or_not_at_all():
+def test_a_mutated_wrench_acts_as_rclpy_reads_it_or_is_rejected():
     chance = random.Random(8)
     seeds = [serialize_message(push(chance, *choice)) for choice in (
         (), (), (), (FRAME, 0), ('elsewhere',), (FRAME, NOW - 2 * TIMEOUT),
@@ -233,8 +233,8 @@ def test_a_mutated_wrench_acts_as_rclpys_reading_does_or_not_at_all():
     q, acted = np.array([0.3, -0.7]), 0
     for _ in range(WRENCHES):
         data = mutated(chance, chance.choice(seeds), seeds)
-        wrenches.forget()  # else most stamps would be before the last one
-        wrenches.take(data)
+        wrenches.clear()  # else most stamps would be before the last one
+        wrenches.on_message(data)
         came, read = wrenches.torques(q, NOW), push_as_rclpy_reads(data)
         if read is None:
             assert came is None, data.hex()
@@ -248,19 +248,19 @@ def test_a_mutated_wrench_acts_as_rclpys_reading_does_or_not_at_all():
 
 
 def requests(chance):
-    """Return serialised good requests and their types."""
+    """Return serialized valid requests, their types, and their calls and responses."""
     def numbers():
         return [chance.uniform(-1, 1) for _ in range(2)]
 
     kinds = [
         (InverseDynamics.Request(position=numbers(), velocity=numbers(), acceleration=numbers()),
-         services.inverse_dynamics, InverseDynamics.Response),
+         service_calls.inverse_dynamics, InverseDynamics.Response),
         (ForwardDynamics.Request(position=numbers(), velocity=numbers(), effort=numbers()),
-         services.forward_dynamics, ForwardDynamics.Response),
-        (GetDynamics.Request(joint_names=[B, A], position=numbers()), services.get_dynamics,
+         service_calls.forward_dynamics, ForwardDynamics.Response),
+        (GetDynamics.Request(joint_names=[B, A], position=numbers()), service_calls.get_dynamics,
          GetDynamics.Response),
         (Explain.Request(position=numbers(), acceleration=numbers(), wrenches=[push(chance)]),
-         services.explain, Explain.Response),
+         service_calls.explain, Explain.Response),
         (Simulate.Request(position=numbers(), duration=0.02), None, Simulate.Response),
         (Simulate.Request(position=numbers(), duration=0.01, step=0.002, torque_source=1,
                           torques=numbers() * 5), None, Simulate.Response),
@@ -270,10 +270,10 @@ def requests(chance):
             for request, call, answer in kinds]
 
 
-def test_a_mutated_request_is_answered_or_refused_in_words():
+def test_mutated_request_is_answered_or_rejected_with_its_reason():
     chance = random.Random(7)
     served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2),
-                         np.ones(2), Bounds(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
+                         np.ones(2), RequestLimits(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
     seeds = requests(chance)
     outcomes = Counter()
     for _ in range(REQUESTS):

@@ -1,4 +1,4 @@
-"""A damaged URDF either loads or is refused in words: nothing else may come out."""
+"""A damaged URDF either loads or raises an error with its reason."""
 
 import re
 import warnings
@@ -25,7 +25,7 @@ PIECES = ['', ' ', '0', '-1', '-0', 'nan', '1e999', '1e59', '-1e59', '1e-320', '
 
 @st.composite
 def damaged(draw):
-    """Return the sound URDF after a few replacements, losses and repetitions."""
+    """Return a valid URDF after a few replacements, deletions and repetitions."""
     text = SOUND
     for _ in range(draw(st.integers(1, 4))):
         pattern = draw(st.sampled_from([VALUES, VALUES, ELEMENTS]))
@@ -39,7 +39,7 @@ def damaged(draw):
 
 @settings(max_examples=300, deadline=None)
 @given(damaged(), st.booleans())
-def test_damaged_urdf_loads_or_is_refused_in_words(text, strict):
+def test_damaged_urdf_loads_or_is_rejected_with_its_reason(text, strict):
     message = 'valid'
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
@@ -47,5 +47,5 @@ def test_damaged_urdf_loads_or_is_refused_in_words(text, strict):
             load_urdf(text, strict=strict)
         except KaneError as error:
             message = str(error)
-    assert re.search(r'valid|expected|well-formed|must|needs|may|refused', message)
+    assert re.search(r'valid|expected|must|may', message)
     assert len(message) < 3000

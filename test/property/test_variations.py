@@ -1,9 +1,9 @@
-"""Variations in turning frames: identities against derivatives that know no frame's formula."""
+"""Variations in rotating frames: identities against automatic differentiation."""
 
 from kane_dynamics.mechanics.algebra.hyperdual import HyperDual, joined, Parts, parts, seeded
 from kane_dynamics.mechanics.energy_form.variation_rules import (absolute,
                                                                  angular_velocity_variation,
-                                                                 relative, turned)
+                                                                 relative, rotation_change)
 import numpy as np
 import pytest
 
@@ -19,7 +19,7 @@ class Varied:
     """
 
     def __init__(self, seed):
-        """Let frames A and B turn in N, and a vector and a dyadic go their own ways."""
+        """Create frames A and B rotating in N, and a varying vector and dyadic."""
         self._rng = np.random.default_rng(seed)
         e = seeded([0.0], [0.0], 0, 1)[0]
         s = HyperDual(0.0, np.zeros(1), 1.0, np.zeros(1))
@@ -57,27 +57,27 @@ class Varied:
 
 
 def varied(x):
-    """Return derivatives by e; they know their own by s."""
+    """Return derivatives by e, with their derivatives by s."""
     p = parts(x, 1)
     return joined(Parts(p.gradient[..., 0], np.nan * p.gradient, p.gradient_rate[..., 0],
                         np.nan * p.gradient))
 
 
 def timed(x):
-    """Return derivatives by s; they know their own by e."""
+    """Return derivatives by s, with their derivatives by e."""
     p = parts(x, 1)
     return joined(Parts(p.rate, p.gradient_rate, np.nan * p.rate, np.nan * p.gradient))
 
 
 def close(a, b):
-    """Hold two arrays of scalars to each other."""
+    """Assert that two arrays of scalars agree."""
     a, b = (np.array([getattr(x, 'value', x) for x in np.ravel(y)], dtype=float) for y in (a, b))
     np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-12 * (1.0 + np.abs(b).max()))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('derivative', [varied, timed])
-def test_absolute_change_is_relative_change_and_the_frames_turning(derivative, seed):
+def test_absolute_change_is_relative_change_plus_rotation_of_the_frame(derivative, seed):
     motion = Varied(seed)
     for quantity in (motion.vector, motion.dyadic):
         for one in FRAMES:
@@ -91,14 +91,14 @@ def test_absolute_change_is_relative_change_and_the_frames_turning(derivative, s
 
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('derivative', [varied, timed])
-def test_turns_of_frames_in_frames_add_up(derivative, seed):
+def test_rotations_of_frames_add_up(derivative, seed):
     motion = Varied(seed)
     close(motion.turn('B', 'N', derivative),
           motion.turn('B', 'A', derivative) + motion.turn('A', 'N', derivative))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_variation_of_angular_velocity_is_what_possible_rotations_say(seed):
+def test_variation_of_angular_velocity_follows_from_possible_rotations(seed):
     motion = Varied(seed)
     for body, frame in (('A', 'N'), ('B', 'N'), ('B', 'A')):
         theta = motion.turn(body, frame, varied)
@@ -106,7 +106,7 @@ def test_variation_of_angular_velocity_is_what_possible_rotations_say(seed):
         theta_rate = motion.seen_from(frame, theta, timed)
         omega_variation = motion.seen_from(frame, omega, varied)
         close(angular_velocity_variation(theta_rate, theta, omega), omega_variation)
-        # The body sees its angular velocity vary as the other frame sees the rotation grow.
+        # The variation of omega seen in the body is the rate of theta seen in the other frame.
         close(motion.seen_from(body, omega, varied), theta_rate)
 
 
@@ -123,7 +123,8 @@ def test_variation_and_time_derivative_commute_in_one_frame_and_differ_by_turnin
             close(rate_varied(frame, frame), variation_timed(frame, frame))
         theta = motion.turn('B', 'A', varied)
         theta_rate = motion.seen_from('B', theta, timed)
-        close(rate_varied('B', 'A'), variation_timed('B', 'A') - turned(theta_rate, quantity))
+        close(rate_varied('B', 'A'),
+              variation_timed('B', 'A') - rotation_change(theta_rate, quantity))
 
 
 @pytest.mark.parametrize('seed', SEEDS)

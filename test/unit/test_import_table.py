@@ -21,6 +21,7 @@ mechanics
 native
 motion
 robot
+kinematics
 control
 simulation
 analysis

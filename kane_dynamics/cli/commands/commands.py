@@ -12,7 +12,8 @@ from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
                                         inspect_command, replay_command as replaying,
                                         sweep_command, view_command)
-from kane_dynamics.cli.shared import as_json, load, print_json, selection, source_of, split
+from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of,
+                                      split, warn_degrees)
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
@@ -31,7 +32,10 @@ def inspect(options: Namespace) -> int:
     """Print what is known about a robot; compare it with a peer on request."""
     caught: list[str] = []
     model, robot = load(options, caught)
-    facts = inspect_command.describe(model, robot, caught)
+    if not options.verbose:
+        caught = [brief(text) for text in caught]
+    facts = inspect_command.describe(model, robot, caught,
+                                     operations=options.operations or options.json)
     if options.against:
         # The peer knows neither a supplement nor friction.
         with warnings.catch_warnings():
@@ -104,10 +108,13 @@ def replay(options: Namespace) -> None:
     """Compare a recording's measured torques with those of the equations of motion."""
     plot = pictures.plotter(options)  # before the work
     model, robot = load(options)
-    data = replaying.run(options, robot, identify_command.recorded(options, model))
+    recording = identify_command.recorded(options, model)
+    warn_degrees(robot, recording.q, options.recording)
+    data = replaying.run(options, robot, recording)
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=model.sliding)
+                         options.plot, prismatic=model.sliding, limits=robot.limits.effort,
+                         title=f'{model.name}: measured and computed torque')
     (print_json if options.json else replaying.print_comparison)(data)
 
 
@@ -115,10 +122,12 @@ def feasible(options: Namespace) -> int:
     """Judge a motion by the limits of the joints; return 1 if it does not fit."""
     plot = pictures.plotter(options)  # before the work
     model, robot = load(options, payload_frame=options.payload_frame)
-    data, asked = feasible_command.run(options, robot,
-                                       read_motion(options.trajectory, robot.joint_names))
+    motion = read_motion(options.motion, robot.joint_names)
+    warn_degrees(robot, motion.positions, options.motion)
+    data, asked = feasible_command.run(options, robot, motion)
     if plot is not None:
-        plot.plot_demand(asked, options.plot, prismatic=model.sliding)
+        plot.plot_demand(asked, options.plot, prismatic=model.sliding,
+                         title=f'{model.name}: torque, speed and power against the limits')
         data['files'].append(options.plot)
     (print_json if options.json else feasible_command.print_data)(data)
     return 0 if data['fits'] else 1
@@ -148,7 +157,8 @@ def doctor(options: Namespace) -> int:
     if options.json:
         print_json([{'level': finding.level, 'words': finding.words} for finding in found])
     else:
-        model_checks.print_findings(found)
+        model_checks.print_findings(found if options.verbose else [
+            model_checks.Finding(each.level, brief(each.words)) for each in found])
     return int(any(finding.level == 'problem' for finding in found))
 
 

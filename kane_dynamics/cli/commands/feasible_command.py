@@ -10,7 +10,7 @@ from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import demand, Demand, fastest, largest_payload
 from kane_dynamics.feasibility.samples import NONE
-from kane_dynamics.feasibility.time_scale import LEAST, TimeScale
+from kane_dynamics.feasibility.time_scale import LOWEST, TimeScale
 from kane_dynamics.feasibility.torque_demand import demand_at
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -39,7 +39,7 @@ def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any
 
 def hopeless(robot: Robot, motion: Motion, given: dict[str, Any]) -> str:
     """Return in words why a motion fits at no speed."""
-    still = demand(robot, motion, speed=LEAST, **given)
+    still = demand(robot, motion, speed=LOWEST, **given)
     return (f'hardly moving it passes a limit already: {still.excesses[0]}' if still.excesses
             else 'at every speed some limit is passed somewhere')
 

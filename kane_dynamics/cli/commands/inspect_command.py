@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.analysis.model_checks import examine_masses
+from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -17,8 +18,14 @@ TOLERANCE = 1e-12  # of a comparison, relative to the largest torque
 _DEEPEST = 16  # levels of the tree that are indented
 
 
-def describe(model: Model, robot: Robot, warnings: Sequence[str] = ()) -> dict[str, Any]:
-    """Return bodies, joints, limits, masses, and operations of the kernels as plain data."""
+def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
+             operations: bool = False) -> dict[str, Any]:
+    """
+    Return bodies, joints, limits and masses as plain data.
+
+    Problems are what makes the dynamics impossible; on request also the operations of the kernels,
+    without those that a problem leaves out.
+    """
     bodies = []
     for body in model.bodies:
         joint = body.joint
@@ -35,28 +42,44 @@ def describe(model: Model, robot: Robot, warnings: Sequence[str] = ()) -> dict[s
             'base_mass': model.base_inertial.mass,
             'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
             'gravity': model.gravity.tolist(), 'bodies': bodies, 'warnings': list(warnings),
-            'operations': {name: asdict(count)
-                           for name, count in robot.operation_count().items()}}
+            'problems': [finding.words for finding in examine_masses(robot)],
+            **({'operations': _operations(robot)} if operations else {})}
+
+
+def _operations(robot: Robot) -> dict[str, dict[str, int]]:
+    """Return the operations of one call of every kernel that there is."""
+    found = {}
+    for name in robot.kernels.names:
+        try:
+            found[name] = asdict(robot.kernels.program(name).operation_count())
+        except ModelError:
+            continue  # no forward dynamics with massless joints: that is among the problems
+    return found
 
 
 def print_facts(facts: dict[str, Any]) -> None:
     """Print what `describe` and a comparison returned."""
-    print(f'{facts["name"]}: {len(facts["joint_names"])} freedoms, {len(facts["bodies"])} moving '
-          f'bodies of {facts["moving_mass"]:.6g} kg on {facts["base"]} of '
-          f'{facts["base_mass"]:.6g} kg\n')
-    print_table(['joint', 'kind', 'body', 'mass [kg]', 'range', 'speed', 'effort'], [
+    print(f'{facts["name"]}: {len(facts["joint_names"])} degrees of freedom, '
+          f'{len(facts["bodies"])} moving bodies of {facts["moving_mass"]:.6g} kg on '
+          f'{facts["base"]} of {facts["base_mass"]:.6g} kg\n')
+    slides = {body['kind'] == 'prismatic' for body in facts['bodies']}
+    of = [', '.join(pair[slide] for slide in sorted(slides)) for pair in (
+        ('rad', 'm'), ('rad/s', 'm/s'), ('N m', 'N'))]
+    print_table(['joint', 'kind', 'body', 'mass [kg]', f'range [{of[0]}]', f'speed [{of[1]}]',
+                 f'effort [{of[2]}]'], [
         [('  ' * min(body['depth'], _DEEPEST)) + body['joint'],
          body['kind'] if body['mimics'] is None else f'mimics {body["mimics"]}',
          body['body'], body['mass'], _range(body['limits']),
          _limit(body['limits']['velocity']), _limit(body['limits']['effort'])]
         for body in facts['bodies']])
-    print()
-    operations = facts['operations']
-    kinds = list(next(iter(operations.values())))
-    print_table(['operations', *kinds], [[name, *(str(count[kind]) for kind in kinds)]
-                                         for name, count in operations.items()])
-    for warning in facts['warnings']:
-        print(f'\nwarning: {warning}')
+    if operations := facts.get('operations'):
+        print('\noperations of one call:')
+        kinds = list(next(iter(operations.values())))
+        print_table(['function', *kinds], [[name, *(str(count[kind]) for kind in kinds)]
+                                           for name, count in operations.items()])
+    for level in ('problem', 'warning'):
+        for words in facts[f'{level}s']:
+            print(f'\n{level}: {words}')
     against = facts.get('against')
     if against:
         print(f'\ninverse dynamics against {against["peer"]} {against["version"]} at '
@@ -142,9 +165,7 @@ def _projected(joints: Sequence[Joint], n: int, torques: Sequence[float]) -> Arr
 
 def _random_state(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Return random q within the limits, u and udot."""
-    lower = np.maximum(robot.limits.lower, -math.pi)
-    upper = np.maximum(np.minimum(robot.limits.upper, math.pi), lower)
-    return (rng.uniform(lower, upper), rng.uniform(-2.0, 2.0, robot.n),
+    return (robot.random_configuration(rng), rng.uniform(-2.0, 2.0, robot.n),
             rng.uniform(-5.0, 5.0, robot.n))
 
 

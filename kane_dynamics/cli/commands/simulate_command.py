@@ -10,9 +10,10 @@ from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, print_json, split, told, vector
+from kane_dynamics.cli.shared import (load, print_json, split, told, vector, warn_degrees,
+                                      without_rounding)
 from kane_dynamics.cli.tables import read_motion, read_states
-from kane_dynamics.control.controller import ComputedTorque
+from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import simulate
@@ -29,7 +30,8 @@ def simulation(options: Namespace) -> None:
     _, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
-    with progress_bar('simulating', duration) as progress, told():
+    with progress_bar('simulating', duration) as progress, (
+            told(verbose=options.verbose)):
         result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
                           progress=progress, integrator=options.integrator)
     wall = time.perf_counter() - start
@@ -48,7 +50,8 @@ def simulation(options: Namespace) -> None:
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
           f'from {before:.6g} J to {after:.6g} J')
     print_table(['joint', 'q', 'u', 'tau'], zip(
-        robot.joint_names, result.q[-1], result.u[-1], result.tau[-1], strict=True))
+        robot.joint_names, *map(without_rounding, (result.q[-1], result.u[-1], result.tau[-1])),
+        strict=True))
     more = len(events) - _MOST_EVENTS
     for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
                  *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
@@ -63,10 +66,11 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
     source: Any = None
     if options.motion:
         motion = read_motion(options.motion, robot.joint_names)
+        warn_degrees(robot, motion.positions, options.motion)
         q_d, u_d, _ = motion.sample(0.0)
         q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
         gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
-        source = ComputedTorque(motion, *gains)
+        source = ComputedTorque(robot, motion, *gains)
         if duration is None and motion.duration > 0.0 and step > 0.0:
             duration = math.ceil(motion.duration / step - 1e-6) * step
     duration = 1.0 if duration is None else duration

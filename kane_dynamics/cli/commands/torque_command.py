@@ -1,36 +1,37 @@
-"""`kane-dynamics torque`: inverse dynamics of a state or of a trajectory."""
+"""The command `torque`: inverse dynamics of one state, or along a motion."""
 
 from argparse import Namespace
 import sys
 
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, print_json, vector
+from kane_dynamics.cli.shared import load, print_json, vector, warn_degrees, without_rounding
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+import numpy as np
 
 
 def torque(options: Namespace) -> None:
     """Print the torques of one state, or write those of a trajectory."""
     plot = pictures.plotter(options)
-    if options.trajectory is None:
-        for name in ('out', 'plot'):
+    if options.motion is None:
+        for name in ('out', 'plot', 'step'):
             if getattr(options, name):
-                raise InputError(f'--{name} is for a --trajectory; the torque of one state is '
-                                 'printed')
+                raise InputError(f'--{name} is for a --motion; the torque of one state is printed')
     model, robot = load(options)
-    if options.trajectory is None:
-        _print_torque(options, model, robot)
+    if options.motion is None:
+        _print_state(options, model, robot)
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
-        raise InputError('--trajectory holds the states; leave out --q, --u and --udot')
+        raise InputError('--motion holds the states; leave out --q, --u and --udot')
     from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states  # YAML too
-    t, state = read_rows(options.trajectory, robot.joint_names)
+    t, state = read_rows(options.motion, robot.joint_names, options.step)
+    warn_degrees(robot, state[0], options.motion)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
     rows['tau'] = robot.inverse_dynamics(*state)
     if plot is not None:
-        pictures.draw(plot, options, robot, read_trajectory(options.trajectory, robot))
+        pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, t, rows, robot.joint_names)
@@ -45,7 +46,7 @@ def torque(options: Namespace) -> None:
         write_states(sys.stdout, t, rows, robot.joint_names)
 
 
-def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
+def _print_state(options: Namespace, model: Model, robot: Robot) -> None:
     """Print the torque of one state, and what it is made of."""
     state = [vector(options, name, robot) for name in ('q', 'u', 'udot')]
     tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
@@ -54,6 +55,7 @@ def _print_torque(options: Namespace, model: Model, robot: Robot) -> None:
                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
     slides = model.sliding
+    rows = without_rounding(np.column_stack([tau, terms.T]))
     print_table(['joint', 'torque', '', *TORQUE_TERMS], [
-        [name, total, 'N' if name in slides else 'N m', *row]
-        for name, total, row in zip(robot.joint_names, tau, terms.T, strict=True)])
+        [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
+        for name, row in zip(robot.joint_names, rows, strict=True)])

@@ -16,9 +16,9 @@ def run(options: Namespace) -> None:
         raise InputError(f"--export is '{options.export}'; expected a name that ends in .html")
     view = extra('kane_dynamics.view', 'view')  # before the work
     _, robot = load(options)
-    with told():
+    with told(verbose=options.verbose):
         visuals = load_visuals(source_of(options))
-    trajectory = read_trajectory(options.trajectory, robot) if options.trajectory else None
+    trajectory = read_trajectory(options.motion, robot) if options.motion else None
     window = view.Window(robot, trajectory, visuals=visuals, host=options.host,
                          port=0 if options.export else options.port)
     try:

@@ -1,6 +1,7 @@
 """Joint states out of a ROS 2 bag, without ROS: MCAP or SQLite, through rosbags."""
 
 from collections.abc import Iterator, Sequence
+import os
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +72,11 @@ def _messages(path: Path, joint_names: Sequence[str],
         raise InputError("reading bags needs 'rosbags', which is not installed; pip install "
                          "'kane_dynamics[identify]'") from None
     folder = path if path.is_dir() else path.parent
+    if not path.exists():
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected the folder of a ROS 2 bag, '
+                         'or its .mcap or .db3 file')
     if not (folder / 'metadata.yaml').exists():
-        raise InputError(f'{path}: no bag; expected a folder with metadata.yaml')
+        raise InputError(f'{path}: no metadata.yaml beside it; expected the folder of a ROS 2 bag')
     try:
         with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             chosen = _connections(reader.connections, path, topic)

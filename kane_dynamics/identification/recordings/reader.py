@@ -81,6 +81,15 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
         raise InputError(f'{path}: {error}') from None
 
 
+def no_header(path: Any, names: Sequence[str], example: str) -> None:
+    """Raise InputError if what should be the names of columns are numbers."""
+    try:
+        [float(name) for name in names]
+    except ValueError:
+        return
+    raise InputError(f'{path}: no header line (the first line is numbers); expected {example}')
+
+
 def distinct(path: Any, names: Sequence[str]) -> None:
     """Raise InputError if a name stands above two columns."""
     twice = sorted({name for name in names if name and names.count(name) > 1})
@@ -96,6 +105,9 @@ def _read(path: Path) -> dict[str, Any]:
         if path.suffix != '.npz':
             return _csv(path)
         arrays = npz_arrays(path, lambda name: name in LABELS or bool(OURS.fullmatch(name)))
+    except FileNotFoundError:
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz file, or a '
+                         'ROS 2 bag') from None
     except OSError as error:
         raise InputError(f'{path}: {error.strerror or error}') from None
     distinct(path, list(arrays))
@@ -108,6 +120,7 @@ def _csv(path: Path) -> dict[str, Any]:
     try:
         with path.open(encoding='utf-8-sig') as stream:
             header = [name.strip() for name in stream.readline().split(',')]
+            no_header(path, header, 't,q.<joint>,...,tau.<joint>,...')
             lines = [line for line in stream if line.partition('#')[0].strip()]
             rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.zeros(
                 (0, len(header)))

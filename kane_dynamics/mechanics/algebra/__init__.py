@@ -1,1 +1,1 @@
-"""Vectors, dual numbers and linear algebra over any scalar."""
+"""Vectors, dual numbers and linear algebra over any scalar type."""

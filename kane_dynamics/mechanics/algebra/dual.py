@@ -1,12 +1,13 @@
 """
-Scalars that carry their time derivative: differentiation of any function, over any scalar.
+Dual numbers: forward-mode automatic differentiation with respect to time, over any scalar type.
 
-A number a + b d with d d = 0 holds a value and its rate; arithmetic on it follows the rules of
-differentiation exactly. Value and rate may themselves be numbers, traced values or symbols, so
-one user-given function of q and t yields, traced once, both itself and its derivative in time.
+A number a + b d with d d = 0 holds a value a and its time derivative b; arithmetic on it applies
+the rules of differentiation exactly. Value and rate may be numbers, traced values or symbols. So
+tracing a user-defined function of q and t once yields its value and its time derivative.
 """
 
 from collections.abc import Callable
+import numbers
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.vector import is_zero
@@ -14,33 +15,33 @@ import numpy as np
 
 
 class Dual:
-    """A scalar and its time derivative; `moving` makes them from arrays."""
+    """Dual number: a scalar and its time derivative. `moving` creates arrays of them."""
 
     __slots__ = ('value', 'rate')
 
     def __init__(self, value: Any, rate: Any) -> None:
-        """Keep the two parts."""
+        """Create a dual number from its value and rate."""
         self.value = value
         self.rate = rate
 
     def __repr__(self) -> str:
-        """Show the two parts."""
+        """Return the value and the rate as text."""
         return f'Dual({self.value!r}, {self.rate!r})'
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return _made(self.value + other.value, self.rate + other.rate)
+            return _dual(self.value + other.value, self.rate + other.rate)
         if isinstance(other, np.ndarray):
             return NotImplemented
         return Dual(self.value + other, self.rate)
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return _made(self.value * other.value,
+            return _dual(self.value * other.value,
                          self.value * other.rate + self.rate * other.value)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return _made(self.value * other, self.rate * other)
+        return _dual(self.value * other, self.rate * other)
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -62,52 +63,94 @@ class Dual:
     def __truediv__(self, other: Any) -> Any:
         if isinstance(other, Dual):
             quotient = self.value / other.value
-            return _made(quotient, (self.rate - quotient * other.rate) / other.value)
+            return _dual(quotient, (self.rate - quotient * other.rate) / other.value)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return _made(self.value / other, self.rate / other)
+        return _dual(self.value / other, self.rate / other)
 
     def __rtruediv__(self, other: Any) -> Any:
         quotient = other / self.value
-        return _made(quotient, -(quotient * self.rate) / self.value)
+        return _dual(quotient, -(quotient * self.rate) / self.value)
 
     def __pow__(self, exponent: Any) -> Any:
-        if not isinstance(exponent, int) or exponent < 0:
+        if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        result: Any = 1.0
-        for _ in range(exponent):
-            result = result * self
-        return result
+        if exponent == 0:
+            return 1.0
+        less = exponent - 1
+        return _dual(_power(self.value, exponent),
+                     (exponent * _power(self.value, less)) * self.rate)
+
+    def __lt__(self, other: Any) -> Any:
+        return self.value < (other.value if isinstance(other, Dual) else other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self.value > (other.value if isinstance(other, Dual) else other)
 
     def sin(self) -> Any:
-        """Return the sine: numpy's sin calls this."""
-        return _made(np.sin(self.value), np.cos(self.value) * self.rate)
+        """Return the sine; numpy.sin calls this on object arrays."""
+        return _dual(np.sin(self.value), np.cos(self.value) * self.rate)
 
     def cos(self) -> Any:
-        """Return the cosine: numpy's cos calls this."""
-        return _made(np.cos(self.value), -(np.sin(self.value) * self.rate))
+        """Return the cosine; numpy.cos calls this on object arrays."""
+        return _dual(np.cos(self.value), -(np.sin(self.value) * self.rate))
 
     def tanh(self) -> Any:
-        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         y = np.tanh(self.value)
-        return _made(y, (1.0 - y * y) * self.rate)
+        return _dual(y, (1.0 - y * y) * self.rate)
 
     def sqrt(self) -> Any:
-        """Return the square root: numpy's sqrt calls this."""
+        """Return the square root; numpy.sqrt calls this on object arrays."""
         y = np.sqrt(self.value)
-        return _made(y, self.rate / (y + y))
+        return _dual(y, self.rate / (y + y))
+
+    def exp(self) -> Any:
+        """Return the exponential: numpy's exp calls this."""
+        y = np.exp(self.value)
+        return _dual(y, y * self.rate)
+
+    def log(self) -> Any:
+        """Return the natural logarithm: numpy's log calls this."""
+        return _dual(np.log(self.value), self.rate / self.value)
+
+    def arctan(self) -> Any:
+        """Return the arctangent: numpy's arctan calls this."""
+        return _dual(np.arctan(self.value), self.rate / (1.0 + self.value * self.value))
+
+    def __floor__(self) -> Any:
+        """Return the whole number below, which rests: numpy's floor calls this."""
+        return np.floor(self.value)
 
 
-def _made(value: Any, rate: Any) -> Any:
-    """Return a Dual, or the value alone where it is constant by structure."""
+def select(condition: Any, x: Any, y: Any) -> Any:
+    """Return x where a comparison (`a < b`, over any scalar) holds, else y."""
+    if isinstance(condition, bool | int | float | np.bool_):
+        return x if condition else y
+    if isinstance(x, Dual) or isinstance(y, Dual):
+        parts = [(z.value, z.rate) if isinstance(z, Dual) else (z, 0.0) for z in (x, y)]
+        return _dual(*(select(condition, *pair) for pair in zip(*parts)))
+    return condition.select(x, y)
+
+
+def _power(x: Any, exponent: Any) -> Any:
+    """Return a power; of a negative number, to no whole exponent, it is not a number."""
+    if isinstance(x, float | int):
+        with np.errstate(all='ignore'):
+            return np.float64(x) ** exponent
+    return x ** exponent
+
+
+def _dual(value: Any, rate: Any) -> Any:
+    """Return a Dual, or only the value if the rate is structurally zero."""
     return value if is_zero(rate) else Dual(value, rate)
 
 
 def moving(values: Any, rates: Any) -> Any:
-    """Return scalars, an array of any shape or a single one, that change at the given rates."""
+    """Return dual numbers with these values and time derivatives; any shape, or one scalar."""
     result = np.empty(np.shape(values), dtype=object)
     for k in np.ndindex(result.shape):
-        result[k] = _made(np.asarray(values, dtype=object)[k], np.asarray(rates, dtype=object)[k])
+        result[k] = _dual(np.asarray(values, dtype=object)[k], np.asarray(rates, dtype=object)[k])
     return result if result.shape else result[()]
 
 
@@ -117,7 +160,7 @@ def values(array: Any) -> Any:
 
 
 def rates(array: Any) -> Any:
-    """Return the time derivatives of an array of scalars; those that are not Dual rest."""
+    """Return the time derivatives of an array of scalars; zero for those that are not Dual."""
     return _part(array, lambda x: x.rate if isinstance(x, Dual) else 0.0)
 
 
@@ -128,5 +171,5 @@ def _part(array: Any, take: Callable[[Any], Any]) -> Any:
         result[k] = take(source[k])
     try:
         return result.astype(np.float64)
-    except TypeError:  # traced values or symbols stay what they are
+    except TypeError:  # traced values and symbols are not converted
         return result

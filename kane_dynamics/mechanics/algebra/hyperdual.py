@@ -1,13 +1,14 @@
 """
-Hyper-dual numbers: exact first derivatives, and exact mixed second ones.
+Hyper-dual numbers: automatic differentiation to first and mixed second derivatives.
 
-A number a + g.e + b d + h.e d with e_i e_j = 0 and d d = 0 carries, besides its value, its
-derivatives g by k variables, its derivative b along one direction (time, say), and the
-derivatives h of b by the k variables. Arithmetic is exact to rounding: no step size anywhere.
-Source: Fike & Alonso, AIAA 2011-886; here one of the two infinitesimals is a vector.
+A number a + g.e + b d + h.e d with e_i e_j = 0 and d d = 0 holds a value a, its gradient g with
+respect to k variables, its directional derivative b (for example, by time), and the gradient h of
+b. The derivatives are exact to rounding. Source: Fike & Alonso, AIAA 2011-886; here one of the two
+infinitesimals is a vector.
 """
 
 import math
+import numbers
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -16,17 +17,17 @@ import numpy as np
 
 class HyperDual:
     """
-    A scalar with its derivatives.
+    Hyper-dual number: a scalar with its first and mixed second derivatives.
 
     Parameters
     ----------
     value : float
     gradient : (k,) array
-        By the k variables.
+        Derivatives with respect to the k variables.
     rate : float
-        Along the direction.
+        Derivative along the direction.
     gradient_rate : (k,) array
-        Of the rate by the k variables.
+        Derivatives of the rate with respect to the k variables.
 
     """
 
@@ -34,14 +35,14 @@ class HyperDual:
 
     def __init__(self, value: float, gradient: Array, rate: float,
                  gradient_rate: Array) -> None:
-        """Keep the four parts."""
+        """Create a hyper-dual number from its four parts."""
         self.value = value
         self.gradient = gradient
         self.rate = rate
         self.gradient_rate = gradient_rate
 
     def __repr__(self) -> str:
-        """Show the four parts."""
+        """Return the four parts as text."""
         return (f'HyperDual({self.value}, {self.gradient.tolist()}, {self.rate}, '
                 f'{self.gradient_rate.tolist()})')
 
@@ -77,23 +78,32 @@ class HyperDual:
         return self * (1.0 / other)
 
     def __rtruediv__(self, other: Any) -> Any:
-        """Return the quotient of a number by this."""
+        """Return a number divided by this one."""
         return other * self._reciprocal()
 
     def __pow__(self, exponent: Any) -> Any:
-        """Return a whole power from 0 on."""
-        if not isinstance(exponent, int) or exponent < 0:
+        """Return a real power."""
+        if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        result: Any = 1.0
-        for _ in range(exponent):
-            result = result * self
-        return result
+        x, p = np.float64(self.value), float(exponent)
+        with np.errstate(all='ignore'):
+            return self._mapped(*(
+                float(factor * x ** power) if factor else 0.0 for factor, power in (
+                    (1.0, p), (p, p - 1.0), (p * (p - 1.0), p - 2.0))))
+
+    def __lt__(self, other: Any) -> bool:
+        """Compare the values."""
+        return bool(self.value < (other.value if isinstance(other, HyperDual) else other))
+
+    def __gt__(self, other: Any) -> bool:
+        """Compare the values."""
+        return bool(self.value > (other.value if isinstance(other, HyperDual) else other))
 
     __radd__ = __add__
     __rmul__ = __mul__
 
     def __pos__(self) -> 'HyperDual':
-        """Return this."""
+        """Return the number itself."""
         return self
 
     def __neg__(self) -> 'HyperDual':
@@ -105,35 +115,55 @@ class HyperDual:
         return self + -other
 
     def __rsub__(self, other: Any) -> Any:
-        """Return the difference from a number."""
+        """Return a number minus this one."""
         return -self + other
 
     def sin(self) -> 'HyperDual':
-        """Return the sine: numpy's sin calls this."""
+        """Return the sine; numpy.sin calls this on object arrays."""
         s, c = math.sin(self.value), math.cos(self.value)
         return self._mapped(s, c, -s)
 
     def cos(self) -> 'HyperDual':
-        """Return the cosine: numpy's cos calls this."""
+        """Return the cosine; numpy.cos calls this on object arrays."""
         s, c = math.sin(self.value), math.cos(self.value)
         return self._mapped(c, -s, -c)
 
     def tanh(self) -> 'HyperDual':
-        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         y = math.tanh(self.value)
         return self._mapped(y, 1.0 - y * y, -2.0 * y * (1.0 - y * y))
 
     def sqrt(self) -> 'HyperDual':
-        """Return the square root: numpy's sqrt calls this."""
-        y = math.sqrt(self.value)
+        """Return the square root; numpy.sqrt calls this on object arrays."""
+        y = math.sqrt(self.value) if self.value >= 0.0 else math.nan
         return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
+
+    def exp(self) -> 'HyperDual':
+        """Return the exponential: numpy's exp calls this."""
+        y = math.exp(self.value)
+        return self._mapped(y, y, y)
+
+    def log(self) -> 'HyperDual':
+        """Return the natural logarithm: numpy's log calls this."""
+        y = 1.0 / self.value
+        value = math.log(self.value) if self.value > 0.0 else math.nan
+        return self._mapped(value, y, -y * y)
+
+    def arctan(self) -> 'HyperDual':
+        """Return the arctangent: numpy's arctan calls this."""
+        slope = 1.0 / (1.0 + self.value * self.value)
+        return self._mapped(math.atan(self.value), slope, -2.0 * self.value * slope * slope)
+
+    def __floor__(self) -> float:
+        """Return the whole number below, a constant: numpy's floor calls this."""
+        return float(math.floor(self.value))
 
     def _reciprocal(self) -> 'HyperDual':
         y = 1.0 / self.value
         return self._mapped(y, -y * y, 2.0 * y * y * y)
 
     def _mapped(self, value: float, first: float, second: float) -> 'HyperDual':
-        """Apply a function whose value and two derivatives are given: the chain rule."""
+        """Apply the chain rule for a function with this value and these two derivatives."""
         return HyperDual(value, first * self.gradient, first * self.rate,
                          first * self.gradient_rate + (second * self.rate) * self.gradient)
 
@@ -147,9 +177,9 @@ def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
     values, rates : (m,) arrays of float
         The variables and their derivatives along the direction.
     first : int
-        Number of the first of them among the `count` variables that are differentiated by.
+        Index of the first one among all variables of differentiation.
     count : int
-        How many.
+        Number of variables of differentiation.
 
     """
     unit = np.eye(count)
@@ -160,14 +190,14 @@ def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
 
 
 def lifted(value: Any, count: int) -> HyperDual:
-    """Return a scalar that may be constant as a HyperDual of `count` variables."""
+    """Return a scalar as a HyperDual of `count` variables; a plain number is constant."""
     if isinstance(value, HyperDual):
         return value
     return HyperDual(float(value), np.zeros(count), 0.0, np.zeros(count))
 
 
 class Parts(NamedTuple):
-    """Arrays of the four parts, the variables along the last axis of the gradients."""
+    """Arrays of the four parts; the last axis of the gradients runs over the variables."""
 
     value: Array
     gradient: Array
@@ -176,7 +206,7 @@ class Parts(NamedTuple):
 
 
 def parts(array: Any, count: int) -> Parts:
-    """Return the parts of an array of scalars of any shape; numbers are constant."""
+    """Return the parts of an array of scalars of any shape; plain numbers are constant."""
     source = np.asarray(array, dtype=object)
     scalars = [lifted(x, count) for x in source.ravel()]
     of_scalar, of_gradient = source.shape, (*source.shape, count)
@@ -187,7 +217,7 @@ def parts(array: Any, count: int) -> Parts:
 
 
 def joined(given: Parts) -> Any:
-    """Return the array of HyperDual that has these parts."""
+    """Return an array of HyperDual with these parts; the inverse of `parts`."""
     result = np.empty(given.value.shape, dtype=object)
     for k in np.ndindex(result.shape):
         result[k] = HyperDual(float(given.value[k]), given.gradient[k], float(given.rate[k]),

@@ -1,10 +1,10 @@
 """
-Small linear systems with structure, over any scalar and without a branch on a value.
+Solve small structured linear systems over any scalar type, without branches on traced values.
 
-What is constant decides the order of elimination: a pivot is taken where the matrix holds a
-number that is not small, whatever the state. What remains falls into independent blocks; blocks
-of up to three rows are solved by cofactors, larger ones by orthogonalisation, both of which
-fail only where the matrix itself is singular, so no pivot has to be chosen while running.
+Elimination uses only constant entries as pivots, which do not depend on the state. The rest of
+the matrix splits into independent blocks. Blocks of up to three rows are solved by cofactors,
+larger ones by modified Gram-Schmidt. Both fail only if the block is singular, so no pivoting is
+needed at run time.
 """
 
 from typing import Any
@@ -13,8 +13,8 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
 Matrix = list[list[Any]]
-SAFE = 0.1  # a constant at least this large beside the constants of its row is a good pivot
-ROUNDING = 1e-12  # a row of constants that elimination leaves this small beside its start is zero
+PIVOT_THRESHOLD = 0.1  # least size of a pivot relative to the largest constant of its row
+ROUNDING = 1e-12  # relative size below which a constant is treated as zero after elimination
 
 
 def inverse(A: Any) -> Any:
@@ -29,19 +29,19 @@ def solution(A: Any, B: Any) -> Any:
     Parameters
     ----------
     A, B : (n, n), (n, k) arrays of scalars
-        Matrix and right sides; entries that are the number 0 cost nothing.
+        Matrix and right-hand sides; structurally zero entries cause no arithmetic.
 
     Raises
     ------
     ZeroDivisionError
-        A is singular by structure; its argument is the number of a row that cannot be solved.
+        If A is structurally singular; the argument is the index of an unsolvable row.
 
     """
     n = len(A)
     left: Matrix = [list(row) for row in np.asarray(A, dtype=object)]
     right: Matrix = [list(row) for row in np.asarray(B, dtype=object)]
     least = [ROUNDING * _largest_constant(row) for row in left]
-    solved: dict[int, int] = {}  # column: the row that gives its unknown
+    solved: dict[int, int] = {}  # column of an unknown: its pivot row
     while (pivot := _constant_pivot(left, solved, least)) is not None:
         row, column = pivot
         solved[column] = row
@@ -51,10 +51,10 @@ def solution(A: Any, B: Any) -> Any:
         for r in range(n):
             factor = left[r][column]
             if r != row and not is_zero(factor):
-                left[r] = [_less(x, factor, y) for x, y in zip(left[r], left[row])]
-                right[r] = [_less(x, factor, y) for x, y in zip(right[r], right[row])]
+                left[r] = [_minus_product(x, factor, y) for x, y in zip(left[r], left[row])]
+                right[r] = [_minus_product(x, factor, y) for x, y in zip(right[r], right[row])]
                 left[r][column] = 0.0
-    rest: Matrix = [[] for _ in range(n)]  # rows of the answer that blocks give
+    rest: Matrix = [[] for _ in range(n)]  # rows of X that the blocks determine
     for rows, columns in _blocks(left, solved):
         if len(rows) != len(columns):
             raise ZeroDivisionError(min(rows) if rows else min(columns))
@@ -69,7 +69,7 @@ def solution(A: Any, B: Any) -> Any:
             known = right[row]
             for k in range(n):
                 if k not in solved and not is_zero(left[row][k]):
-                    known = [_less(x, left[row][k], y) for x, y in zip(known, rest[k])]
+                    known = [_minus_product(x, left[row][k], y) for x, y in zip(known, rest[k])]
             answer.append(known)
         else:
             answer.append(rest[c])
@@ -82,7 +82,7 @@ def _largest_constant(row: list[Any]) -> float:
 
 def _constant_pivot(A: Matrix, solved: dict[int, int],
                     least: list[float]) -> tuple[int, int] | None:
-    """Return (row, column) of the best constant to eliminate with, None when there is none."""
+    """Return (row, column) of the best constant pivot, or None if there is none."""
     best: tuple[float, int, int] | None = None
     taken = set(solved.values())
     for r, row in enumerate(A):
@@ -92,7 +92,7 @@ def _constant_pivot(A: Matrix, solved: dict[int, int],
                      if c not in solved and isinstance(x, (int, float))}
         top = max(constants.values(), default=0.0)
         for c, size in constants.items():
-            if size > least[r] and size >= SAFE * top:
+            if size > least[r] and size >= PIVOT_THRESHOLD * top:
                 filled = sum(not is_zero(x) for x in row)
                 rank = (size / top - filled, r, c)
                 if best is None or rank[0] > best[0]:
@@ -101,7 +101,7 @@ def _constant_pivot(A: Matrix, solved: dict[int, int],
 
 
 def _blocks(A: Matrix, solved: dict[int, int]) -> list[tuple[list[int], list[int]]]:
-    """Return the unsolved rows and columns as groups that share no entry."""
+    """Return the unsolved rows and columns as independent blocks."""
     n, taken = len(A), set(solved.values())
     rows = [r for r in range(n) if r not in taken]
     columns = [c for c in range(n) if c not in solved]
@@ -119,10 +119,10 @@ def _blocks(A: Matrix, solved: dict[int, int]) -> list[tuple[list[int], list[int
 
 
 def _block_solution(A: Matrix, B: Matrix) -> Matrix:
-    """Return the solution of a block without constants."""
+    """Solve a block without constant pivots."""
     n = len(A)
     if n > 3:
-        return _orthogonalised(A, B)
+        return _solve_by_gram_schmidt(A, B)
     minors = ([[1.0]] if n == 1 else
               [[_minor(A, r, c) for r in range(n)] for c in range(n)])
     scale = 1.0 / sum(A[0][c] * minors[c][0] for c in range(n))
@@ -138,18 +138,18 @@ def _minor(A: Matrix, row: int, column: int) -> Any:
     return value if (row + column) % 2 == 0 else -value
 
 
-def _orthogonalised(A: Matrix, B: Matrix) -> Matrix:
-    """Return the solution from A^T = Q R by modified Gram-Schmidt: X = Q R^-T B."""
+def _solve_by_gram_schmidt(A: Matrix, B: Matrix) -> Matrix:
+    """Solve by modified Gram-Schmidt, A^T = Q R: X = Q R^-T B."""
     n = len(A)
-    basis: Matrix = []  # rows of Q^T: the rows of A made orthonormal
+    basis: Matrix = []  # rows of Q^T
     weights: Matrix = []  # rows of R^-T B
     for k in range(n):
         row, weight = list(A[k]), list(B[k])
-        for _ in range(2):  # once more: orthogonal to rounding however close the rows are
+        for _ in range(2):  # twice: orthogonal to rounding even for nearly dependent rows
             for unit, share in zip(basis, weights):
                 along = _dot(row, unit)
-                row = [_less(x, along, y) for x, y in zip(row, unit)]
-                weight = [_less(x, along, y) for x, y in zip(weight, share)]
+                row = [_minus_product(x, along, y) for x, y in zip(row, unit)]
+                weight = [_minus_product(x, along, y) for x, y in zip(weight, share)]
         scale = 1.0 / np.sqrt(_dot(row, row))
         basis.append([_product(scale, x) for x in row])
         weights.append([_product(scale, x) for x in weight])
@@ -172,6 +172,6 @@ def _product(a: Any, b: Any) -> Any:
     return 0.0 if is_zero(a) or is_zero(b) else a * b
 
 
-def _less(x: Any, factor: Any, y: Any) -> Any:
+def _minus_product(x: Any, factor: Any, y: Any) -> Any:
     """Return x - factor y."""
     return x if is_zero(factor) or is_zero(y) else x - factor * y

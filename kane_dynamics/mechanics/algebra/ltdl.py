@@ -1,9 +1,9 @@
 """
-Symmetric positive definite systems, without pivots: M = L^T D L from the leaves to the root.
+LTDL factorization M = L^T D L of symmetric positive definite matrices, without pivoting.
 
-Eliminating a tree's leaves first creates no fill: what is zero in the mass matrix because two
-joints are on different branches stays zero (Featherstone, Rigid Body Dynamics Algorithms, 6.5).
-Entries that are zero by structure cost nothing.
+Eliminating a kinematic tree from the leaves to the root creates no fill-in: entries of the mass
+matrix that are zero because two joints are on different branches stay zero (Featherstone, Rigid
+Body Dynamics Algorithms, 6.5). Structurally zero entries cause no arithmetic.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ import numpy as np
 
 def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]:
     """
-    Factorise M = L^T D L.
+    Return the LTDL factorization M = L^T D L.
 
     Parameters
     ----------
     M : (n, n) array
-        The matrix.
+        Symmetric positive definite matrix.
     order : sequence of int
-        The rows, root to leaves: parents before children.
+        Row indices in topological order: parents before children.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
     Raises
     ------
     ZeroDivisionError
-        A pivot is zero by structure; its argument is the row.
+        If a pivot is structurally zero; the argument is the row index.
 
     """
     A = [[M[r, s] for s in order] for r in order]
@@ -56,7 +56,7 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
 
 
 def solve(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int], b: Any) -> Any:
-    """Return M^-1 b from `factorize`'s result."""
+    """Return M^-1 b from the result of `factorize`."""
     L, reciprocal = factors
     n = len(order)
     x: list[Any] = [b[r] for r in order]
@@ -77,7 +77,7 @@ def solve(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int], b: A
 
 
 def inverse(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int]) -> Any:
-    """Return M^-1, (n, n), symmetric to the last bit, from `factorize`'s result."""
+    """Return M^-1, (n, n), exactly symmetric, from the result of `factorize`."""
     n = len(order)
     columns = [solve(factors, order, [1.0 if r == k else 0.0 for r in range(n)])
                for k in range(n)]

@@ -1,7 +1,8 @@
 """
-Vectors and tensors in three dimensions, for numbers and traced values alike.
+Three-dimensional vectors and tensors over any scalar type.
 
-No function here branches on a value, writes into an array, or calls a solver.
+No function branches on a value, assigns to array entries, or calls a solver, so that all of them
+can be traced.
 """
 
 import math
@@ -13,30 +14,30 @@ QUARTER = 0.5 * math.pi
 
 
 def is_zero(x: Any) -> bool:
-    """Tell whether a scalar is zero by structure: the number 0, never a traced value."""
+    """Return whether a scalar is structurally zero: the number 0, never a traced value."""
     return isinstance(x, (int, float)) and x == 0.0
 
 
 def cross(a: Any, b: Any) -> Any:
-    """Return a x b."""
+    """Return the cross product a x b."""
     return np.array([a[1] * b[2] - a[2] * b[1],
                      a[2] * b[0] - a[0] * b[2],
                      a[0] * b[1] - a[1] * b[0]])
 
 
 def skew(a: Any) -> Any:
-    """Return the matrix [a]x with [a]x b = a x b."""
+    """Return the skew-symmetric matrix [a]x with [a]x b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def axis_rotation(axis: Any, s: Any, c: Any) -> Any:
-    """Return the rotation about a unit axis by the angle whose sine and cosine are s and c."""
+    """Return the rotation matrix about a unit axis by an angle with sine s and cosine c."""
     along = np.outer(axis, axis)
     return along + c * (np.eye(3) - along) + s * skew(axis)
 
 
 def sin_cos(angle: Any, offset: float = 0.0) -> tuple[Any, Any]:
-    """Return sine and cosine of angle + offset; whole quarter turns of offset cost nothing."""
+    """Return sine and cosine of angle + offset; multiples of pi/2 cause no arithmetic."""
     quarters = round(offset / QUARTER)
     if abs(offset - quarters * QUARTER) > 1e-14:
         return np.sin(angle + offset), np.cos(angle + offset)
@@ -46,9 +47,9 @@ def sin_cos(angle: Any, offset: float = 0.0) -> tuple[Any, Any]:
 
 def rate_tensor(omega: Any, alpha: Any) -> Any:
     """
-    Return U = [alpha]x + [omega]x [omega]x.
+    Return the acceleration gradient U = [alpha]x + [omega]x [omega]x.
 
-    A point at r from a body's origin accelerates by a + U r when the origin does by a.
+    A point at r from a body's origin has the acceleration a + U r, a that of the origin.
     """
     x, y, z = omega
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
@@ -59,10 +60,10 @@ def rate_tensor(omega: Any, alpha: Any) -> Any:
 
 def inertia_moment(second: Any, omega: Any, U: Any) -> Any:
     """
-    Return int r x (U r) dm = I alpha + omega x I omega from the second moment S = int r r^T dm.
+    Return the inertia moment I alpha + omega x I omega = int r x (U r) dm.
 
-    Written in S and U = `rate_tensor`, whose entries the force needs anyway; differences of U's
-    diagonal are those of the squares of omega.
+    Computed from the second moment S = int r r^T dm and U = `rate_tensor`, whose entries the
+    inertia force needs too. Differences of U's diagonal are differences of squares of omega.
     """
     S, (xx, yy, zz) = second, omega * omega
     return np.array([
@@ -76,10 +77,10 @@ def inertia_moment(second: Any, omega: Any, U: Any) -> Any:
 
 def rotated_about_z(S: Any, s: Any, c: Any) -> Any:
     """
-    Return Q S Q^T for a symmetric S and the rotation Q about z, in 10 multiplications.
+    Return Q S Q^T for a symmetric S and a rotation Q about z, in 10 multiplications.
 
-    Double-angle products are shared: with e = s (Sxx - Syy) + 2 c Sxy, the diagonal entries
-    move by s e and the corner becomes c e - Sxy.
+    With e = s (Sxx - Syy) + 2 c Sxy, the first two diagonal entries change by -s e and s e, and
+    the xy entry becomes c e - Sxy.
     """
     e = s * (S[0, 0] - S[1, 1]) + c * (S[0, 1] + S[0, 1])
     r = s * e
@@ -89,5 +90,5 @@ def rotated_about_z(S: Any, s: Any, c: Any) -> Any:
 
 
 def symmetric(S: Any) -> Any:
-    """Return the matrix whose lower triangle repeats the upper: equal entries, one expression."""
+    """Return the symmetric matrix with the upper triangle of S; mirrored entries are shared."""
     return np.array([[S[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])

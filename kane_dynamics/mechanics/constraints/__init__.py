@@ -3,18 +3,55 @@ Constraints on the motion of a mechanism, each stated as a velocity that vanishe
 
 Every constraint is rows J(q, t) q' = b(q, t). A row is a component of partial velocities, so
 nothing is differentiated by hand (Kane & Levinson, sections 2.13 and 2.14). Rows that come from
-a condition on positions (a closed loop, a wheel on the ground) also tell the gap by which that
-condition is missed, whose rate the row is.
+a condition on positions (a closed loop, a wheel on the ground) also have a residual, by which that
+condition is missed, whose rate the row is where the loop is closed.
 
 All functions here run over any scalar. World axes, SI units.
 """
 
+from typing import Any, get_args
+
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.constraints.closure import Closure
 from kane_dynamics.mechanics.constraints.constraint_rows import ConstraintRows, Geometry
-from kane_dynamics.mechanics.constraints.position_constraints import Closure, Coupling, Prescribed
+from kane_dynamics.mechanics.constraints.position_constraints import Coupling, Prescribed
+from kane_dynamics.mechanics.constraints.rolling import Rolling
 from kane_dynamics.mechanics.constraints.velocity_constraints import (DependentSpeeds, knife_edge,
-                                                                      PointVelocity, Rolling)
+                                                                      PointVelocity)
 
 Constraint = PointVelocity | Rolling | DependentSpeeds | Closure | Coupling | Prescribed
 
 __all__ = ['Closure', 'Constraint', 'Coupling', 'DependentSpeeds', 'Geometry', 'PointVelocity',
-           'Prescribed', 'Rolling', 'ConstraintRows', 'knife_edge']
+           'Prescribed', 'Rolling', 'ConstraintRows', 'checked_constraints', 'checked_names',
+           'knife_edge']
+
+
+def checked_constraints(given: Any) -> tuple[Constraint, ...]:
+    """Return a sequence of constraints as a tuple; ConstraintError says what else was given."""
+    kinds = get_args(Constraint)
+    valid = ', '.join(kind.__name__ for kind in kinds)
+    if isinstance(given, kinds):
+        raise ConstraintError(f'constraints is a {type(given).__name__}; expected a sequence, '
+                              'such as [pin]')
+    try:
+        found = () if isinstance(given, str) else tuple(given)
+    except TypeError:
+        found = (given,)
+    for k, each in enumerate(found):
+        if not isinstance(each, kinds):
+            raise ConstraintError(f'constraints[{k}] is {each!r}; expected one of {valid}')
+    if isinstance(given, str):
+        raise ConstraintError(f'constraints is {given!r}; expected a sequence of {valid}')
+    return found
+
+
+def checked_names(given: Any, what: str) -> tuple[str, ...] | None:
+    """Return a sequence of names as a tuple, None as it is; ConstraintError for anything else."""
+    if given is None:
+        return None
+    names = () if isinstance(given, str) else tuple(given) if hasattr(given, '__iter__') else (
+        given,)
+    if isinstance(given, str) or not all(isinstance(name, str) for name in names):
+        raise ConstraintError(f'{what} is {given!r}; expected a sequence of names, such as '
+                              f"['{given if isinstance(given, str) else 'crank'}']")
+    return names

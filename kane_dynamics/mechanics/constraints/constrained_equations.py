@@ -15,7 +15,9 @@ from typing import Any
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.constraints.conditioning import margin
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism, Released
+from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
 import numpy as np
@@ -33,6 +35,8 @@ class ConstrainedEquations:
     actuated : sequence of str, optional
         Names of the joints that have actuators, which share a load with the least sum of
         squares. By default what acts is the force dual to each independent speed, nothing else.
+    redundant : one of `redundant_forces.SHARING`
+        How rows that follow from others share their force.
 
     Raises
     ------
@@ -47,8 +51,11 @@ class ConstrainedEquations:
     """
 
     def __init__(self, tree: TreeEquations, mechanism: Mechanism,
-                 actuated: Sequence[str] | None = None) -> None:
+                 actuated: Sequence[str] | None = None,
+                 redundant: str = 'minimum_norm') -> None:
         """Keep the parts."""
+        self._redundant = redundant
+        self.watched = bool(mechanism.labels)  # by calls and simulations
         self.tree, self.mechanism = tree, mechanism
         self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n
         self.speed_names = mechanism.speed_names
@@ -129,6 +136,10 @@ class ConstrainedEquations:
         missed = [0.0 if gap[k] is None else gap[k] for k in self.mechanism.kept]
         return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
 
+    def margin(self, q: Any, t: Any, limits: Any) -> Any:
+        """Return a number that is positive where a state may be trusted; see `conditioning`."""
+        return margin(self.mechanism, q, t, limits, self.tree.geometry)
+
     def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                  t: Any) -> tuple[JointMotion, Any, Any]:
         """Return the motion at udot = 0, the joint forces of the true one, and udot."""
@@ -187,17 +198,28 @@ class ConstrainedEquations:
 
     def constraint_forces(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                           t: Any = 0.0) -> Any:
-        """Return the force of every constraint row, (m,); zero of a row that others imply."""
+        """Return the force of every constraint row, (m,); of redundant rows as `redundant`."""
         motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
-        kept = motion.N.T @ (force - self.joint_torques(q, tau, t))
-        result = np.zeros(len(self.mechanism.labels)).astype(object)
-        result[self.mechanism.kept] = kept
-        return result
+        return self._shared(q, t, motion.N, force - self.joint_torques(q, tau, t))
 
-    def constraint_gap(self, q: Any, t: Any = 0.0) -> Any:
+    def _shared(self, q: Any, t: Any, N: Any, missing: Any) -> Any:
+        """Return the forces of all rows, (m,), that make up for missing joint forces."""
+        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
+        return shared_forces(self.mechanism, rows.J, N, N.T @ missing, self._redundant)
+
+    def constraint_residual(self, q: Any, t: Any = 0.0) -> Any:
         """Return what each row's condition on positions is missed by, (m,); 0 without one."""
         rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
         return np.array([0.0 if gap is None else gap for gap in rows.gap], dtype=object)
+
+    def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
+        """Return by what each row's velocity is missed, J q' - b, (m,)."""
+        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
+        return rows.J @ self.joint_rates(q, u, t) - rows.b
+
+    def joint_accelerations(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
+        """Return q'', (n_q,)."""
+        return self.joint_motion(q, u, udot, t).qddot
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                        t: Any = 0.0) -> Any:
@@ -210,13 +232,13 @@ class ConstrainedEquations:
         motion = self.joint_motion(q, u, udot, t)
         force = self._joint_forces(q, motion, wrench, parameters)
         applied = self.joint_torques(q, motion.T.T @ force, t)
-        held = motion.N.T @ (force - applied)
+        held = self._shared(q, t, motion.N, force - applied)
         here = self.mechanism.posture(q, t, self.tree.geometry)
         of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
         result = []
         for body, (origin, whole) in enumerate(zip(self.tree.joint_origins(q), of_tree)):
             rows = self.mechanism.rows(Released(here, body, origin))
-            result.append(whole - rows.J[self.mechanism.kept].T @ held)
+            result.append(whole - rows.J.T @ held)
         return np.array(result)
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
@@ -244,6 +266,14 @@ class ConstrainedEquations:
     def potential_energy(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return the potential energy of gravity and springs, J."""
         return self.tree.potential_energy(q, parameters)
+
+    def center_of_mass(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m."""
+        return self.tree.center_of_mass(q, parameters)
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """Return the velocity of the center of mass per unit of each independent speed, (3, n)."""
+        return self.tree.center_of_mass_jacobian(q, parameters) @ self.at_rest(q, t).T
 
     def frame_pose(self, frame: Frame, q: Any, t: Any = 0.0) -> Any:
         """Return the homogeneous transformation frame to world, (4, 4)."""

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, ModelError
-from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.model.model import Frame
 import numpy as np
 
 
@@ -17,11 +17,19 @@ class Geometry(Protocol):
     q: Any
     t: Any
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
+    def carrier(self, first: str, second: str) -> Frame:
+        """Return the axes of the last body that carries both frames, or of the world."""
+
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
         """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
 
-    def partial_velocities(self, frame: str) -> Any:
-        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """
+        Return (6, n_q): linear, then angular, per unit joint rate.
+
+        They are those of the point of the frame's body that is at `at`, (3,), m; by default the
+        frame's origin.
+        """
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a coordinate's row, (n_q,), and its value; `asking` is the constraint's name."""
@@ -66,12 +74,23 @@ def unit(value: Any, what: str) -> Array:
     return constant(vector / length, (3,), what)
 
 
-def across(direction: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that make a right-handed triad with a direction, it being third."""
+def positive(value: Any, what: str) -> float:
+    """Return a positive number; ConstraintError for anything else."""
+    try:
+        number = float(constant(value, (), what))
+    except ModelError as error:
+        raise ConstraintError(str(error)) from None
+    if number <= 0.0:
+        raise ConstraintError(f'{what} is {number}; expected a positive number')
+    return number
+
+
+def triad(direction: Array) -> tuple[Array, Array, Array]:
+    """Return a right-handed triad of unit vectors whose third is a direction."""
     start = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = start - (start @ direction) * direction
     first = first / np.sqrt(first @ first)
-    return first, np.cross(direction, first)
+    return first, np.cross(direction, first), direction
 
 
 def relative_partials(here: Geometry, frame: str, seen_from: str | None) -> Any:
@@ -79,7 +98,4 @@ def relative_partials(here: Geometry, frame: str, seen_from: str | None) -> Any:
     J = here.partial_velocities(frame)
     if seen_from is None:
         return J
-    K = here.partial_velocities(seen_from)
-    r = here.pose(frame)[1] - here.pose(seen_from)[1]
-    carried = np.array([cross(column, r) for column in K[3:].T]).T
-    return np.concatenate([J[:3] - K[:3] - carried, J[3:] - K[3:]])
+    return J - here.partial_velocities(seen_from, here.pose(frame)[1])

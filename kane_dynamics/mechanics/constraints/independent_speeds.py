@@ -1,8 +1,9 @@
 """
 Which speeds are independent and which constraint rows are: found once, at sample postures.
 
-Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out
-and carries no force; one that contradicts others is an error.
+Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out;
+one that contradicts others is an error. What is found holds where it was looked for: calls and
+simulations watch it (`conditioning`), and choose again where a motion needs it.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,11 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints import Constraint
+from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
+                                                 DependentSpeeds, PointVelocity, Prescribed)
+from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
+from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
+from kane_dynamics.mechanics.constraints.constraint_rows import positive
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -18,13 +23,13 @@ import numpy as np
 CLOSED = 1e-11  # m or rad: a gap this small is closed
 ITERATIONS = 100
 STRIDE = 0.5  # rad or m: longest step of the search for a closed posture
-RANK = 1e-9  # relative size at which a singular value counts as zero
 STARTS = 12  # postures from which closing is tried
 SAMPLES = 4  # closed postures at which the structure is looked at
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
-                       independent: Sequence[str] | None = None) -> Mechanism:
+                       independent: Sequence[str] | None = None,
+                       configuration: Any = None, rank_tolerance: float = RANK) -> Mechanism:
     """
     Return the mechanism with its independent speeds and rows chosen.
 
@@ -38,37 +43,68 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
         What holds.
     independent : sequence of str, optional
         Names of the speeds to take as independent; the best conditioned by default.
+    configuration : (n_q,) array_like, optional
+        Where to look, rad or m; closed, or nearly. By default places within the joints' limits
+        are tried.
+    rank_tolerance : float
+        Part of the largest singular value up to which one counts as zero. A larger one than the
+        default accepts loops whose description is rounded: rows that follow from others but for
+        so much are left out, and may stay open by so much, m or rad.
 
     Raises
     ------
     ConstraintError
         A constraint names what the model does not have, the constraints contradict each other,
-        cannot be met in any posture found, leave no freedom; Y is singular; or `independent`
-        does not fit.
+        cannot be met in any posture found, leave no freedom and are not driven either; Y is
+        singular; or `independent` does not fit.
 
     """
-    everything = Mechanism(model, speeds, constraints)
+    constraints = checked_constraints(constraints)
+    independent = checked_names(independent, 'independent')
+    tolerance = positive(rank_tolerance, 'rank_tolerance')
+    everything = Mechanism(model, speeds, constraints, rank_tolerance=tolerance)
+    start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
-            constraint.rows(everything.posture(np.zeros(model.n)))
+            constraint.rows(everything.posture(start))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
-    samples = [_velocity_rows(everything, q) for q in _closed_postures(everything)]
+    places = (_closed_postures(everything) if configuration is None
+              else _postures_near(everything, start))
+    samples = [_velocity_rows(everything, q) for q in places]
     if not everything.labels and independent is None:
         return everything
-    ranks = [_rank(C) for C, _ in samples]
+    sizes = _row_sizes(everything, places)
+    ranks = [rank_of(C, tolerance) for C, _ in samples]
     m = max(ranks)
-    samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
-    kept = sorted(_pivots(samples[0][0].T, m))
+    place = places[ranks.index(m)]
+    samples = [sample for sample, found in zip(samples, ranks) if found == m]
+    kept = sorted(pivots(samples[0][0].T, m))
     _check_consistent(everything, samples, kept)
-    if m == model.n:
-        raise ConstraintError(f'{m} independent constraint rows leave no freedom to '
-                              f'{model.n} speeds: {", ".join(everything.labels)}')
+    if m == model.n and not any(_driven(constraint) for constraint in constraints):
+        raise no_freedom(everything, place, m)
     if independent is None:
         free = _best_free([C[kept] for C, _ in samples])
     else:
         free = _given_free(everything, independent, [C[kept] for C, _ in samples])
-    return Mechanism(model, speeds, constraints, free, kept)
+    return Mechanism(model, speeds, constraints, free, kept, sizes, tolerance)
+
+
+def _driven(constraint: Constraint) -> bool:
+    """Tell whether a constraint may prescribe a motion other than rest."""
+    if isinstance(constraint, PointVelocity):
+        return callable(constraint.value) or constraint.value != 0.0
+    return isinstance(constraint, Prescribed | DependentSpeeds)
+
+
+def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
+    """Return the largest size, in units of the mechanism, of any row like each at the places."""
+    found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
+                    for q in places], axis=0)
+    kinds = list(zip(mechanism.owners, mechanism.turning))
+    largest = [max(float(size) for size, kind in zip(found, kinds) if kind == own)
+               for own in kinds]
+    return [size if size > mechanism.rank_tolerance * max(largest) else 1.0 for size in largest]
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
@@ -93,22 +129,43 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         None is found; names the constraint with the largest remaining gap.
 
     """
-    here = np.array(q, dtype=np.float64)
     names = mechanism.model.coordinate_names
+    try:
+        here, at = np.array(q, dtype=np.float64), float(t)
+    except (TypeError, ValueError):
+        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
+                         ) from None
+    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
+        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
+                         f'({", ".join(names)}) and a time in s')
+    fixed = checked_names(fixed, 'fixed') or ()
     unknown = sorted(set(fixed) - set(names))
     if unknown:
         raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
     moves = np.array([name not in fixed for name in names])
-    for _ in range(ITERATIONS):
-        J, gap, labels = _gaps(mechanism, here, t)
-        if np.abs(gap).max(initial=0.0) < CLOSED:
-            return here
-        step = np.linalg.lstsq(J[:, moves], -gap, rcond=1e-10)[0]
-        longest = np.abs(step).max(initial=0.0)
-        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
+    here, gap, labels, closed = _closing(mechanism, here, moves, t)
+    if closed:
+        return here
     worst = int(np.argmax(np.abs(gap)))
     raise ConstraintError(f"no posture found that closes '{labels[worst]}': {abs(gap[worst]):.3g} "
                           f'(m or rad) remain after {ITERATIONS} steps')
+
+
+def _closing(mechanism: Mechanism, start: Array, moves: Array,
+             t: float) -> tuple[Array, Array, list[str], bool]:
+    """Return where Newton's method ends, (n_q,), the residuals, their labels, whether closed."""
+    here, tolerance = start.copy(), mechanism.rank_tolerance
+    for _ in range(ITERATIONS):
+        J, gap, labels = _gaps(mechanism, here, t)
+        missed = np.abs(gap).max(initial=0.0)
+        if missed < CLOSED:
+            return here, gap, labels, True
+        step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
+        longest = np.abs(step).max(initial=0.0)
+        if tolerance > RANK and missed < tolerance and longest < CLOSED:
+            return here, gap, labels, True  # what is left is what the tolerance allows
+        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
+    return here, gap, labels, False
 
 
 def _gaps(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
@@ -138,7 +195,42 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
         if len(found) == SAMPLES:
             return found
     if not found:
-        raise failures[0]
+        nearest = min((_closing(mechanism, start, np.ones(len(lower), bool), 0.0)
+                       for start in starts), key=lambda end: np.abs(end[1]).max(initial=0.0))
+        raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
+    return found
+
+
+def _checked(mechanism: Mechanism, configuration: Any) -> Array:
+    """Return a configuration as an array; ConstraintError unless it is one."""
+    names = mechanism.model.coordinate_names
+    try:
+        q = np.array(configuration, dtype=np.float64)
+    except (TypeError, ValueError):
+        q = np.array(np.nan)
+    if q.shape != (len(names),) or not np.isfinite(q).all():
+        raise ConstraintError(f'configuration is {configuration!r}; expected {len(names)} finite '
+                              f'numbers: {", ".join(names)}')
+    return q
+
+
+def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
+    """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
+    closed = closed_posture(mechanism, q)
+    moved = np.abs(closed - q) / mechanism.units
+    worst = int(np.argmax(moved))
+    if moved[worst] > STRIDE:
+        raise ConstraintError(
+            f"configuration: closing its loops moves '{mechanism.model.coordinate_names[worst]}' "
+            f'by {abs(closed - q)[worst]:.3g} rad or m; expected a configuration that is closed '
+            'to within a small correction, so that it stays on its branch')
+    found, rng = [closed], np.random.default_rng(0)
+    for _ in range(SAMPLES - 1):
+        try:
+            found.append(closed_posture(mechanism, closed + 0.05 * mechanism.units * rng.uniform(
+                -1.0, 1.0, len(q))))
+        except ConstraintError:
+            continue
     return found
 
 
@@ -155,32 +247,13 @@ def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
     return C, np.array(rows.b, dtype=np.float64) + C @ Z
 
 
-def _rank(C: Array) -> int:
-    size = np.linalg.svd(C, compute_uv=False)
-    return int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
-
-
-def _pivots(C: Array, count: int) -> list[int]:
-    """Return the columns that Gram-Schmidt with pivoting takes first."""
-    rest = C.copy()
-    taken: list[int] = []
-    for _ in range(count):
-        size = np.linalg.norm(rest, axis=0)
-        size[taken] = -1.0
-        k = int(np.argmax(size > (1.0 - 1e-9) * size.max()))  # ties: the first
-        taken.append(k)
-        direction = rest[:, k] / np.linalg.norm(rest[:, k])
-        rest = rest - np.outer(direction, direction @ rest)
-    return taken
-
-
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
                       kept: list[int]) -> None:
     """Raise where a row left out asks for another velocity than the rows kept allow."""
     for C, d in samples:
         weights = np.linalg.lstsq(C[kept].T, C.T, rcond=None)[0]  # rows in terms of those kept
         excess = np.abs(d - weights.T @ d[kept])
-        if excess.max(initial=0.0) > RANK * (1.0 + np.abs(d).max(initial=0.0)):
+        if excess.max(initial=0.0) > mechanism.rank_tolerance * (1.0 + np.abs(d).max(initial=0.0)):
             k = int(np.argmax(excess))
             raise ConstraintError(f"constraint '{mechanism.labels[k]}' contradicts the others: "
                                   f'its velocity is off by {excess[k]:.3g}')
@@ -195,7 +268,7 @@ def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
 def _best_free(rows: list[Array]) -> list[int]:
     """Return the independent speeds that leave the dependent ones best determined."""
     count, n = rows[0].shape
-    choices = [sorted(_pivots(C, count)) for C in rows]
+    choices = [sorted(pivots(C, count)) for C in rows]
     best = max(choices, key=lambda dependent: _conditioning(rows, dependent))
     return [r for r in range(n) if r not in best]
 

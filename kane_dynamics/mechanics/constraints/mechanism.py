@@ -15,6 +15,7 @@ evidence (Kane & Levinson, section 4.9).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
@@ -22,11 +23,12 @@ from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows
+from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen, Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
 from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
 
@@ -66,20 +68,35 @@ class MechanismState:
         self._speeds = speeds
         self._links = links
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
-        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
-        at = self.model.frame(frame)
-        if self._links is None:
-            return kinematics.frame_pose(self.model, at, self.q)
-        T = frame_kinematics.frame_pose(self._links, at, self.q)
-        return T[:3, :3], T[:3, 3]
+    @cached_property
+    def _bodies(self) -> tuple[kinematics.Configuration, ...]:
+        return kinematics.configurations(self.model, self.q)
 
-    def partial_velocities(self, frame: str) -> Any:
-        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
-        at = self.model.frame(frame)
+    @cached_property
+    def _link_poses(self) -> list[tuple[Any, Any]]:
+        return frame_kinematics.link_poses(self._links or (), self.q)
+
+    def carrier(self, first: str, second: str) -> Frame:
+        """Return the axes of the last body that carries both frames, or of the world."""
+        one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
+        return Frame('', max(set(one) & set(other), default=WORLD))
+
+    def _frame(self, frame: str | Frame) -> Frame:
+        return frame if isinstance(frame, Frame) else self.model.frame(frame)
+
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
+        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
+        at = self._frame(frame)
         if self._links is None:
-            return kinematics.frame_partial_velocities(self.model, at, self.q)
-        return frame_kinematics.partial_velocities(self._links, at, self.q)
+            return kinematics.frame_pose(self.model, at, self.q, self._bodies)
+        return frame_kinematics.frame_axes(self._links, at, self._link_poses)
+
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
+        of = self._frame(frame)
+        if self._links is None:
+            return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
+        return frame_kinematics.partial_velocities(self._links, of, self.q, at, self._link_poses)
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
@@ -113,12 +130,25 @@ class Mechanism:
     constraints : sequence of constraints
     free, kept : sequences of int
         Numbers of the independent speeds, and of the rows that are independent of each other;
-        `structure.structured` finds them.
+        `structured` finds them.
+    sizes : sequence of float, optional
+        Approximate size of each row, in `units`; 1 by default.
+    rank_tolerance : float
+        Singular values up to this fraction of the largest count as zero, and so do residuals of
+        rows that then follow from others (m or rad).
+
+    Attributes
+    ----------
+    length : float
+        m, see `row_units.length_of`: by it moments and turns compare with forces and distances.
+    units : (n_q,) array
+        `length` for coordinates that slide, 1 rad for others.
 
     """
 
     def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
-                 free: Sequence[int] | None = None, kept: Sequence[int] | None = None) -> None:
+                 free: Sequence[int] | None = None, kept: Sequence[int] | None = None,
+                 sizes: Sequence[float] | None = None, rank_tolerance: float = 1e-9) -> None:
         """Keep the parts; without `free` and `kept` every speed and every row counts."""
         self.model = model
         self.speeds = chosen(model, speeds)
@@ -126,6 +156,12 @@ class Mechanism:
         self.labels = tuple(label for c in self.constraints for label in c.labels)
         self.free = list(range(model.n)) if free is None else list(free)
         self.kept = list(range(len(self.labels))) if kept is None else list(kept)
+        self.owners = tuple(c.name for c in self.constraints for _ in c.labels)
+        self.sizes = (1.0,) * len(self.labels) if sizes is None else tuple(sizes)
+        self.rank_tolerance = rank_tolerance
+        self.length = length_of(model)
+        self.units = np.array([self.length if name in model.sliding else 1.0
+                               for name in model.coordinate_names])
         names = [c.name for c in self.constraints]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -143,9 +179,25 @@ class Mechanism:
 
         Those alone may depend on time.
         """
-        parts = [repr(self.free), repr(self.kept), self.speeds.key or None,
+        parts = [repr(self.free), repr(self.kept), repr(self.sizes), self.speeds.key or None,
                  *(_described(constraint) for constraint in self.constraints)]
         return None if None in parts else '\n'.join(part for part in parts if part)
+
+    @property
+    def left_out(self) -> list[int]:
+        """Return the numbers of the rows that follow from those kept."""
+        return [k for k in range(len(self.labels)) if k not in self.kept]
+
+    @property
+    def turning(self) -> tuple[bool, ...]:
+        """Tell of each row whether it is of a turn: rad and N m, not m and N."""
+        return tuple(turns for constraint in self.constraints
+                     for turns in turning_rows(constraint, self.model))
+
+    def with_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Mechanism':
+        """Return the same mechanism with other independent speeds or rows."""
+        return Mechanism(self.model, self.speeds, self.constraints, free, kept, self.sizes,
+                         self.rank_tolerance)
 
     @property
     def speed_names(self) -> tuple[str, ...]:
@@ -229,12 +281,12 @@ class Released(MechanismState):
         self._body, self._origin = body, origin
         self.width = 6
 
-    def partial_velocities(self, frame: str) -> Any:
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
         """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
-        at = self.model.frame(frame)
-        if at.body == WORLD or self._body not in self.model.path(at.body):
+        of = self._frame(frame)
+        if of.body == WORLD or self._body not in self.model.path(of.body):
             return np.zeros((6, 6)).astype(object)
-        r = self.pose(frame)[1] - self._origin
+        r = (self.pose(frame)[1] if at is None else at) - self._origin
         unit = np.eye(3).astype(object)
         turned = np.array([cross(axis, r) for axis in unit]).T
         return np.concatenate([np.concatenate([unit, turned], axis=1),

@@ -1,15 +1,15 @@
-"""Constraints on positions: closed loops, coupled joints, prescribed motion."""
+"""Constraints on coordinates: coupled joints, prescribed motion."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from kane_dynamics._util.frozen import freeze
-from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (across, ConstraintRows, Geometry,
-                                                                 unit)
+from kane_dynamics.errors import ConstraintError, KaneError
+from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.algebra.spline import clamped_spline
+from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
+from kane_dynamics.mechanics.constraints.constraint_rows import ConstraintRows, Geometry
 import numpy as np
 
 
@@ -54,64 +54,6 @@ class Coupling:
 
 
 @dataclass(frozen=True, eq=False)
-class Closure:
-    """
-    Two frames of the mechanism are joined: the joint at which a closed loop was cut.
-
-    Parameters
-    ----------
-    first, second : str
-        The frames; one of them may be fixed in the world.
-    kind : 'weld', 'revolute' or 'spherical'
-        A revolute closure leaves free the turn about `axis`, a spherical one every turn.
-    axis : (3,) array
-        Of a revolute closure; the same direction in the axes of both frames.
-    name : str
-
-    """
-
-    first: str
-    second: str
-    kind: Literal['weld', 'revolute', 'spherical'] = 'weld'
-    axis: Any = (0.0, 0.0, 1.0)
-    name: str = ''
-
-    def __post_init__(self) -> None:
-        """Check and normalise."""
-        freeze(self, 'name', self.name or f'closure of {self.first} and {self.second}')
-        if self.kind not in ('weld', 'revolute', 'spherical'):
-            raise ConstraintError(f"constraint '{self.name}': kind is '{self.kind}'; valid: weld, "
-                                  'revolute, spherical')
-        freeze(self, 'axis', unit(self.axis, f"constraint '{self.name}': axis"))
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Return the names of the rows: three of position, up to three of direction."""
-        turns = {'weld': 3, 'revolute': 2, 'spherical': 0}[self.kind]
-        parts = ('x', 'y', 'z', *('turn_1', 'turn_2', 'turn_3')[:turns])
-        return tuple(f'{self.name}/{part}' for part in parts)
-
-    def rows(self, here: Geometry) -> ConstraintRows:
-        """
-        Return the rows.
-
-        Those of direction keep an axis a of one frame perpendicular to an axis b of the other:
-        the rate of a . b is (b x a) . (omega_second - omega_first).
-        """
-        (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
-        J = here.partial_velocities(self.second) - here.partial_velocities(self.first)
-        rows, gap = list(J[:3]), list(p2 - p1)
-        side, up = across(self.axis)
-        pairs = {'spherical': (), 'revolute': ((side, self.axis), (up, self.axis)),
-                 'weld': ((side, self.axis), (up, self.axis), (up, side))}[self.kind]
-        for one, other in pairs:
-            a, b = R1 @ one, R2 @ other
-            rows.append(cross(b, a) @ J[3:])
-            gap.append(a @ b)
-        return ConstraintRows(np.array(rows), np.zeros(len(rows)), tuple(gap))
-
-
-@dataclass(frozen=True, eq=False)
 class Prescribed:
     """
     A joint moves as a given function of time (a shaker, a platform, a spacecraft's base).
@@ -119,23 +61,40 @@ class Prescribed:
     Parameters
     ----------
     joint : str
-    position : callable
-        ``position(t)``, rad or m, over any scalar: numpy's sin, cos, tanh, sqrt and arithmetic.
+    position : callable, Motion or (times, positions)
+        ``position(t)``, rad or m, of arithmetic and the functions of numpy that
+        `kane_dynamics.mechanics.algebra.user_functions` lists; or a `Motion` that has this joint;
+        or a table, through which goes one cubic spline with continuous accelerations, at rest at
+        both ends. Outside its times a Motion or a table rests.
     name : str
 
     Notes
     -----
-    The constraint force of its row is the force or torque that the prescribed motion takes.
+    The constraint force of its row is the force or torque that the prescribed motion takes. A
+    position whose velocity jumps (abs, minimum, a branch of where) would take an impulse there,
+    which the equations of motion do not hold: let its velocity be continuous.
 
     """
 
     joint: str
-    position: Callable[[Any], Any]
+    position: Any
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Name it."""
+        """Name it, and make a function of a motion or a table."""
         freeze(self, 'name', self.name or f'prescribed {self.joint}')
+        what = f"constraint '{self.name}'"
+        try:
+            if hasattr(self.position, 'joint_polynomial'):
+                freeze(self, 'position', self.position.joint_polynomial(self.joint))
+            elif isinstance(self.position, tuple | list) and len(self.position) == 2:
+                freeze(self, 'position', clamped_spline(*self.position))
+        except KaneError as error:
+            raise ConstraintError(f'{what}: {error}') from None
+        if not callable(self.position):
+            raise ConstraintError(f'{what}: position is a {type(self.position).__name__}; '
+                                  'expected a function of t, a Motion, or a table (times, '
+                                  'positions)')
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -145,5 +104,7 @@ class Prescribed:
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the row: the joint's rate is the function's."""
         row, value = here.coordinate(self.joint, self.name)
-        speed = rates(np.array([self.position(moving(here.t, 1.0))], dtype=object))
-        return ConstraintRows(row[None, :], speed, (value - self.position(here.t),))
+        what = f"constraint '{self.name}': position(t)"
+        moved = evaluated_scalar(self.position, what, moving(here.t, 1.0))
+        return ConstraintRows(row[None, :], rates(np.array([moved], dtype=object)),
+                              (value - values(np.array([moved], dtype=object))[0],))

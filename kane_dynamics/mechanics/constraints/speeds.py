@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.algebra.user_functions import evaluated
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import composite_inertia
 from kane_dynamics.mechanics.recursive.link_frames import denavit_hartenberg, linkage, regrouped
@@ -57,13 +58,17 @@ class Speeds:
 
         """
         n = len(q)
-        Y = np.asarray(self.Y(q, t))
-        Z = np.zeros(n) if self.Z is None else np.asarray(self.Z(q, t))
+        Y = np.asarray(self._evaluated(self.Y, 'Y', q, t))
+        Z = np.zeros(n) if self.Z is None else np.asarray(self._evaluated(self.Z, 'Z', q, t))
         for name, value, shape in (('Y', Y, (n, n)), ('Z', Z, (n,))):
             if value.shape != shape:
                 raise ConstraintError(f'{name}(q, t) returns shape {value.shape}; expected '
                                       f'{shape}, one row for each speed')
         return Y, Z
+
+    def _evaluated(self, function: Function, name: str, q: Any, t: Any) -> Any:
+        """Return what a function gives; a user's, which has no key, is evaluated with care."""
+        return function(q, t) if self.key else evaluated(function, f'speeds: {name}(q, t)', q, t)
 
 
 def joint_rates(model: Model) -> Speeds:

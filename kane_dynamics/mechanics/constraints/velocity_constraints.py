@@ -1,14 +1,13 @@
-"""Constraints on velocities: points, rolling, and speeds that depend on others."""
+"""Constraints on velocities: points, and speeds that depend on others."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (across, ConstraintRows, Geometry,
+from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
+from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
                                                                  relative_partials, unit)
 import numpy as np
 
@@ -60,7 +59,8 @@ class PointVelocity:
         """Return the row: the component of the partial velocities."""
         d = self.direction if self.axes is None else here.pose(self.axes)[0] @ self.direction
         J = relative_partials(here, self.frame, self.relative_to)
-        b = self.value(here.t) if callable(self.value) else self.value
+        b = evaluated_scalar(self.value, f"constraint '{self.name}': value(t)", here.t) if (
+            callable(self.value)) else self.value
         row = d @ (J[3:] if self.angular else J[:3])
         return ConstraintRows(np.array([row]), np.array([b]), (None,))
 
@@ -68,66 +68,6 @@ class PointVelocity:
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
     """Return the constraint that a frame's origin does not move along a direction of its own."""
     return PointVelocity(frame, direction, axes=frame, name=name or f'knife edge {frame}')
-
-
-@dataclass(frozen=True, eq=False)
-class Rolling:
-    """
-    A wheel (a thin disc) or a ball rolls on a plane without slipping.
-
-    Parameters
-    ----------
-    frame : str
-        Its origin is the centre.
-    radius : float
-        m, positive.
-    axis : (3,) array, optional
-        The wheel's axle in the frame's axes; a ball without.
-    normal : (3,) array
-        Of the plane, world axes.
-    height : float
-        Distance of the plane from the world's origin along the normal, m.
-    name : str
-
-    """
-
-    frame: str
-    radius: float
-    axis: Any = None
-    normal: Any = (0.0, 0.0, 1.0)
-    height: float = 0.0
-    name: str = ''
-
-    def __post_init__(self) -> None:
-        """Check and normalise."""
-        freeze(self, 'name', self.name or f'rolling of {self.frame}')
-        what = f"constraint '{self.name}'"
-        freeze(self, 'radius', float(constant(self.radius, (), f'{what}: radius')))
-        if self.radius <= 0.0:
-            raise ConstraintError(f'{what}: radius is {self.radius}; it must be positive')
-        freeze(self, 'normal', unit(self.normal, f'{what}: normal'))
-        if self.axis is not None:
-            freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Return the names of the rows: two tangents of the plane, and its normal."""
-        return tuple(f'{self.name}/{part}' for part in ('tangent_1', 'tangent_2', 'normal'))
-
-    def rows(self, here: Geometry) -> ConstraintRows:
-        """Return the rows: the point that touches the plane has no velocity."""
-        R, centre = here.pose(self.frame)
-        r = -self.radius * self.normal
-        if self.axis is not None:  # down the wheel's own plane
-            axle = R @ self.axis
-            up = self.normal - (self.normal @ axle) * axle
-            r = up * (-self.radius / np.sqrt(up @ up))
-        J = here.partial_velocities(self.frame)
-        v = J[:3] + np.array([cross(column, r) for column in J[3:].T]).T
-        directions = (*across(self.normal), self.normal)
-        gap = self.normal @ (centre + r) - self.height
-        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
-                              (None, None, gap))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +103,10 @@ class DependentSpeeds:
         Y_D, Z_D = here.speed_rows(self.dependent)
         Y_I, Z_I = here.speed_rows(here.other_speeds(self.dependent))
         m = len(self.dependent)
-        A = np.asarray(self.A(here.q, here.t))
-        B = np.zeros(m) if self.B is None else np.asarray(self.B(here.q, here.t))
+        what = f"constraint '{self.name}'"
+        A = np.asarray(evaluated(self.A, f'{what}: A(q, t)', here.q, here.t))
+        B = np.zeros(m) if self.B is None else np.asarray(
+            evaluated(self.B, f'{what}: B(q, t)', here.q, here.t))
         for name, value, shape in (('A', A, (m, len(Y_I))), ('B', B, (m,))):
             if value.shape != shape:
                 raise ConstraintError(f"constraint '{self.name}': {name}(q, t) returns shape "

@@ -6,12 +6,18 @@ Schema; frames and joints are named as in the URDF, lengths in m, angles in rad:
     constraints:                # at least one; each has a name of its own, for its forces
       pin:
         closure: {first: rocker_end, second: base_pin, kind: revolute, axis: [0, 1, 0]}
+                                # or weld, prismatic, cylindrical, spherical, planar, inline;
+                                # universal with second_axis, distance with length
       gear:
         coupling: {joint: wrist, ratios: {elbow: -1.5}, offset: 0.0}
       blade:
         knife_edge: {frame: skate, direction: [0, 1, 0]}
       wheel:
         rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], normal: [0, 0, 1], height: 0.0}
+      planet:
+        rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], surface: cylinder,
+                  surface_frame: sun, surface_radius: 0.3, surface_axis: [0, 0, 1],
+                  inside: false}
       drift:
         point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
                          value: 0.0, angular: false}
@@ -27,17 +33,19 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling, knife_edge,
                                                  PointVelocity, Rolling)
 
-FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame')
+FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame', 'surface_frame')
 # Of each kind: what makes it, what must be given, and what may be.
 KINDS: dict[str, tuple[Callable[..., Constraint], tuple[str, ...], tuple[str, ...]]] = {
-    'closure': (Closure, ('first', 'second'), ('kind', 'axis')),
+    'closure': (Closure, ('first', 'second'), ('kind', 'axis', 'second_axis', 'length')),
     'coupling': (Coupling, ('joint', 'ratios'), ('offset',)),
     'knife_edge': (knife_edge, ('frame', 'direction'), ()),
-    'rolling': (Rolling, ('frame', 'radius'), ('axis', 'normal', 'height')),
+    'rolling': (Rolling, ('frame', 'radius'),
+                ('axis', 'normal', 'height', 'surface_frame', 'surface', 'surface_radius',
+                 'surface_axis', 'inside')),
     'point_velocity': (PointVelocity, ('frame', 'direction'),
                        ('axes', 'relative_to', 'value', 'angular')),
 }
-NUMBERS = ('offset', 'radius', 'height', 'value')
+NUMBERS = ('offset', 'radius', 'height', 'value', 'length', 'surface_radius')
 
 
 def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
@@ -104,8 +112,9 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
         values['ratios'] = {prefix + joint: float(_of_type(
             ratio, (int, float), f"{what}: ratio of '{joint}'", 'a number'))
             for joint, ratio in ratios.items()}
-    if 'angular' in values:
-        _of_type(values['angular'], (bool,), f'{what}: angular', 'true or false')
+    for key in ('angular', 'inside'):
+        if key in values:
+            _of_type(values[key], (bool,), f'{what}: {key}', 'true or false')
     return make(**values, name=name)
 
 

@@ -1,17 +1,17 @@
 """
-Kane's equations as they are defined: F_r + F_r* = 0, sums over bodies and speeds.
+Reference formulation of Kane's equations, F_r + F_r* = 0, as sums over bodies and speeds.
 
-The reference for everything that is compiled (`Robot.verify` compares with it) and for people who
-want to see the method (Kane & Levinson, Dynamics: Theory and Applications, 1985, chapters 4 to
-6). World axes throughout; works on any scalar, so it can be traced or fed with symbols.
+`Robot.verify` compares the compiled kernels with it (Kane & Levinson, Dynamics: Theory and
+Applications, 1985, chapters 4 to 6). World axes throughout; works on any scalar type, including
+traced values and symbols.
 
-For r = 1..n, over the bodies k, with R_k the active forces' resultant at the mass centre and T_k
-their torque:
+For r = 1..n, over the bodies k, with R_k the resultant of the active forces at the center of mass
+and T_k their torque:
 
     F_r  =   sum_k ( v_k^r . R_k + omega_k^r . T_k )
     F_r* = - sum_k ( v_k^r . m_k a_k* + omega_k^r . (I_k alpha_k + omega_k x I_k omega_k) )
 
-In the code the sum over k is a loop and the index r runs down the rows of arrays.
+In the code the sum over k is a loop, and the index r is the row of an array.
 """
 
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ Wrenches = Mapping[str, tuple[Any, Any]]
 
 def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
     """
-    Return partial velocities, (6, n): column r is v^r, then omega^r.
+    Return the Jacobian (partial velocities), (6, n): column r is v^r, then omega^r.
 
     Parameters
     ----------
@@ -40,12 +40,13 @@ def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
     q : (n,) array of scalars
         Coordinates, rad or m.
     frame : str, optional
-        Those at this frame's origin; by default a tuple with those at every body's mass centre.
+        Frame whose origin is the reference point. Default: a tuple with one Jacobian per body, at
+        its center of mass.
 
     Raises
     ------
     InputError
-        No such frame; the message lists the valid ones.
+        If the frame does not exist; the message lists the valid ones.
 
     """
     if frame is not None:
@@ -56,7 +57,7 @@ def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
 
 def generalized_inertia_force(model: Model, q: Any, u: Any, udot: Any) -> Any:
     """
-    Return F_r*, (n,), N m or N: bodies' inertia forces and torques, and the rotors'.
+    Return the generalized inertia force F_r* of bodies and rotors, (n,), N m or N.
 
     Parameters
     ----------
@@ -83,7 +84,9 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
                              gravity: Any = None, friction: bool = True,
                              wrenches: Wrenches | None = None) -> Any:
     """
-    Return F_r, (n,), N m or N: all forces that do work in some motion.
+    Return the generalized active force F_r, (n,), N m or N.
+
+    It includes gravity, springs, friction, actuators and external wrenches.
 
     Parameters
     ----------
@@ -92,13 +95,13 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
     q, u : (n,) arrays of scalars
         Coordinates and speeds; rad or m, and s.
     tau : (n,) array of scalars, optional
-        Actuators' generalized forces.
+        Generalized forces of the actuators.
     gravity : (3,) array of scalars, optional
-        m/s^2, world axes; by default the model's.
+        m/s^2, world axes. Default: the model's.
     friction : bool
-        Whether damping and Coulomb friction act.
+        Whether to include damping and Coulomb friction.
     wrenches : mapping of frame name to (force, moment), optional
-        What the environment exerts at the frame's origin, world axes, N and N m.
+        External wrenches at the frame's origin, world axes, N and N m.
 
     """
     g = model.gravity if gravity is None else gravity
@@ -112,15 +115,15 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
         if body.beam is not None:
             force = force + beams.weight(body.beam, here, q, g)
             force = force + beams.modal_force(body.beam, q, u, friction)
-    for name, (push, moment) in (wrenches or {}).items():
+    for name, (force_at_frame, moment) in (wrenches or {}).items():
         partials = frame_partial_velocities(model, model.frame(name), q)
-        force = force + partials[:3].T @ push + partials[3:].T @ moment
+        force = force + partials[:3].T @ force_at_frame + partials[3:].T @ moment
     return force if tau is None else force + tau
 
 
 def inverse_dynamics(model: Model, q: Any, u: Any, udot: Any, *, gravity: Any = None,
                      friction: bool = True, wrenches: Wrenches | None = None) -> Any:
-    """Return the tau, (n,), that makes F_r + F_r* zero; arguments as in the two sums."""
+    """Return tau, (n,), such that F_r + F_r* = 0; arguments as in the two sums."""
     return -(generalized_active_force(model, q, u, gravity=gravity, friction=friction,
                                       wrenches=wrenches)
              + generalized_inertia_force(model, q, u, udot))
@@ -128,12 +131,12 @@ def inverse_dynamics(model: Model, q: Any, u: Any, udot: Any, *, gravity: Any = 
 
 def bias_force(model: Model, q: Any, u: Any, *, gravity: Any = None,
                friction: bool = True) -> Any:
-    """Return what torque must hold at udot = 0, (n,): M udot + bias = tau + external."""
+    """Return the bias force h(q, u), (n,): M udot + h = tau + external."""
     return inverse_dynamics(model, q, u, np.zeros(model.n), gravity=gravity, friction=friction)
 
 
 def gravity_force(model: Model, q: Any, *, gravity: Any = None) -> Any:
-    """Return the torque that holds gravity alone, (n,)."""
+    """Return the gravity compensation torque, (n,)."""
     g = model.gravity if gravity is None else gravity
     force: Any = np.zeros(model.n)
     for body, here in zip(model.bodies, configurations(model, q)):
@@ -144,7 +147,7 @@ def gravity_force(model: Model, q: Any, *, gravity: Any = None) -> Any:
 
 
 def mass_matrix(model: Model, q: Any) -> Any:
-    """Return M_rs = sum_k (m v^r . v^s + omega^r . I omega^s) with the rotors' share, (n, n)."""
+    """Return M_rs = sum_k (m v^r . v^s + omega^r . I omega^s) plus rotor inertias, (n, n)."""
     M: Any = np.zeros((model.n, model.n))
     for body, here in zip(model.bodies, configurations(model, q)):
         v, w = here.partial_velocity, here.partial_angular_velocity
@@ -159,7 +162,7 @@ def mass_matrix(model: Model, q: Any) -> Any:
 
 def forward_dynamics(model: Model, q: Any, u: Any, tau: Any, *, gravity: Any = None,
                      friction: bool = True, wrenches: Wrenches | None = None) -> Any:
-    """Return udot, (n,), for numbers only: M udot = F_r with tau + F_r* at udot = 0."""
+    """Return udot, (n,), from M udot = F_r + F_r* at udot = 0; numbers only."""
     force = generalized_active_force(model, q, u, tau=tau, gravity=gravity, friction=friction,
                                      wrenches=wrenches)
     force = force + generalized_inertia_force(model, q, u, np.zeros(model.n))
@@ -167,20 +170,20 @@ def forward_dynamics(model: Model, q: Any, u: Any, tau: Any, *, gravity: Any = N
 
 
 def central_inertia(body: Body, here: Configuration) -> Any:
-    """Return a body's inertia about its mass centre, (3, 3), world axes, kg m^2."""
+    """Return a body's inertia about its center of mass, (3, 3), world axes, kg m^2."""
     return here.R_wb @ body.inertial.inertia @ here.R_wb.T
 
 
 def rotor_torque(joint: Joint, udot: Any) -> Any:
-    """Return what accelerating the rotor takes at the joint, N m or N."""
+    """Return the joint torque that accelerates the rotor, N m or N."""
     return joint.armature * rate(joint, udot)
 
 
 def spring_torque(joint: Joint, q: Any) -> Any:
-    """Return what holds the joint's spring, N m or N."""
+    """Return the torque that balances the joint's spring, N m or N."""
     return joint.stiffness * (position(joint, q) - joint.rest)
 
 
 def on_coordinate(model: Model, joint: Joint, torque: Any) -> Any:
-    """Return a torque at a joint as generalized force, (n,): the multiplier is its partial."""
+    """Return the generalized force of a joint torque, (n,), with the joint's multiplier."""
     return (joint.multiplier * np.eye(model.n)[joint.coordinate]) * torque

@@ -1,11 +1,12 @@
 """
-Kinematics of every body in world axes: poses, partial velocities, velocities, accelerations.
+Forward kinematics of all bodies in world axes: poses, Jacobians, velocities, accelerations.
 
-Written to be read beside a textbook (Kane & Levinson, Dynamics: Theory and Applications, 1985,
-chapter 2), not to be fast: `recursive` is the form that is compiled. Works on any scalar.
+Reference formulation after Kane & Levinson, Dynamics: Theory and Applications (1985), chapter 2,
+written for readability; `recursive` is the compiled formulation. Works on any scalar type.
 
-A partial velocity is the coefficient of a speed u_r in a velocity. All those of a body stand as
-the rows of one (n, 3) array: omega = sum_r omega^r u_r is ``u @ partial_angular_velocity``.
+A partial velocity is the coefficient of a speed u_r in a velocity: a column of the Jacobian. The
+partial velocities of a body are the rows of an (n, 3) array, so that omega = sum_r omega^r u_r is
+``u @ partial_angular_velocity``.
 """
 
 from collections.abc import Sequence
@@ -20,20 +21,20 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class Configuration:
     """
-    Where a body is, and how each speed would move it; a function of q alone.
+    Pose and Jacobian (partial velocities) of a body; a function of q.
 
     Attributes
     ----------
     R_wb, p_wb : (3, 3), (3,) arrays
         Axes (columns) and origin of the body in the world, m.
     p_com : (3,) array
-        Mass centre in the world, m.
+        Center of mass in the world, m.
     axis : (3,) array
         Axis of the body's joint, world axes.
     partial_angular_velocity : (n, 3) array
         Row r: omega^r.
     partial_velocity_origin, partial_velocity : (n, 3) arrays
-        Row r: v^r of the body's origin, and of its mass centre.
+        Row r: v^r of the body's origin, and of its center of mass.
 
     """
 
@@ -49,7 +50,7 @@ class Configuration:
 @dataclass(frozen=True, eq=False)
 class BodyMotion:
     """
-    How a body moves: a function of q, u and udot.
+    Velocity and acceleration of a body; a function of q, u and udot.
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ class BodyMotion:
     v, a : (3,) arrays
         Velocity and acceleration of the body's origin, m/s and m/s^2.
     v_com, a_com : (3,) arrays
-        The same of its mass centre.
+        Velocity and acceleration of its center of mass, m/s and m/s^2.
 
     """
 
@@ -71,7 +72,7 @@ class BodyMotion:
 
 
 def position(joint: Joint, q: Any) -> Any:
-    """Return a joint's position, rad or m."""
+    """Return the position of a joint, rad or m."""
     bent = joint.deflection
     if bent is None:
         return joint.multiplier * q[joint.coordinate] + joint.offset
@@ -80,7 +81,7 @@ def position(joint: Joint, q: Any) -> Any:
 
 
 def partials(joint: Joint, q: Any) -> Any:
-    """Return the coefficients of the speeds in a joint's rate, (n,)."""
+    """Return the derivative of a joint's rate with respect to the speeds, (n,)."""
     bent = joint.deflection
     if bent is None:
         return joint.multiplier * np.eye(len(q))[joint.coordinate]
@@ -89,12 +90,12 @@ def partials(joint: Joint, q: Any) -> Any:
 
 
 def rate(joint: Joint, u: Any) -> Any:
-    """Return a joint's rate given the speeds, or its acceleration given their rates."""
+    """Return a rigid joint's rate from the speeds, or its acceleration from their rates."""
     return joint.multiplier * u[joint.coordinate]
 
 
-def growth(joint: Joint, q: Any, u: Any, udot: Any) -> Any:
-    """Return a joint's acceleration."""
+def joint_acceleration(joint: Joint, q: Any, u: Any, udot: Any) -> Any:
+    """Return the acceleration of a joint, rad/s^2 or m/s^2."""
     bent = joint.deflection
     if bent is None:
         return rate(joint, udot)
@@ -115,9 +116,9 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
 
     Notes
     -----
-    A joint adds its multiplier times its axis to the partial angular velocity (revolute) or the
-    partial velocity (prismatic) of its coordinate; all else a body takes over from its parent,
-    a point at r from the parent's origin having v^r + omega^r x r.
+    A body has the partial velocities of its parent at the joint, v^r + omega^r x r. Its joint
+    adds its multiplier times its axis to the partial angular velocity (revolute) or the partial
+    velocity (prismatic) of its coordinate.
 
     """
     bodies: list[Configuration] = []
@@ -162,8 +163,8 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
 
     Notes
     -----
-    Velocities are the sums of partial velocities times speeds. Accelerations are not (partial
-    velocities change): they go from body to body, with the centripetal and Coriolis terms.
+    Velocities are sums of partial velocities times speeds. Accelerations are propagated from
+    body to body with the centripetal and Coriolis terms.
 
     """
     result: list[BodyMotion] = []
@@ -174,9 +175,9 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
             parent = result[body.parent]
             alpha, a, omega_parent = parent.alpha, parent.a, parent.omega
             r = here.p_wb - bodies[body.parent].p_wb
-        a = _carried(a, omega_parent, alpha, r)
+        a = _point_acceleration(a, omega_parent, alpha, r)
         relative = (partials(joint, q) @ u) * here.axis
-        along = growth(joint, q, u, udot) * here.axis
+        along = joint_acceleration(joint, q, u, udot) * here.axis
         if joint.kind == 'revolute':
             alpha = alpha + along + cross(omega_parent, relative)
         else:
@@ -184,40 +185,52 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
         omega = u @ here.partial_angular_velocity
         result.append(BodyMotion(
             omega, alpha, u @ here.partial_velocity_origin, a, u @ here.partial_velocity,
-            _carried(a, omega, alpha, here.p_com - here.p_wb)))
+            _point_acceleration(a, omega, alpha, here.p_com - here.p_wb)))
     return tuple(result)
 
 
-def frame_pose(model: Model, frame: Frame, q: Any) -> tuple[Any, Any]:
-    """Return axes (3, 3, columns) and origin (3,) of a frame in the world, m."""
+def frame_pose(model: Model, frame: Frame, q: Any,
+               bodies: Sequence[Configuration] | None = None) -> tuple[Any, Any]:
+    """
+    Return the axes (3, 3, columns) and the origin (3,) of a frame in the world, m.
+
+    `bodies` are the `configurations`, if they are known already.
+    """
     if frame.body == WORLD:
         return frame.rotation, frame.translation
-    body = configurations(model, q)[frame.body]
+    body = (bodies or configurations(model, q))[frame.body]
     return body.R_wb @ frame.rotation, body.p_wb + body.R_wb @ frame.translation
 
 
-def frame_partial_velocities(model: Model, frame: Frame, q: Any) -> Any:
-    """Return (6, n): column r is v^r at the frame's origin, then omega^r; world axes."""
+def frame_partial_velocities(model: Model, frame: Frame, q: Any, at: Any = None,
+                             bodies: Sequence[Configuration] | None = None) -> Any:
+    """
+    Return the frame Jacobian, (6, n): column r is v^r, then omega^r; world axes.
+
+    With `at`, (3,), m, it is that of the point of the frame's body at this place; `bodies` as for
+    `frame_pose`.
+    """
     if frame.body == WORLD:
         return np.zeros((6, model.n))
-    body = configurations(model, q)[frame.body]
+    body = (bodies or configurations(model, q))[frame.body]
     w = body.partial_angular_velocity
-    v = body.partial_velocity_origin + w @ skew(body.R_wb @ frame.translation)
+    r = body.R_wb @ frame.translation if at is None else at - body.p_wb
+    v = body.partial_velocity_origin + w @ skew(r)
     return np.concatenate([v.T, w.T])
 
 
 def frame_motion(model: Model, frame: Frame, q: Any, u: Any, udot: Any) -> tuple[Any, Any]:
-    """Return velocity and acceleration (6,) at a frame's origin, linear first; world axes."""
+    """Return velocity and acceleration (6,) of a frame, linear first; world axes."""
     if frame.body == WORLD:
         return np.zeros(6), np.zeros(6)
     bodies = configurations(model, q)
     motion = motions(model, bodies, q, u, udot)[frame.body]
     r = bodies[frame.body].R_wb @ frame.translation
     v = motion.v + cross(motion.omega, r)
-    a = _carried(motion.a, motion.omega, motion.alpha, r)
+    a = _point_acceleration(motion.a, motion.omega, motion.alpha, r)
     return np.concatenate([v, motion.omega]), np.concatenate([a, motion.alpha])
 
 
-def _carried(a: Any, omega: Any, alpha: Any, r: Any) -> Any:
-    """Return the acceleration of the point at r from a point that accelerates by a."""
+def _point_acceleration(a: Any, omega: Any, alpha: Any, r: Any) -> Any:
+    """Return the acceleration of a point at r from a point with acceleration a."""
     return a + cross(alpha, r) + cross(omega, cross(omega, r))

@@ -1,7 +1,7 @@
 """
-Kane's equations under constraints as they are defined: F~_r + F~_r* = 0 for r = 1..p.
+Reference formulation of Kane's equations with constraints: F~_r + F~_r* = 0 for r = 1..p.
 
-The reference beside `constrained`, for numbers: with q' = W u + X and u_D = A u_I + B,
+The reference for `constrained_equations`, on numbers. With q' = W u + X and u_D = A u_I + B,
 
     F~_r = F_r + sum_s F_s A_sr,    F~_r* likewise,    u_D' = A u_I' + A' u_I + B'
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # the type alone: the definition stands on its own
 @dataclass(frozen=True, eq=False)
 class Reduction:
     """
-    What the speeds and constraints are at one posture and time.
+    Coefficients of the generalized speeds and constraints at one configuration and time.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Reduction:
 
 
 def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
-    """Return W, X, A and B, numbers only."""
+    """Return W, X, A and B as numbers."""
     here = mechanism.posture(q, t)
     Y, Z = _numbers(*mechanism.speeds.of(q, t))
     rows = mechanism.rows(here)
@@ -54,12 +54,12 @@ def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
 
 
 def dependent_places(mechanism: 'Mechanism') -> list[int]:
-    """Return the numbers of the dependent speeds."""
+    """Return the indices of the dependent speeds."""
     return [r for r in range(mechanism.model.n) if r not in mechanism.free]
 
 
 def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Array) -> Array:
-    """Return every speed, (n_q,), from the independent ones."""
+    """Return all speeds, (n_q,), from the independent ones."""
     result = np.empty(mechanism.model.n)
     result[mechanism.free] = u
     result[dependent_places(mechanism)] = parts.A @ u + parts.B
@@ -68,7 +68,7 @@ def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Array) -> Array:
 
 def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
                  t: float = 0.0) -> tuple[Array, Array]:
-    """Return q' and q'', (n_q,), from the rates of A, B, Y and Z along the motion."""
+    """Return q' and q'', (n_q,), with the time derivatives of A, B, Y and Z."""
     parts = reduction(mechanism, q, t)
     free, dependent = mechanism.free, dependent_places(mechanism)
     qdot = parts.W @ all_speeds(mechanism, parts, u) + parts.X
@@ -91,9 +91,9 @@ def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
 
 def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> Array:
     """
-    Return F~_r, (n,), from generalized forces of the joint rates, (n_q,).
+    Return the nonholonomic generalized forces F~_r, (n,), from joint forces, (n_q,).
 
-    F_r of the chosen speeds are W^T times those of the joint rates.
+    F_r of the chosen speeds is W^T times the joint force.
     """
     parts = reduction(mechanism, q, t)
     of_speeds = parts.W.T @ force
@@ -103,11 +103,20 @@ def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> A
 
 def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array, t: float = 0.0,
                      **forces: Any) -> Array:
-    """Return the tau, (n,), that makes F~_r + F~_r* zero; `forces` as for `kane`."""
+    """Return tau, (n,), such that F~_r + F~_r* = 0; `forces` as in `kane`."""
     qdot, qddot = joint_motion(mechanism, q, u, udot, t)
     active = kane.generalized_active_force(mechanism.model, q, qdot, **forces)
     inertia = kane.generalized_inertia_force(mechanism.model, q, qdot, qddot)
     return -(reduced(mechanism, q, active, t) + reduced(mechanism, q, inertia, t))
+
+
+def mass_matrix(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Array:
+    """Return M of the independent speeds, (n, n): F~_r* is linear in u', with this coefficient."""
+    parts = reduction(mechanism, q, t)
+    T = (parts.W[:, mechanism.free]
+         + parts.W[:, dependent_places(mechanism)] @ parts.A)
+    M: Array = T.T @ kane.mass_matrix(mechanism.model, q) @ T
+    return M
 
 
 def _numbers(*values: Any) -> tuple[Array, ...]:

@@ -1,1 +1,1 @@
-"""The equations of motion from energies: an independent formulation for tests."""
+"""Equations of motion from energies: an independent formulation for tests."""

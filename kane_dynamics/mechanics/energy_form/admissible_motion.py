@@ -1,12 +1,12 @@
 """
-The energy road's motions: those that speeds and constraints admit, from finite kinematics.
+Motions of the energy formulation that satisfy the speeds and constraints.
 
-A row that has a condition on positions, gap(q, t) = 0, is that condition differentiated,
+A constraint with a position-level residual, `gap(q, t)` = 0, is that residual differentiated,
 
     (dgap/dq) q' = -dgap/dt,
 
-whatever the constraint itself says of velocities; the rest are components of velocities. Rates of
-W, X, A and B are not written down anywhere: all numbers carry their time derivative.
+independent of the constraint's own velocity equation; the others are velocity components. The
+rates of W, X, A and B need no formulas: all numbers carry their time derivative.
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Admissible:
+class AdmissibleMotion:
     """
-    A motion that speeds and constraints admit, at one time.
+    Motion that satisfies the speeds and constraints, at one time.
 
     Attributes
     ----------
@@ -34,11 +34,11 @@ class Admissible:
     A, B : (m, n), (m,) arrays
         u_D = A u_I + B.
     variations : (n_q, n) array
-        W_sr + sum_k W_sk A_kr: how q_s varies with each independent speed's virtual motion.
+        W_sr + sum_k W_sk A_kr: variation of q_s per virtual motion of independent speed r.
     J, b : (m, n_q), (m,) arrays
         The independent constraint rows, J q' = b.
-    posture : FiniteMechanismState
-        The geometry, moving along qdot.
+    state : FiniteMechanismState
+        Geometry at q, with velocity qdot.
 
     """
 
@@ -52,22 +52,22 @@ class Admissible:
     variations: Array
     J: Array
     b: Array
-    posture: FiniteMechanismState
+    state: FiniteMechanismState
 
-    def accelerated(self, udot: Array) -> 'Admissible':
-        """Return the motion that differs by accelerations udot, (n,), of the speeds alone."""
+    def accelerated(self, udot: Array) -> 'AdmissibleMotion':
+        """Return the motion with accelerations udot, (n,), of the speeds added."""
         return replace(self, qddot=self.qddot + self.variations @ udot)
 
 
 def admissible(mechanism: Mechanism, q: Array, u: Array, udot: Array,
-               t: float = 0.0) -> Admissible:
+               t: float = 0.0) -> AdmissibleMotion:
     """
-    Return the motion that goes with independent speeds.
+    Return the admissible motion for given independent speeds.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Model, speeds and constraints; which speeds are independent, and which rows.
+        Model, generalized speeds, constraints, and the choice of independent ones.
     q : (n_q,) array
         Coordinates, rad or m.
     u, udot : (n,) arrays
@@ -78,16 +78,17 @@ def admissible(mechanism: Mechanism, q: Array, u: Array, udot: Array,
     Raises
     ------
     ConstraintError
-        Speeds or constraints are singular at q; names them.
+        If speeds or constraints are singular at q; the message names them.
 
     """
     rest = FiniteMechanismState(mechanism, q, np.zeros(mechanism.model.n), t)
-    qdot = _motion(mechanism, rest, u, udot).qdot  # velocities do not ask where the motion goes
+    qdot = _motion(mechanism, rest, u, udot).qdot  # velocities need no rates
     return _motion(mechanism, FiniteMechanismState(mechanism, q, qdot, t), u, udot)
 
 
-def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array, udot: Array) -> Admissible:
-    """Return the motion; q'' is right where the posture moves along q'."""
+def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array,
+            udot: Array) -> AdmissibleMotion:
+    """Return the motion; q'' is correct if `here` has the velocity q'."""
     n = mechanism.model.n
     free = mechanism.free
     dependent = [r for r in range(n) if r not in free]
@@ -106,13 +107,13 @@ def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array, udot: Ar
     qdot = variations @ _timed(u, udot) + W[:, dependent] @ B + X
     rates = parts(qdot, 0)
     numbers = {'W': W, 'X': X, 'A': A, 'B': B, 'variations': variations, 'J': J, 'b': b}
-    return Admissible(q=parts(here.q, here.count).value, qdot=rates.value, qddot=rates.rate,
-                      posture=here,
-                      **{name: parts(x, 0).value for name, x in numbers.items()})
+    return AdmissibleMotion(q=parts(here.q, here.count).value, qdot=rates.value, qddot=rates.rate,
+                            state=here,
+                            **{name: parts(x, 0).value for name, x in numbers.items()})
 
 
 def _rows(mechanism: Mechanism, here: FiniteMechanismState) -> tuple[Any, Any]:
-    """Return J, (m, n_q), and b, (m,), of the rows that are independent, moving in time."""
+    """Return J, (m, n_q), and b, (m,), of the independent rows, with time derivatives."""
     n = mechanism.model.n
     declared = mechanism.rows(here)
     J: list[Any] = []
@@ -129,13 +130,13 @@ def _rows(mechanism: Mechanism, here: FiniteMechanismState) -> tuple[Any, Any]:
 
 
 def _in_time(here: FiniteMechanismState, array: Any) -> Any:
-    """Return an array that carries its time derivative and no other."""
+    """Return an array with only its time derivative."""
     given = parts(array, here.count)
     return _timed(given.value, given.rate)
 
 
 def _timed(values: Any, rates: Any) -> Any:
-    """Return numbers with their time derivatives."""
+    """Return numbers combined with their time derivatives."""
     value, rate = np.asarray(values, dtype=float), np.asarray(rates, dtype=float)
     none = np.zeros((*value.shape, 0))
     return joined(Parts(value, none, rate, none))
@@ -143,15 +144,16 @@ def _timed(values: Any, rates: Any) -> Any:
 
 def _solved(A: Any, b: Any, what: str, here: FiniteMechanismState) -> Any:
     """
-    Return A^-1 b, which moves as A and b do.
+    Return A^-1 b with its time derivative.
 
-    With the inverse of A's numbers alone the residual is a pure rate, and rates of rates are not
-    carried: one step of refinement leaves nothing.
+    The solution with A's numbers leaves a residual that is a pure rate. One refinement step
+    removes it, because rates of rates are zero.
     """
     try:
         inverse = np.linalg.inv(parts(A, 0).value)
     except np.linalg.LinAlgError:
         q = parts(here.q, here.count).value
-        raise ConstraintError(f'{what} singular at q = {q.tolist()}') from None
+        raise ConstraintError(f'{what} singular at q = {q.tolist()}; expected independent '
+                              'equations') from None
     first = inverse @ b
     return first + inverse @ (b - A @ first)

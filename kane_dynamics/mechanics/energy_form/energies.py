@@ -1,5 +1,5 @@
 """
-The energy road to the equations of motion, independent of Kane's two sums.
+Kinetic and potential energies, and generalized forces from them by differentiation.
 
 Poses are homogeneous 4x4 matrices; a body's kinetic energy is 1/2 tr(T' J T'^T) with its
 pseudo-inertia J about its own origin (Uicker 1965, Kahn 1969). Passerello and Huston give
@@ -7,8 +7,8 @@ the generalized inertia forces
 
     F_r* = -( d/dt dKE/dq_r' - dKE/dq_r )                                 (for u = q')
 
-and exact differentiation gives the numbers. No function is shared with `kane`, `kinematics` or
-`recursive`: what agrees with them agrees for a reason.
+which automatic differentiation evaluates. No function is shared with `kane`, `kinematics` or
+`recursive`, so that this formulation is an independent reference.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ import numpy as np
 
 
 def joint_matrix(joint: Joint, q: Any) -> Any:
-    """Return the (4, 4) pose of a joint's body in its parent at the coordinates q."""
+    """Return the pose of a joint's body in its parent at the coordinates q, (4, 4)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = joint.rotation, joint.translation
     K, KK = generator(joint)
@@ -32,7 +32,7 @@ def joint_matrix(joint: Joint, q: Any) -> Any:
 
 
 def generator(joint: Joint) -> tuple[Array, Array]:
-    """Return the (4, 4) K, with the joint's matrix exp(K x) after its fixed pose, and K K."""
+    """Return the (4, 4) generator K of the joint's motion exp(K x), and K K."""
     K = np.zeros((4, 4))
     if joint.kind == 'prismatic':
         K[:3, 3] = joint.axis
@@ -44,7 +44,7 @@ def generator(joint: Joint) -> tuple[Array, Array]:
 
 
 def poses(model: Model, q: Any) -> list[Any]:
-    """Return every body's (4, 4) pose in the world."""
+    """Return the poses of all bodies in the world, (4, 4) each."""
     result: list[Any] = []
     for body in model.bodies:
         T = joint_matrix(body.joint, q)
@@ -53,12 +53,12 @@ def poses(model: Model, q: Any) -> list[Any]:
 
 
 def pose_rates(model: Model, q: Any, u: Any) -> list[Any]:
-    """Return the time derivative of every body's (4, 4) pose."""
+    """Return the time derivatives of the poses of all bodies, (4, 4) each."""
     here = poses(model, q)
     result: list[Any] = []
     for i, body in enumerate(model.bodies):
         joint = body.joint
-        # The joint turns or slides about its own axis, so its generator commutes with exp(K x).
+        # The generator K commutes with exp(K x).
         rate = (here[i] @ generator(joint)[0]) * _rate(joint, q, u)
         if body.parent != WORLD:
             rate = result[body.parent] @ joint_matrix(joint, q) + rate
@@ -93,9 +93,9 @@ def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
 
 def _bending(beam: Any, T: Any, T_rate: Any, q: Any, u: Any) -> Any:
     """
-    Return twice what bending adds to a beam's kinetic energy, J, by the volume integral.
+    Return twice the contribution of bending to the kinetic energy, J, by quadrature.
 
-    To the second power of the modes: 2 v_0 . (v_1 + v_2) + v_1 . v_1, v by powers.
+    To second order in the modes: 2 v_0 . (v_1 + v_2) + v_1 . v_1, with v expanded in powers.
     """
     eta, speed = (x[list(beam.coordinates)] for x in (q, u))
     total: Any = 0.0
@@ -110,10 +110,10 @@ def _bending(beam: Any, T: Any, T_rate: Any, q: Any, u: Any) -> Any:
 
 def _twisting(beam: Any, R: Any, R_rate: Any, speed: Any) -> Any:
     """
-    Return twice what twist adds to a beam's kinetic energy, J.
+    Return twice the contribution of torsion to the kinetic energy, J.
 
-    A round section's second moment S does not change as it turns by E(theta) about the beam, so
-    tr((R E)' S (R E)'^T) is that of R' + theta' R K, K = E'(0).
+    The second moment S of a round section does not change in a rotation E(theta) about the beam.
+    So tr((R E)' S (R E)'^T) equals the same expression with R' + theta' R K, K = E'(0).
     """
     e = beam.direction
     K = np.cross(np.eye(3), e)
@@ -143,7 +143,7 @@ def _rate(joint: Joint, q: Any, u: Any) -> Any:
 
 
 def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
-    """Return the energy of gravity, zero at the world's origin, and of springs, J."""
+    """Return the potential energy of gravity (zero at the world's origin) and springs, J."""
     g = model.gravity if gravity is None else gravity
     total: Any = 0.0
     for body, T in zip(model.bodies, poses(model, q)):
@@ -164,7 +164,7 @@ def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
 
 def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> Array:
     """
-    Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by exact differentiation.
+    Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by automatic differentiation.
 
     Parameters
     ----------
@@ -191,8 +191,8 @@ def friction_force(model: Model, u: Array) -> Array:
     """
     Return the generalized active force of damping and Coulomb friction, (n,), N m or N.
 
-    A joint's virtual power is -(d x' + mu tanh(x'/x_s') + offset) times the variation of its
-    rate x'.
+    The virtual power of a joint is -(d x' + mu tanh(x'/x_s') + offset) times the variation of
+    its rate x'.
     """
     force = np.zeros(model.n)
     for body in model.bodies:
@@ -206,10 +206,10 @@ def friction_force(model: Model, u: Array) -> Array:
 
 
 def mass_matrix(model: Model, q: Array) -> Array:
-    """Return M_rs = d2 KE / dq_r' dq_s', (n, n), exactly: KE is quadratic in q'."""
+    """Return the mass matrix M_rs = d2 KE / dq_r' dq_s', (n, n), by differentiation."""
     n = model.n
     rows = []
-    for unit in np.eye(n):  # the direction along which KE's gradient at u = 0 is taken
+    for unit in np.eye(n):  # direction of the second derivative, at u = 0
         energy = lifted(kinetic_energy(model, q, seeded(np.zeros(n), unit, 0, n)), n)
         rows.append(energy.gradient_rate)
     return np.array(rows)

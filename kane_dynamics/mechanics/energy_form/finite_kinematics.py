@@ -1,9 +1,9 @@
 """
-The energy road's geometry: what constraints and energies ask, by differentiating finite poses.
+Kinematics of the energy formulation, by automatic differentiation of finite poses.
 
-Nothing here knows a partial velocity beforehand. The coordinates and the time are hyper-dual:
-they carry the derivatives by themselves and along the motion, so a pose does too, and possible
-displacements and rotations of a frame are read off its derivatives. No function is shared with
+The coordinates and the time are hyper-dual numbers with derivatives by the coordinates and along
+the motion. The derivatives of a frame's pose give its Jacobian (possible displacements and
+rotations) and its rate; no formula for partial velocities is used. No function is shared with
 `kane`, `kinematics` or `recursive`.
 """
 
@@ -14,21 +14,21 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism, MechanismState
 from kane_dynamics.mechanics.energy_form.energies import poses
-from kane_dynamics.model.model import WORLD
+from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
 class PossibleMotion:
     """
-    How a point and the axes that it carries can move, world axes; one row for each variation.
+    Possible displacement and rotation of a point and axes; one row per variation, world axes.
 
     Attributes
     ----------
     displacement, rotation : (k, 3) arrays
         m and rad, per unit of the variation.
     displacement_rate, rotation_rate : (k, 3) arrays
-        Their time derivatives along the motion, the variations being steady.
+        Their time derivatives along the motion, for constant variations.
 
     """
 
@@ -46,12 +46,12 @@ class PossibleMotion:
 
 class FiniteMechanismState(MechanismState):
     """
-    A mechanism at one posture and time, moving, with a geometry of its own.
+    State of a mechanism at one configuration, velocity and time, with independent kinematics.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Its model and speeds are used, nothing that it computes.
+        Only its model and speeds are used.
     q, qdot : (n_q,) arrays of float
         Coordinates and their rates; rad or m, and s.
     t : float
@@ -59,41 +59,48 @@ class FiniteMechanismState(MechanismState):
 
     Notes
     -----
-    Scalars are HyperDual: variables are the coordinates and then the time, the direction is that
-    of the motion. Derivatives by the variables are NaN where they are not known, which is in
-    partial velocities and in what is made of them.
+    Scalars are HyperDual. The variables are the coordinates, then the time; the direction is
+    that of the motion. Derivatives by the variables are NaN if unknown: in partial velocities
+    and everything computed from them.
 
     """
 
     def __init__(self, mechanism: Mechanism, q: Array, qdot: Array, t: float) -> None:
-        """Find all poses."""
+        """Compute the poses of all bodies."""
         self.count = len(q) + 1
         variables = seeded([*q, t], [*qdot, 1.0], 0, self.count)
         super().__init__(mechanism.model, mechanism.speeds, variables[:-1], variables[-1])
-        self._bodies = poses(self.model, self.q)
+        self._poses = poses(self.model, self.q)
 
-    def pose(self, frame: str) -> tuple[Any, Any]:
-        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
-        at = self.model.frame(frame)
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
+        """Return the axes (3, 3, columns) and the origin (3,) of a frame, m."""
+        at = self._frame(frame)
         R, p = at.rotation, at.translation
         if at.body != WORLD:
-            T = self._bodies[at.body]
+            T = self._poses[at.body]
             R, p = T[:3, :3] @ R, T[:3, :3] @ p + T[:3, 3]
         return R, p
 
-    def partial_velocities(self, frame: str) -> Any:
-        """Return (6, n_q): linear at the frame's origin, then angular, per unit joint rate."""
-        here = self.possible_motion(*self.pose(frame))
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """Return the Jacobian, (6, n_q), of a frame's origin or of its body's point at `at`."""
+        R, p = self.pose(frame)
+        here = self.possible_motion(R, p)
         value = np.concatenate([here.displacement, here.rotation], axis=1).T
         rate = np.concatenate([here.displacement_rate, here.rotation_rate], axis=1).T
         unknown = np.full((*value.shape, self.count), np.nan)
-        return joined(Parts(value, unknown, rate, unknown))
+        J = joined(Parts(value, unknown, rate, unknown))
+        if at is None:
+            return J
+        r = at - p
+        carried = [np.array([w[1] * r[2] - w[2] * r[1], w[2] * r[0] - w[0] * r[2],
+                             w[0] * r[1] - w[1] * r[0]]) for w in J[3:].T]
+        return np.concatenate([J[:3] + np.array(carried).T, J[3:]])
 
     def possible_motion(self, R: Any, p: Any) -> PossibleMotion:
         """
-        Return how axes R, (3, 3), and a point p, (3,), move as each coordinate is varied.
+        Return the possible motion of axes R, (3, 3), and a point p, (3,), per coordinate.
 
-        A variation dR of the axes is theta x R: theta is read off dR R^T, which is skew.
+        The rotation theta of the axes is the vector of the skew matrix dR R^T.
         """
         n = self.model.n
         axes, point = parts(R, self.count), parts(p, self.count)
@@ -103,17 +110,17 @@ class FiniteMechanismState(MechanismState):
             point.gradient.T[:n], _vectors(turns @ axes.value.T), point.gradient_rate.T[:n],
             _vectors(turn_rates @ axes.value.T + turns @ axes.rate.T))
 
-    def mass_centre(self, body: int) -> PossibleMotion:
-        """Return the possible motion of a body's mass centre and axes."""
-        T = self._bodies[body]
+    def center_of_mass(self, body: int) -> PossibleMotion:
+        """Return the possible motion of a body's center of mass and axes."""
+        T = self._poses[body]
         return self.possible_motion(
             T[:3, :3], T[:3, :3] @ self.model.bodies[body].inertial.com + T[:3, 3])
 
     def axes(self, body: int) -> Array:
-        """Return a body's axes, (3, 3, columns), as numbers."""
-        return parts(self._bodies[body][:3, :3], self.count).value
+        """Return the axes of a body as numbers, (3, 3, columns)."""
+        return parts(self._poses[body][:3, :3], self.count).value
 
 
 def _vectors(matrices: Array) -> Array:
-    """Return the vectors of skew matrices, (k, 3, 3): theta of [theta]x."""
+    """Return the vectors theta of skew matrices [theta]x, (k, 3, 3)."""
     return np.stack([matrices[:, 2, 1], matrices[:, 0, 2], matrices[:, 1, 0]], axis=1)

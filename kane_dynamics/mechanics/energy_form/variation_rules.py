@@ -1,20 +1,20 @@
 """
-Variations and time derivatives of vectors and dyadics, seen from frames that turn.
+Variations and time derivatives of vectors and dyadics in rotating frames.
 
-A frame B turns in A with the angular velocity omega; in a variation of the motion it turns by the
-possible rotation theta. What stands still in B changes in A by turning alone, so for a vector V
-and a dyadic D
+A frame B rotates in A with the angular velocity omega; in a variation of the motion it rotates by
+the possible rotation theta. A quantity that is constant in B changes in A by the rotation alone.
+So for a vector V and a dyadic D
 
     A_var V = B_var V + theta x V,        A_d V = B_d V + omega x V,
     A_var D = B_var D + theta x D - D x theta,   and A_d D with omega likewise,
 
-and, rotations of A and B being what they are at every time of the varied motion,
+and for the angular velocity itself,
 
     A_var omega = A_d theta + theta x omega,     hence B_var omega = A_d theta.
 
-Components of everything are along one and the same triad, whichever frame the change is seen
-from. A scalar changes alike in all frames, so each term of an energy may be varied in the frame
-in which that is least work. Source: vector variations, Journal of Robotic Systems 5 (1988) 553.
+All components are along one triad, for changes in either frame. The change of a scalar is equal in
+all frames, so each term of an energy may be varied in the most convenient one. Source: vector
+variations, Journal of Robotic Systems 5 (1988) 553.
 """
 
 from typing import Any
@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 
 
-def turned(turn: Any, quantity: Any) -> Any:
+def rotation_change(turn: Any, quantity: Any) -> Any:
     """
-    Return how turning alone changes a quantity.
+    Return the change of a quantity due to rotation alone.
 
     Parameters
     ----------
     turn : (3,) array of scalars
         Possible rotation theta, rad, or angular velocity omega, rad/s.
     quantity : (3,) or (3, 3) array of scalars
-        A vector V, which gives theta x V, or a dyadic D, which gives theta x D - D x theta.
+        A vector V, for theta x V, or a dyadic D, for theta x D - D x theta.
 
     """
     if np.ndim(quantity) == 1:
@@ -46,14 +46,14 @@ def absolute(relative_change: Any, turn: Any, quantity: Any) -> Any:
     Parameters
     ----------
     relative_change : (3,) or (3, 3) array of scalars
-        Variation, or time derivative, in B.
+        Variation or time derivative in B.
     turn : (3,) array of scalars
-        Possible rotation, or angular velocity, of B in A.
+        Possible rotation or angular velocity of B in A.
     quantity : (3,) or (3, 3) array of scalars
-        What changes.
+        The changing quantity.
 
     """
-    return relative_change + turned(turn, quantity)
+    return relative_change + rotation_change(turn, quantity)
 
 
 def relative(absolute_change: Any, turn: Any, quantity: Any) -> Any:
@@ -63,14 +63,14 @@ def relative(absolute_change: Any, turn: Any, quantity: Any) -> Any:
     Parameters
     ----------
     absolute_change : (3,) or (3, 3) array of scalars
-        Variation, or time derivative, in A.
+        Variation or time derivative in A.
     turn : (3,) array of scalars
-        Possible rotation, or angular velocity, of B in A.
+        Possible rotation or angular velocity of B in A.
     quantity : (3,) or (3, 3) array of scalars
-        What changes.
+        The changing quantity.
 
     """
-    return absolute_change - turned(turn, quantity)
+    return absolute_change - rotation_change(turn, quantity)
 
 
 def angular_velocity_variation(rotation_rate: Any, rotation: Any, omega: Any) -> Any:

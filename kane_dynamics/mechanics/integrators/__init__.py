@@ -1,1 +1,1 @@
-"""Integrators of the equations of motion."""
+"""Numerical integrators of the equations of motion."""

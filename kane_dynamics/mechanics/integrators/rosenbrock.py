@@ -1,14 +1,13 @@
 """
-An integration step that takes friction, springs and bending implicitly.
+Linearly implicit integration (Rosenbrock) of friction, springs and bending.
 
-Coulomb friction that sets in at a small speed, a stiff spring or a beam's high mode would let an
-explicit method take only short steps. Here a linear law stands in for each within a step, and is
-solved for together with the accelerations: the mass matrix becomes M + g D + g^2 K, and every
-coefficient of friction makes its joint heavier for the step instead of making it tremble.
+Coulomb friction with a small onset speed, stiff springs and high modes of a beam restrict explicit
+methods to small steps. Here each is linearized within a step and solved together with the
+accelerations: the mass matrix becomes M + g D + g^2 K with damping D and stiffness K.
 
 The method is the second-order Rosenbrock method of Verwer, Spee, Blom & Hundsdorfer (SIAM J. Sci.
-Comput. 20 (1999), eq. 1.6), which has its order whatever the linear law; the better that is, the
-longer the steps that are stable. For linear friction and springs no step is too long.
+Comput. 20 (1999), eq. 1.6). It is of second order for any linearization; a better linearization
+allows larger steps. With linear friction and springs it is unconditionally stable.
 """
 
 from collections.abc import Callable
@@ -20,23 +19,23 @@ from kane_dynamics.mechanics.friction import friction_over_rate
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
-GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two with which what is stiff dies out
+GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values for L-stability
 Rates = Callable[[Any, Any, Any, Any, Any], Any]
 
 
 class ImplicitStep:
     """
-    The step for one robot.
+    Rosenbrock step for one robot.
 
     Parameters
     ----------
     equations : TreeEquations
-        Whose speeds are the rates of the coordinates.
+        Equations of motion with u = q'.
 
     """
 
     def __init__(self, equations: TreeEquations) -> None:
-        """Gather the springs and dampers that are linear by themselves."""
+        """Collect the linear springs and dampers."""
         self.equations = equations
         n, model = equations.n, equations.model
         self._K, self._C = np.zeros((2, n, n))
@@ -52,11 +51,11 @@ class ImplicitStep:
 
     def resistance(self, u: Any) -> Any:
         """
-        Return joints' friction over speed, (n,), N m s or N s/m.
+        Return the friction of the joints divided by speed, (n,), N m s or N s/m.
 
-        Of Coulomb friction that is mu / sqrt(u^2 + u_s^2), within 8 % of mu tanh(u / u_s) / u. A
-        slope would vanish in sliding, and a long step then throw the joint back and forth; with
-        friction over speed it slows down and stays.
+        For Coulomb friction that is mu / sqrt(u^2 + u_s^2), within 8 % of mu tanh(u / u_s) / u.
+        The slope of the law is not suitable: it vanishes in sliding, and large steps then
+        oscillate about zero speed.
         """
         total: list[Any] = [0.0] * self.equations.n
         for joint in (body.joint for body in self.equations.model.bodies):
@@ -77,21 +76,21 @@ class ImplicitStep:
     def step(self, rates: Rates, q: Any, u: Any, torque: Callable[[Any, Any, int], Any], h: Any,
              resistance: Callable[[Any], Any] | None = None) -> tuple[Any, Any]:
         """
-        Return q and u one step later.
+        Return q and u after one step.
 
         Parameters
         ----------
         rates : callable
-            ``rates(q, u, tau, resistance, g)``: what `rates` is for the robot's wrenches and
-            parameters.
+            ``rates(q, u, tau, resistance, g)``: `ImplicitStep.rates` with the robot's wrenches
+            and parameters.
         q, u : (n,) arrays
             The state.
         torque : callable
-            ``torque(q, u, moment)``, (n,), at the step's beginning, 0, and its end, 1.
+            ``torque(q, u, moment)``, (n,), at the beginning (0) and the end (1) of the step.
         h : scalar
-            Length of the step, s.
+            Step size, s.
         resistance : callable, optional
-            ``resistance(u)``, (n,), if it is not that of the model.
+            ``resistance(u)``, (n,). Default: that of the model.
 
         """
         K, sprung, g = self._K, self._sprung, GAMMA * h
@@ -100,7 +99,7 @@ class ImplicitStep:
         turn = g * (sprung * k_u)
         k_q = u + turn
         q_1, u_1 = q + h * k_q, u + h * k_u
-        # Friction over speed of its own: with the first one's, joints that stop would turn back.
+        # Each stage evaluates its own friction over speed; otherwise stopping joints reverse.
         D = resistance(u_1)
         again = D * k_u + self._C @ k_u + K @ k_q
         w_u = rates(q_1, u_1, torque(q_1, u_1, 1) + (2.0 * g) * again
@@ -110,5 +109,5 @@ class ImplicitStep:
 
 
 def _where(A: Any, factor: Any) -> Any:
-    """Return a matrix of numbers times a scalar, with plain zeros where it has them."""
+    """Return a matrix of numbers times a scalar; structural zeros stay zero."""
     return np.array([[factor * x if x else 0.0 for x in row] for row in A.tolist()])

@@ -1,4 +1,4 @@
-"""One step of an integrator, over any scalar."""
+"""Classical fourth-order Runge-Kutta method, over any scalar type."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -8,18 +8,18 @@ Rates = Callable[[Any, Any], Any]
 
 def runge_kutta_4(rates: Rates, x: Any, inputs: Sequence[Any], h: Any) -> Any:
     """
-    Return x one classical fourth-order Runge-Kutta step later.
+    Return the state after one step of the classical fourth-order Runge-Kutta method.
 
     Parameters
     ----------
     rates : callable
-        ``rates(x, input)``, the time derivative of x.
+        ``rates(x, input)`` returns the time derivative of x.
     x : (k,) array
         The state.
     inputs : sequence of three
-        What `rates` is given at the step's beginning, middle and end.
+        Inputs of `rates` at the beginning, middle and end of the step.
     h : scalar
-        Length of the step, s.
+        Step size, s.
 
     """
     half = 0.5 * h

@@ -1,1 +1,1 @@
-"""Recursive O(n) algorithms (RNEA, CRBA and their kin): what is compiled."""
+"""Recursive algorithms that are compiled: RNEA, CRBA, reactions, derivatives, regressor."""

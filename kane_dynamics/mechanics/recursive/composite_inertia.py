@@ -1,10 +1,10 @@
 """
-The mass matrix by composite bodies (Featherstone, Rigid Body Dynamics Algorithms, 6.2).
+Mass matrix by the composite rigid body algorithm (CRBA).
 
-A joint accelerating alone moves all that it carries as one rigid body; the force and the moment
-for that, seen through the axes of the joints below it, are its column. Where several joints share
-their coordinates, as those of a beam's sections do, their moves become one a coordinate as soon as
-they have come to the beam's root.
+A unit acceleration of one joint moves its subtree as one composite rigid body. The force and
+moment for that, projected on the axes of the joints toward the root, are a column of the mass
+matrix (Walker & Orin 1982; Featherstone, Rigid Body Dynamics Algorithms, 6.2). Joints of a beam's
+sections share coordinates; their contributions are combined per mode at the beam's root.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,33 +17,33 @@ from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
-# Coefficients of the speeds, and the force and the moment about the link's origin that it takes.
+# Coefficients of the speeds; force and moment about the link's origin for a unit acceleration.
 JointAxisMotion = tuple[dict[int, Any], Any, Any]
-# Moves' coefficients, and what is along a joint's axis.
+# Per joint axis motion: coefficients of the speeds, and its component along a joint's axis.
 CompositeForce = list[tuple[dict[int, Any], Any]]
 
 
 def mass_matrix(links: Sequence[Link], q: Any) -> Any:
-    """Return M_rs = sum_k (m_k v_k^r . v_k^s + omega_k^r . I_k omega_k^s), (n, n)."""
+    """Return M_rs = sum_k (m_k v_k^r . v_k^s + omega_k^r . I_k omega_k^s), (n, n), by CRBA."""
     links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
     composite = [(link.mass, link.first_moment, link.second_moment) for link in links]
-    # By what is beyond a beam, at its root.
+    # Motions of the subtree beyond a beam, by the beam's root.
     pending: list[list[JointAxisMotion]] = [[] for _ in links]
     seen: list[CompositeForce] = [[] for _ in links]
     M = [[0.0] * len(q) for _ in q]
     for i in reversed(range(len(links))):
         link, step, (mass, h, S) = links[i], steps[i], composite[i]
-        moves = _by_modes(pending[i], Modes(link, q), M) if link.beam is not None else []
+        moves = _combined_by_modes(pending[i], Modes(link, q), M) if link.beam is not None else []
         own = _accelerated(step, mass, h, S)
-        seen[i] += [(move[0], _along(step, move)) for move in moves]
-        seen[i].append((own[0], 0.5 * _along(step, own)))
+        seen[i] += [(move[0], _axis_component(step, move)) for move in moves]
+        seen[i].append((own[0], 0.5 * _axis_component(step, own)))
         for move in (*moves, own):
-            for k, there in _below(links, steps, i, move):
+            for k, there in _propagated(links, steps, i, move):
                 if links[k].beam is not None:
                     pending[k].append(there)
                 else:
-                    seen[k].append((there[0], _along(steps[k], there)))
+                    seen[k].append((there[0], _axis_component(steps[k], there)))
         if link.parent != WORLD:
             p = step.offset
             h, S = step.inward(h), step.inward_tensor(S)
@@ -58,22 +58,22 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
 
 
 def _accelerated(step: JointStep, mass: Any, h: Any, S: Any) -> JointAxisMotion:
-    """Return the move of a composite body by its joint's own unit acceleration."""
+    """Return the force and moment that accelerate a composite body by its own joint."""
     if step.turns:
         return (dict(step.partials), np.array([-h[1], h[0], 0.0]),
                 np.array([-S[0, 2], -S[1, 2], S[0, 0] + S[1, 1]]))
     return dict(step.partials), mass * Z, np.array([h[1], -h[0], 0.0])
 
 
-def _along(step: JointStep, move: JointAxisMotion) -> Any:
-    """Return what a move is along the axis of the joint of the link that it is on."""
+def _axis_component(step: JointStep, move: JointAxisMotion) -> Any:
+    """Return the component of a force and moment along the axis of the link's joint."""
     _, force, moment = move
     return moment[2] if step.turns else force[2]
 
 
-def _below(links: Sequence[Link], steps: Sequence[JointStep], i: int,
-           move: JointAxisMotion) -> Iterator[tuple[int, JointAxisMotion]]:
-    """Yield a move on link i as each link below sees it, the next beam being the last."""
+def _propagated(links: Sequence[Link], steps: Sequence[JointStep], i: int,
+                move: JointAxisMotion) -> Iterator[tuple[int, JointAxisMotion]]:
+    """Yield the force and moment of link i on each link toward the root, up to the next beam."""
     weights, force, moment = move
     while links[i].parent != WORLD:
         force, moment = steps[i].inward(force), steps[i].inward(moment)
@@ -86,12 +86,13 @@ def _below(links: Sequence[Link], steps: Sequence[JointStep], i: int,
 
 def _project(rates: dict[int, Any], seen: CompositeForce, M: list[list[Any]]) -> None:
     """
-    Add to the upper half of M what moves are along a joint's axis, its own counted by half.
+    Add the axis components of a joint to the upper half of M; its own with half weight.
 
-    M_rs takes w_r W_s + W_r w_s times that, w the joint's coefficients and W a move's.
+    Each component adds (w_r W_s + W_r w_s) times itself to M_rs, w being the coefficients of the
+    joint and W those of the accelerating joint.
     """
     if any(not isinstance(w, (int, float)) for w in rates.values()):
-        total: dict[int, Any] = {}  # numbers are products at once, anything else is summed first
+        total: dict[int, Any] = {}  # traced values are summed before the multiplication
         for weights, value in seen:
             for s, W in weights.items():
                 total[s] = total.get(s, 0.0) + W * value
@@ -104,15 +105,15 @@ def _project(rates: dict[int, Any], seen: CompositeForce, M: list[list[Any]]) ->
                 product = w * W
                 if r in weights and s in rates:
                     if r > s:
-                        continue  # it is done with the roles exchanged
+                        continue  # covered with r and s exchanged
                     product = product + weights[r] * rates[s]
                 low, high = min(r, s), max(r, s)
                 M[low][high] = M[low][high] + product * value
 
 
-def _by_modes(moves: list[JointAxisMotion], modes: Modes,
-              M: list[list[Any]]) -> list[JointAxisMotion]:
-    """Return moves with those of a beam's modes made one a mode; the modes' own mass goes to M."""
+def _combined_by_modes(moves: list[JointAxisMotion], modes: Modes,
+                       M: list[list[Any]]) -> list[JointAxisMotion]:
+    """Combine motions per mode of a beam and add the modal mass to M."""
     own = dict(zip(modes.coordinates, zip(modes.momentum, modes.spin)))
     rest = []
     for weights, force, moment in moves:

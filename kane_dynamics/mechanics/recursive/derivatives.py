@@ -1,20 +1,20 @@
 """
-Derivatives of inverse dynamics by coordinates and speeds, exactly and without differencing.
+Analytic derivatives of inverse dynamics (RNEA) with respect to q and u.
 
-Turn (or slide) joint j a little: all that it carries is moved by a rigid field. In axes that go
-along, a point P of it changes its acceleration by
+A small displacement of joint j moves its subtree as a rigid body. In axes fixed to the subtree,
+the acceleration of each of its points P changes by
 
     da + chi x r + 2 delta x v_P
 
-with r and v_P taken from the joint's origin, wherever on the moving links P may be. For a joint
-whose axis is s, with the origin's acceleration a and U = [alpha]x + [omega]x [omega]x,
+with r and v_P the position and velocity of P relative to the joint's origin. For a joint with
+axis s, with the origin's acceleration a and U = [alpha]x + [omega]x [omega]x,
 
     by q:  delta = omega x s,  chi = U s,          da = a x s   (revolute);  0, 0, U s  (prismatic)
     by u:  delta = s,          chi = 2 omega x s,  da = 0       (revolute);  0, 0, 2 omega x s
 
-So a joint i on the way asks for tau_i's share f . da + n . chi + e . delta: three vectors of what
-the joint carries, taken from i to the root once for all j below it; and what joint i moves pulls
-at the joints below it by one force and moment each, by q and by u.
+The torque of a joint i beyond j changes by f . da + n . chi + e . delta. The vectors f, n and e
+of the subtree of i are transformed from i to the root once for all j on that path. The torques
+of these joints j change with joint i by one force and moment each for q and for u.
 """
 
 from collections.abc import Sequence
@@ -34,19 +34,19 @@ Matrix = list[list[Any]]
 
 
 @dataclass
-class Carried:
+class CompositeBody:
     """
-    What a joint carries, about its link's origin and in link axes; velocities from there.
+    Composite body of a joint's subtree, about its link's origin, in link axes.
 
     Attributes
     ----------
     mass, h, S : scalar, (3,), (3, 3)
-        Moments of mass: int dm, int r dm, int r r^T dm.
+        Mass, first and second moment: int dm, int r dm, int r r^T dm.
     p, L, S_rate : (3,), (3,), (3, 3)
-        Momentum, angular momentum, and the rate of S: int v dm, int r x v dm,
-        int v r^T + r v^T dm.
+        Momentum, angular momentum and rate of S, with velocities relative to the origin:
+        int v dm, int r x v dm, int v r^T + r v^T dm.
     force, moment : (3,), (3,)
-        Its inertia force and moment, negated, gravity's taken off.
+        Negated inertia force and moment, including gravity.
 
     """
 
@@ -60,16 +60,16 @@ class Carried:
     moment: Any
 
 
-class Index:
+class LinkState:
     """
-    A link, the way to it, its motion, and its origin's velocity from its parent's origin.
+    Joint transform and motion of a link, with its velocity relative to the parent's origin.
 
-    `rows` and `columns` take what a joint further out passes on down by one link. They use
-    nothing that varies but `state`, (15,), so that many joints may share one subroutine.
+    `rows` and `columns` propagate vectors by one link toward the root. The only varying data
+    they use is `state`, (15,), so that many joints can share one subroutine.
     """
 
     def __init__(self, link: Link, step: JointStep, motion: LinkMotion, velocity: Any) -> None:
-        """Keep the parts."""
+        """Store the data and collect the varying part in `state`."""
         self.link, self.step, self.motion, self.velocity = link, step, motion, velocity
         omega, _, a, U = motion
         self.state = np.array([step.s, step.c, *step.offset, *velocity, omega[0], omega[1],
@@ -77,9 +77,9 @@ class Index:
 
     def rows(self, carried: Any, state: Any) -> Any:
         """
-        Return (12,): shares of dtau/dq, dtau/du and M at this joint, then `carried` one link down.
+        Return (12,): entries of dtau/dq, dtau/du and M, then `carried` in the parent's axes.
 
-        `carried`, (9,), are the vectors f, n and e of the module's text in this link's axes.
+        `carried`, (9,), are the vectors f, n and e (see the module) in this link's axes.
         """
         step, velocity, x, y, U_z, a = self._read(state)
         f, n, e = carried[:3], carried[3:6], carried[6:]
@@ -93,11 +93,11 @@ class Index:
         e = e + 2.0 * cross(velocity, f)
         return np.array([*entries, *f, *n, *e])
 
-    def columns(self, pulls: Any, state: Any) -> Any:
-        """Return two forces and moments about this link's origin, (12,), about the parent's."""
+    def columns(self, wrenches: Any, state: Any) -> Any:
+        """Transform two forces and moments, (12,), from this link to its parent."""
         step = self._read(state)[0]
         result: list[Any] = []
-        for force, moment in ((pulls[:3], pulls[3:6]), (pulls[6:9], pulls[9:])):
+        for force, moment in ((wrenches[:3], wrenches[3:6]), (wrenches[6:9], wrenches[9:])):
             force, moment = step.inward(force), step.inward(moment)
             result += [*force, *(moment + cross(step.offset, force))]
         return np.array(result)
@@ -110,7 +110,7 @@ class Index:
 def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
                                  share: Share = directly) -> Any:
     """
-    Return dtau/dq, dtau/du and M of the links alone, (3, n, n).
+    Return dtau/dq, dtau/du and M of the links without friction and springs, (3, n, n).
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     gravity : (3,) array of scalars
         m/s^2, world axes.
     share : callable
-        Computes the parts that many joints have in common; see `sharing`.
+        Evaluates repeated parts, possibly as subroutines; see `subroutines`.
 
     """
     n = len(q)
@@ -135,29 +135,29 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
             velocity = cross(motion[link.parent][0], step.offset)
             if link.kind == 'prismatic':
                 velocity = velocity + (link.multiplier * u[link.coordinate]) * step.axis
-        places.append(Index(link, step, motion[-1], velocity))
-        carried.append(_alone(link, motion[-1]))
+        places.append(LinkState(link, step, motion[-1], velocity))
+        carried.append(_single_link(link, motion[-1]))
     by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
     for i in reversed(range(len(links))):
         _add_row(places, carried[i], i, (by_q, by_u, M), share)
         _add_column(places, carried[i], i, (by_q, by_u), share)
         if links[i].parent != WORLD:
-            _hand_down(places[i], carried[i], carried[links[i].parent])
+            _add_to_parent(places[i], carried[i], carried[links[i].parent])
     return np.array([by_q, by_u, M])
 
 
-def _alone(link: Link, motion: LinkMotion) -> Carried:
-    """Return what a link is by itself."""
+def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
+    """Return the composite body of a single link."""
     omega, S, h = motion[0], link.second_moment, link.first_moment
     v_r = np.stack([cross(omega, column) for column in S.T], axis=1)  # int v r^T dm
     spin = S[0, 0] + S[1, 1] + S[2, 2]
-    return Carried(link.mass, h, S, cross(omega, h), spin * omega - S @ omega, v_r + v_r.T,
-                   *inertia_wrench(link, motion))
+    return CompositeBody(link.mass, h, S, cross(omega, h), spin * omega - S @ omega, v_r + v_r.T,
+                         *inertia_wrench(link, motion))
 
 
-def _add_row(places: Sequence[Index], body: Carried, i: int,
+def _add_row(places: Sequence[LinkState], body: CompositeBody, i: int,
              results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
-    """Add how the torque of link i's joint depends on itself and on every joint below."""
+    """Add the derivatives of joint i's torque by itself and by the joints toward the root."""
     h, S, K, L = body.h, body.S, body.S_rate, body.L
     own = places[i].link
     if own.kind == 'revolute':
@@ -179,35 +179,35 @@ def _add_row(places: Sequence[Index], body: Carried, i: int,
         j = link.parent
 
 
-def _add_column(places: Sequence[Index], body: Carried, i: int,
+def _add_column(places: Sequence[LinkState], body: CompositeBody, i: int,
                 results: tuple[Matrix, Matrix], share: Share) -> None:
-    """Add how the torques of the joints below link i depend on its coordinate and its speed."""
+    """Add the derivatives of the torques of the joints toward the root by q_i and u_i."""
     link, (omega, _, a, U) = places[i].link, places[i].motion
     across = np.array([omega[1], -omega[0], 0.0])  # omega x s
     turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
     if link.kind == 'revolute':
-        force, moment = _pull(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
+        force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
         N = body.moment
-        pulls = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
-                                *_pull(body, Z, across + across, NONE)])
+        wrenches = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
+                                   *_wrench_change(body, Z, across + across, NONE)])
     else:
-        force, moment = _pull(body, NONE, NONE, U[:, 2])
-        pulls = np.concatenate([force, moment + turned,
-                                *_pull(body, NONE, NONE, across + across)])
+        force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
+        wrenches = np.concatenate([force, moment + turned,
+                                   *_wrench_change(body, NONE, NONE, across + across)])
     j = i
     while places[j].link.parent != WORLD:
-        pulls = share(f'column_{j}', places[j].columns, pulls, places[j].state)
+        wrenches = share(f'column_{j}', places[j].columns, wrenches, places[j].state)
         j = places[j].link.parent
         below = places[j].link
         row, column = below.coordinate, link.coordinate
-        along = 5 if below.kind == 'revolute' else 2  # the place of the z component in a pull
-        for matrix, entry in zip(results, (pulls[along], pulls[along + 6])):
+        along = 5 if below.kind == 'revolute' else 2  # index of the component along z
+        for matrix, entry in zip(results, (wrenches[along], wrenches[along + 6])):
             matrix[row][column] = (matrix[row][column]
                                    + link.multiplier * below.multiplier * entry)
 
 
-def _pull(body: Carried, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:
-    """Return force and moment about the origin that a change da + chi x r + 2 delta x v takes."""
+def _wrench_change(body: CompositeBody, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:
+    """Return the force and moment for an acceleration change da + chi x r + 2 delta x v."""
     S, K = body.S, body.S_rate
     force = body.mass * da + cross(chi, body.h) + cross(delta + delta, body.p)
     spin, growth = S[0, 0] + S[1, 1] + S[2, 2], K[0, 0] + K[1, 1] + K[2, 2]
@@ -216,8 +216,8 @@ def _pull(body: Carried, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:
     return force, moment
 
 
-def _hand_down(place: Index, body: Carried, parent: Carried) -> None:
-    """Add what a link carries to what its parent carries."""
+def _add_to_parent(place: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
+    """Add the composite body of a link to that of its parent."""
     step, mass, r, w = place.step, body.mass, place.step.offset, place.velocity
     h, p, force = step.inward(body.h), step.inward(body.p), step.inward(body.force)
     h_all, p_all = h + mass * r, p + mass * w

@@ -1,15 +1,17 @@
 """
-What a beam's modes add to the factored equations: integrals taken once, link axes.
+Contribution of a beam's modes to the recursive equations, from precomputed integrals.
 
-With pseudo-inertia P(eta) of the bent beam as of a rigid body, p_i = dS/d eta_i the momentum per
-unit of a mode's speed (S the first moment) and Q_i the angular momentum, rates by eta' alone::
+The pseudo-inertia P(eta) of the bent beam enters as that of a rigid body. The modes add, with
+p_i = dS/d eta_i the momentum per unit modal speed (S the first moment), Q_i the angular momentum
+per unit modal speed, and ' the rate by eta' alone::
 
     force   =  2 omega x p_i eta_i' + p_i eta_i'' + S''(eta', eta')
     moment  =  J' omega + omega x Q_i eta_i' + Q_i eta_i'' + Q_i' eta_i'
     modal i =  p_i . a + Q_i . alpha + m_ij eta_j'' + omega . (Q_i' - dQ_j/d eta_i eta_j')
                - 1/2 omega . dJ/d eta_i omega
 
-(Boltzmann and Hamel's equations of the kinetic energy to the second power; `beams` has the sums.)
+These are the Boltzmann-Hamel equations of the kinetic energy to second order. All quantities are
+in link axes. `definition.beams` has the reference formulation.
 """
 
 from collections.abc import Sequence
@@ -22,7 +24,7 @@ import numpy as np
 
 
 def bent(links: Sequence[Link], q: Any) -> Sequence[Link]:
-    """Return the links with the pseudo-inertias that beams have when bent."""
+    """Return the links with the pseudo-inertias of the bent beams at q."""
     if all(link.beam is None for link in links):
         return links
     return [link if link.beam is None else replace(
@@ -32,21 +34,21 @@ def bent(links: Sequence[Link], q: Any) -> Sequence[Link]:
 
 class Modes:
     """
-    The modes of a link that is a beam, at one posture.
+    Modes of a flexible link at one configuration.
 
     Attributes
     ----------
     coordinates : tuple of int
-        Places of eta in q.
+        Indices of eta in q.
     pseudo_inertia : (4, 4) array
-        What bending adds.
+        Contribution of bending to the pseudo-inertia.
     momentum, spin : lists of (3,) arrays
-        p_i and Q_i.
+        Momentum p_i and angular momentum Q_i per unit modal speed.
 
     """
 
     def __init__(self, link: Link, q: Any) -> None:
-        """Turn the integrals into link axes, about the link's origin."""
+        """Transform the integrals to link axes about the link's origin."""
         beam: Any = link.beam
         T = link.body
         R, t = T[:3, :3], T[:3, 3]
@@ -81,7 +83,7 @@ class Modes:
         spin_rates = [sum(self._spin_slope[j, i] * speed[j] for j in m) for i in m]
         curved = sum(self._bend[i, j, :3, 3] * (speed[i] * speed[j]) for i in m for j in m)
         force = (2.0 * cross(omega, flow) + sum(self.momentum[i] * gain[i] for i in m) + curved)
-        moment = (_spun(change, omega) + cross(omega, spin)
+        moment = (_angular_momentum(change, omega) + cross(omega, spin)
                   + sum(self.spin[i] * gain[i] + spin_rates[i] * speed[i] for i in m))
         spun = 0.5 * ((omega @ omega) * np.eye(3) - np.multiply.outer(omega, omega))
         modal = [self.momentum[i] @ a + self.spin[i] @ alpha + self.mass[i] @ gain
@@ -90,14 +92,14 @@ class Modes:
         return force, moment, modal
 
     def twice_energy(self, omega: Any, v: Any, u: Any) -> Any:
-        """Return twice what the modes' speeds add to the kinetic energy, J."""
+        """Return twice the contribution of the modal speeds to the kinetic energy, J."""
         speed = u[self._places]
         flow = sum(p * x for p, x in zip(self.momentum, speed))
         spin = sum(Q * x for Q, x in zip(self.spin, speed))
         return 2.0 * (v @ flow + omega @ spin) + speed @ (self.mass @ speed)
 
 
-def _spun(second_moment: Any, omega: Any) -> Any:
-    """Return J omega, J = tr(S) 1 - S."""
+def _angular_momentum(second_moment: Any, omega: Any) -> Any:
+    """Return J omega with the inertia J = tr(S) 1 - S."""
     S = second_moment
     return (S[0, 0] + S[1, 1] + S[2, 2]) * omega - S @ omega

@@ -1,4 +1,4 @@
-"""Poses, velocities and partial velocities of frames, in world axes, over any scalar."""
+"""Forward kinematics of frames: poses, Jacobians and their rates, velocities; world axes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def link_poses(links: Sequence[Link], q: Any) -> list[tuple[Any, Any]]:
-    """Return every link's axes (3, 3, columns) and origin (3,) in the world, m."""
+    """Return the axes (3, 3, columns) and the origin (3,) of all links in the world, m."""
     result: list[tuple[Any, Any]] = []
     for link in links:
         step = JointStep(link, q)
@@ -25,7 +25,7 @@ def link_poses(links: Sequence[Link], q: Any) -> list[tuple[Any, Any]]:
 
 
 def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
-    """Return a frame's constant axes and origin in its link's axes (the world's if fixed)."""
+    """Return the constant axes and origin of a frame in its link (in the world if fixed)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = frame.rotation, frame.translation
     if frame.body != WORLD:
@@ -33,29 +33,40 @@ def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
     return T[:3, :3], T[:3, 3]
 
 
-def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
-    """Return the (4, 4) pose of a frame in the world."""
+def frame_axes(links: Sequence[Link], frame: Frame,
+               poses: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return axes (3, 3, columns) and origin (3,) of a frame in the world, m, by `link_poses`."""
     R, p = frame_in_link(links, frame)
-    if frame.body != WORLD:
-        R_wl, p_wl = link_poses(links, q)[frame.body]
-        R, p = R_wl @ R, R_wl @ p + p_wl
+    if frame.body == WORLD:
+        return R, p
+    R_wl, p_wl = poses[frame.body]
+    return R_wl @ R, R_wl @ p + p_wl
+
+
+def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+    """Return the pose of a frame in the world, (4, 4)."""
+    R, p = frame_axes(links, frame, link_poses(links, q))
     return np.concatenate([np.concatenate([R, p[:, None]], axis=1),
                            np.array([[0.0, 0.0, 0.0, 1.0]])])
 
 
-def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None,
+                       poses: Sequence[tuple[Any, Any]] | None = None) -> Any:
     """
-    Return the (6, n) partial velocities of a frame: linear at its origin, then angular.
+    Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular.
 
-    The column of u_r is s_r x (p - p_r), s_r for a revolute joint on the way to the frame and
-    s_r, 0 for a prismatic one, s_r being the joint's axis; joints elsewhere give zero.
+    With `at`, (3,), m, it is that of the point of the frame's body at this place. `poses` are the
+    `link_poses`, if they are known already.
+
+    With s_r the axis and p_r the origin of a joint between the base and the frame, its column is
+    s_r x (p - p_r), s_r if revolute and s_r, 0 if prismatic. All other columns are zero.
     """
     columns: list[Any] = [np.zeros(6)] * len(q)
-    poses = link_poses(links, q)
+    poses = poses or link_poses(links, q)
     _, p_f = frame_in_link(links, frame)
     k = frame.body
     if k != WORLD:
-        p_f = poses[k][0] @ p_f + poses[k][1]
+        p_f = poses[k][0] @ p_f + poses[k][1] if at is None else at
     while k != WORLD:
         link, (R, p) = links[k], poses[k]
         s = R @ Z
@@ -71,10 +82,10 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Any) -> Any:
 
 def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) -> Any:
     """
-    Return the time derivative of `partial_velocities`, (6, n), along q' = u.
+    Return the time derivative of the Jacobian (`partial_velocities`), (6, n), for q' = u.
 
-    With omega and v those of the joint's own link and origin, an axis turns by s' = omega x s, and
-    the column s x r of a revolute joint by s' x r + s x r'.
+    With omega the angular velocity of the joint's link, the rate of its axis is s' = omega x s,
+    and that of the column s x r of a revolute joint is s' x r + s x r'.
     """
     columns: list[Any] = [np.zeros(6)] * len(q)
     if frame.body == WORLD:
@@ -104,21 +115,21 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) 
 
 def frame_motion(links: Sequence[Link], frame: Frame, q: Any, u: Any, udot: Any) -> Any:
     """
-    Return (2, 6): velocity and classical acceleration of a frame, linear then angular.
+    Return velocity and classical acceleration of a frame, (2, 6), linear then angular.
 
-    World axes, at the frame's origin; gravity is not in it.
+    World axes, at the frame's origin; gravity is not included.
     """
     if frame.body == WORLD:
         return np.zeros((2, 6))
     poses = link_poses(links, q)
     omega, alpha, v, a = _motions(links, poses, q, u, udot)[frame.body]
-    v, a = _carried(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
+    v, a = _point_motion(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
     return np.stack([np.concatenate([v, omega]), np.concatenate([a, alpha])])
 
 
 def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], q: Any, u: Any,
              udot: Any) -> list[tuple[Any, Any, Any, Any]]:
-    """Return omega, alpha, v and a of every link's origin, world axes, gravity not in it."""
+    """Return omega, alpha, v and a of all links' origins, world axes, without gravity."""
     motion: list[tuple[Any, Any, Any, Any]] = []
     zero = np.zeros(3)
     for link, (R, p) in zip(links, poses):
@@ -126,8 +137,8 @@ def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], q: Any, u:
         if link.parent != WORLD:
             omega, alpha, v, a = motion[link.parent]
             origin = poses[link.parent][1]
-        v, a = _carried(omega, alpha, v, a, p - origin)
-        rate, acceleration = link.rate(q, u) * (R @ Z), link.growth(q, u, udot) * (R @ Z)
+        v, a = _point_motion(omega, alpha, v, a, p - origin)
+        rate, acceleration = link.rate(q, u) * (R @ Z), link.acceleration(q, u, udot) * (R @ Z)
         if link.kind == 'revolute':
             motion.append((omega + rate, alpha + acceleration + cross(omega, rate), v, a))
         else:
@@ -135,7 +146,7 @@ def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], q: Any, u:
     return motion
 
 
-def _carried(omega: Any, alpha: Any, v: Any, a: Any, r: Any) -> tuple[Any, Any]:
-    """Return velocity and acceleration of the point of a body at r from its origin."""
+def _point_motion(omega: Any, alpha: Any, v: Any, a: Any, r: Any) -> tuple[Any, Any]:
+    """Return velocity and acceleration of a body's point at r from its origin."""
     across = cross(omega, r)
     return v + across, a + cross(alpha, r) + cross(omega, across)

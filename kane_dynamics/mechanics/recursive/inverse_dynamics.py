@@ -1,13 +1,15 @@
 """
-Kane's equations factored: one pass outward, one inward, one dot product a joint.
+Inverse dynamics of trees: Kane's equations in recursive Newton-Euler form (RNEA).
 
-For a tree, the partial angular velocity of every body outboard of joint j is the joint's axis
-(revolute) or zero (prismatic), and the partial velocity of a point r on it is s x (r - p_j) or s.
-So the double sum over bodies and speeds in `kane` is a sum over subtrees that each joint sees
-through its own axis only. Everything is in link axes (see `linkage`), where the axis is z.
+In a tree, the partial angular velocity of all bodies outboard of joint j is the joint's axis s
+(revolute) or zero (prismatic), and the partial velocity of a point r is s x (r - p_j) or s. So
+Kane's double sum over bodies and speeds factors into an outward pass for motions, an inward pass
+that sums inertia forces and moments over subtrees, and one dot product with the axis per joint
+(Angeles, Ma & Rojas, Computers & Mathematics with Applications 17, 1989). All quantities are in
+link axes (see `link_frames`), where the joint axis is z.
 
-Gravity enters as an acceleration of the base, -g. A joint that shares its coordinate with others
-(a mimic) adds its multiplier times its own axis to the coordinate's partial velocities.
+Gravity enters as an acceleration -g of the base. A mimic joint adds its multiplier times its axis
+to the partial velocities of its coordinate.
 """
 
 from collections.abc import Sequence
@@ -24,15 +26,15 @@ import numpy as np
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.array([0.0, 0.0, 0.0])
 AT_REST = np.zeros((3, 3))
-# In link axes: omega, alpha, acceleration a of the origin less gravity, U = `rate_tensor`.
+# In link axes: omega, alpha, acceleration of the origin minus gravity, U = `rate_tensor`.
 LinkMotion = tuple[Any, Any, Any, Any]
 
 
 class JointStep:
-    """The way from a parent link to a link at one joint position: turn by Q about z, offset."""
+    """Transform from a parent link to a link at one joint position: rotation and offset."""
 
     def __init__(self, link: Link, q: Any) -> None:
-        """Take the joint's position from the coordinates q (n,)."""
+        """Evaluate the transform at the coordinates q, (n,)."""
         angle = link.position(q)
         self.partials = link.partials(q)
         self.rotation = link.rotation
@@ -46,31 +48,31 @@ class JointStep:
             self.offset = link.translation + self.axis * (angle + link.offset)
 
     def at(self, s: Any, c: Any, offset: Any) -> 'JointStep':
-        """Return the same way at another position: sine, cosine and offset there."""
+        """Return the transform at another position: its sine, cosine and offset."""
         other = copy(self)
         other.s, other.c, other.offset = s, c, offset
         return other
 
     def inward(self, v: Any) -> Any:
-        """Return a vector of link axes in the parent's axes."""
+        """Transform a vector from link axes to the parent's axes."""
         x, y, z = v
         return self.rotation @ np.array([self.c * x - self.s * y, self.s * x + self.c * y, z])
 
     def outward(self, v: Any) -> Any:
-        """Return a vector of the parent's axes in link axes."""
+        """Transform a vector from the parent's axes to link axes."""
         x, y, z = self.rotation.T @ v
         return np.array([self.c * x + self.s * y, self.c * y - self.s * x, z])
 
     def inward_tensor(self, S: Any) -> Any:
-        """Return a symmetric tensor of link axes in the parent's axes."""
+        """Transform a symmetric tensor from link axes to the parent's axes."""
         turned = rotated_about_z(S, self.s, self.c) if self.turns else S
         return symmetric(self.rotation @ turned @ self.rotation.T)
 
 
 def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: Any, u: Any,
                 udot: Any, gravity: Any) -> LinkMotion:
-    """Return the motion of a link, given those of the links `before` it; see `LinkMotion`."""
-    rate, acceleration = link.rate(q, u), link.growth(q, u, udot)
+    """Return the motion of a link from those of its predecessors; see `LinkMotion`."""
+    rate, acceleration = link.rate(q, u), link.acceleration(q, u, udot)
     omega, alpha, a, U = (REST, REST, -gravity, AT_REST) if link.parent == WORLD else (
         before[link.parent])
     U_z = step.outward(U @ step.axis)
@@ -83,8 +85,8 @@ def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: An
     if np.count_nonzero(step.axis) > 1:
         alpha = alpha + across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
-    # The joint's axis is on both links, so U z is one vector, which here takes no arithmetic but
-    # to turn; alpha follows from it.
+    # The joint's axis is fixed in both links, so U z is the parent's, rotated to link axes;
+    # alpha follows from it.
     x, y, z = omega
     alpha = np.array([y * z - U_z[1], U_z[0] - x * z, alpha[2] + acceleration])
     U = rate_tensor(omega, alpha)
@@ -92,7 +94,7 @@ def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: An
 
 
 def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Any, Any]:
-    """Return a rigid link's inertia force, and moment about its origin, negated; link axes."""
+    """Return the negated inertia force and moment of a rigid link about its origin; link axes."""
     omega, _, a, U = motion
     h = link.first_moment
     return (link.mass * a + U @ h,
@@ -101,7 +103,7 @@ def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Any, Any]:
 
 def link_forces(link: Link, motion: LinkMotion, q: Any, u: Any,
                 udot: Any) -> tuple[Any, Any, list[tuple[int, Any]]]:
-    """Return `inertia_wrench`, of a beam too, and what its modes take, by their places in q."""
+    """Return `inertia_wrench` of a link or beam, and modal forces with their indices in q."""
     force, moment = inertia_wrench(link, motion)
     if link.beam is None:
         return force, moment, []
@@ -112,7 +114,7 @@ def link_forces(link: Link, motion: LinkMotion, q: Any, u: Any,
 
 def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
     """
-    Return the generalized forces -F_r* of the motion, gravity's F_r taken off.
+    Return the joint forces for a motion by RNEA: -F_r* minus F_r of gravity.
 
     Parameters
     ----------
@@ -126,7 +128,7 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
     Returns
     -------
     (n,) array
-        N m or N.
+        Generalized forces, N m or N.
 
     """
     links = bent(links, q)
@@ -154,7 +156,7 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
 
 
 def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
-    """Return every link's (omega, v of its origin), in link axes, rad/s and m/s."""
+    """Return (omega, v of the origin) of all links in link axes, rad/s and m/s."""
     result: list[tuple[Any, Any]] = []
     for link in links:
         step, rate = JointStep(link, q), link.rate(q, u)
@@ -171,7 +173,7 @@ def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
 
 
 def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
-    """Return sum 1/2 int v . v dm over all links, J."""
+    """Return the kinetic energy sum 1/2 int v . v dm of all links, J."""
     twice: Any = 0.0
     links = bent(links, q)
     for link, (omega, v) in zip(links, velocities(links, q, u)):
@@ -185,17 +187,23 @@ def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
 
 
 def potential_energy(links: Sequence[Link], q: Any, gravity: Any) -> Any:
-    """Return -sum m g . p* over all links, J, zero at the world's origin."""
+    """Return the potential energy of gravity -sum m g . p*, J, zero at the world's origin."""
+    return -(gravity @ first_moment(links, q)[1])
+
+
+def first_moment(links: Sequence[Link], q: Any) -> tuple[Any, Any]:
+    """Return the mass of all links, kg, and sum m p*, (3,), kg m, world axes."""
     links = bent(links, q)
     moments = [(link.mass, link.first_moment) for link in links]
+    whole: Any = 0.0
     total: Any = REST
     for i in reversed(range(len(links))):
         mass, h = moments[i]
         step = JointStep(links[i], q)
         h = step.inward(h) + mass * step.offset
         if links[i].parent == WORLD:
-            total = total + h
+            whole, total = whole + mass, total + h
         else:
             above = moments[links[i].parent]
             moments[links[i].parent] = (above[0] + mass, above[1] + h)
-    return -(gravity @ total)
+    return whole, total

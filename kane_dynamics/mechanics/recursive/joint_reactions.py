@@ -1,10 +1,10 @@
 """
-What joints transmit, and what each body asks of every joint.
+Joint reactions, and the joint torques due to each body.
 
-The reaction at a joint is the force and moment that its parent exerts on the child: all that the
-links beyond it take, less what the environment pushes with. These are the equations of auxiliary
-speeds (Kane & Levinson, section 4.9): give the joint six fictitious speeds along and about the
-world's axes, and the partial velocities of all links beyond it are those of one rigid body.
+The reaction at a joint is the force and moment that the parent exerts on the child: the inertia
+and weight of the subtree minus the external wrenches on it. This is Kane's method of auxiliary
+speeds (Kane & Levinson, section 4.9): with six fictitious speeds of the joint along and about the
+world's axes, the partial velocities of the subtree are those of one rigid body.
 """
 
 from collections.abc import Sequence
@@ -21,20 +21,23 @@ import numpy as np
 
 
 def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
-                    pushes: Sequence[tuple[Frame, Any]]) -> list[Any]:
+                    external: Sequence[tuple[Frame, Any]]) -> list[Any]:
     """
-    Return (6,) a joint: force, then moment about its origin, from parent on child, world axes.
+    Return the reaction of each joint, (6,): force, then moment about the joint's origin.
+
+    The reaction is what the parent exerts on the child, in world axes.
 
     Parameters
     ----------
     links : sequence of Link
-        Whose origins are those of the model's joints (`linkage.linkage`), with full inertials.
+        Links with their origins at the model's joints (`link_frames.linkage`) and with full
+        inertial parameters.
     q, u, udot : (n,) arrays of scalars
         Coordinates, speeds and their rates; rad or m, s.
     gravity : (3,) array of scalars
         m/s^2, world axes.
-    pushes : sequence of (Frame, (6,) array)
-        The environment's wrenches, force then moment at the frame's origin, world axes.
+    external : sequence of (Frame, (6,) array)
+        External wrenches, force then moment at the frame's origin, world axes.
 
     """
     links = bent(links, q)
@@ -42,17 +45,17 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
     wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
     for k in reversed(range(len(links))):
         if links[k].parent != WORLD:
-            wrenches[links[k].parent] = _handed_down(steps[k], wrenches[k],
-                                                     wrenches[links[k].parent])
+            wrenches[links[k].parent] = _add_to_parent(steps[k], wrenches[k],
+                                                       wrenches[links[k].parent])
     poses = link_poses(links, q)
     reactions = [np.concatenate([R @ force, R @ moment])
                  for (R, _), (force, moment) in zip(poses, wrenches)]
-    for frame, wrench in pushes:
+    for frame, wrench in external:
         k = frame.body
         if k != WORLD:
             R, p = poses[k]
             at = p + R @ frame_in_link(links, frame)[1]
-        while k != WORLD:  # every joint on the way to the world carries less by what is pushed
+        while k != WORLD:  # the wrench acts on all joints toward the base
             moment = wrench[3:] + cross(at - poses[k][1], wrench[:3])
             reactions[k] = reactions[k] - np.concatenate([wrench[:3], moment])
             k = links[k].parent
@@ -60,7 +63,7 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
 
 
 def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
-    """Return (n_bodies, n): the joint torques that each body's inertia and weight ask for."""
+    """Return the joint torques due to each body's inertia and weight, (n_bodies, n)."""
     steps = [JointStep(link, q) for link in links]
     wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
     result: list[list[Any]] = [[0.0] * len(q) for _ in links]
@@ -81,15 +84,15 @@ def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any)
 
 def _inertia_wrenches(links: Sequence[Link], steps: Sequence[JointStep], q: Any, u: Any, udot: Any,
                       gravity: Any) -> list[tuple[Any, Any]]:
-    """Return what every link alone takes, force and moment about its origin, link axes."""
+    """Return the force and moment of each link's inertia and weight, link axes."""
     motion: list[LinkMotion] = []
     for link, step in zip(links, steps):
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
     return [link_forces(link, m, q, u, udot)[:2] for link, m in zip(links, motion)]
 
 
-def _handed_down(step: JointStep, wrench: tuple[Any, Any],
-                 above: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Return the parent's wrench with a link's added."""
+def _add_to_parent(step: JointStep, wrench: tuple[Any, Any],
+                   above: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Return the parent's wrench plus that of a link."""
     force, moment = step.inward(wrench[0]), step.inward(wrench[1])
     return above[0] + force, above[1] + (moment + cross(step.offset, force))

@@ -1,4 +1,4 @@
-"""`Link`: a body as the recursions see it, and poses as (4, 4) matrices."""
+"""Link: a body of the recursive algorithms, with its joint axis along z; (4, 4) poses."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,7 +11,7 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class Link:
     """
-    A body as the recursions see it: its joint turns about, or slides along, its z axis.
+    Body of the recursive algorithms; its joint rotates about or slides along the z axis.
 
     Attributes
     ----------
@@ -23,13 +23,14 @@ class Link:
     coordinate, multiplier, offset : int, float, float
         The joint's position is ``multiplier * q[coordinate] + offset``.
     pseudo_inertia : (4, 4) array
-        About the link's origin, in link axes: second moment, first moment, mass.
+        Second moment, first moment and mass about the link's origin, link axes.
     body : (4, 4) array
         Pose of the model's body frame in link axes.
     deflection : Deflection, optional
-        What the joint's position is instead, besides `offset`, where a beam bends.
+        Joint position as a function of modal coordinates, for a section of a bending beam;
+        `offset` is added, `coordinate` and `multiplier` are not used.
     beam : Beam, optional
-        What modes add to the pseudo-inertia, in the axes of the body frame.
+        Modal integrals of a flexible link, in the axes of the body frame.
 
     """
 
@@ -45,7 +46,7 @@ class Link:
     beam: Beam | None = None
 
     def position(self, q: Any) -> Any:
-        """Return how far the joint is from where `offset` puts it, rad or m."""
+        """Return the position of the joint without `offset`, rad or m."""
         bent = self.deflection
         if bent is None:
             return self.multiplier * q[self.coordinate]
@@ -53,7 +54,7 @@ class Link:
         return bent.slope @ eta + 0.5 * (eta @ (bent.curvature @ eta))
 
     def partials(self, q: Any) -> list[tuple[int, Any]]:
-        """Return the coefficients of the speeds in the joint's rate: (place, coefficient)."""
+        """Return the coefficients of the speeds in the joint's rate: (index, coefficient)."""
         bent = self.deflection
         if bent is None:
             return [(self.coordinate, self.multiplier)]
@@ -61,20 +62,20 @@ class Link:
         return list(zip(bent.coordinates, weights))
 
     def partial_rates(self, u: Any) -> list[tuple[int, Any]]:
-        """Return the time derivatives of those of `partials` that change."""
+        """Return the time derivatives of the coefficients that are not constant."""
         bent = self.deflection
         if bent is None or not bent.curvature.any():
             return []
         return list(zip(bent.coordinates, bent.curvature @ u[list(bent.coordinates)]))
 
     def rate(self, q: Any, u: Any) -> Any:
-        """Return the joint's rate, rad/s or m/s."""
+        """Return the rate of the joint, rad/s or m/s."""
         if self.deflection is None:
             return self.multiplier * u[self.coordinate]
         return sum(weight * u[k] for k, weight in self.partials(q))
 
-    def growth(self, q: Any, u: Any, udot: Any) -> Any:
-        """Return the joint's acceleration."""
+    def acceleration(self, q: Any, u: Any, udot: Any) -> Any:
+        """Return the acceleration of the joint, rad/s^2 or m/s^2."""
         bent = self.deflection
         if bent is None:
             return self.multiplier * udot[self.coordinate]
@@ -98,17 +99,17 @@ class Link:
 
     @property
     def first_moment(self) -> Any:
-        """Mass times mass centre, (3,), kg m."""
+        """First moment: mass times center of mass, (3,), kg m."""
         return self.pseudo_inertia[:3, 3]
 
     @property
     def second_moment(self) -> Any:
-        """Int r r^T dm, (3, 3), kg m^2."""
+        """Second moment int r r^T dm, (3, 3), kg m^2."""
         return self.pseudo_inertia[:3, :3]
 
 
 def homogeneous(rotation: Any = None, translation: Any = None) -> Array:
-    """Return the (4, 4) matrix that maps [r; 1] by r -> R r + p."""
+    """Return the homogeneous transformation r -> R r + p, (4, 4)."""
     T = np.eye(4)
     if rotation is not None:
         T[:3, :3] = rotation

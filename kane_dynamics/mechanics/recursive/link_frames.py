@@ -1,21 +1,21 @@
 """
-A tree of links with the least arithmetic in it, equivalent to a Model's tree of bodies.
+Link frames that minimize arithmetic: a tree of links equivalent to a Model's tree of bodies.
 
-A link is a body as the recursions see it: in axes of its own, whose z is the joint's axis, with a
-constant placement in its parent and a pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: the moments
-of mass up to the second). Further changes that no joint torque can notice make most of its
-numbers 0 or 1, which tracing then folds away:
+A link frame has its z axis along the joint axis, a constant pose in its parent, and a
+pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: mass, first and second moment). The following
+transformations do not change joint torques and make most constants 0 or 1, which tracing folds:
 
-* `merged`: a joint that turns about the same axis as the beam's section it is on takes both turns;
-* `denavit_hartenberg`: each revolute link's frame slid along its own axis to the common normal
-  with its parent's, and turned about it so that the way to its (largest) child is an offset along
-  its z, one along its x, and a turn about x, where that is less arithmetic;
-* `regrouped`: matter on a revolute joint's axis moves the same in the parent, and so does the
-  second moment of a prismatic link: both are handed to the parent. What stays are the base
-  inertial parameters (Khalil & Dombre, Modeling, Identification and Control of Robots, ch. 9).
-  A link that carries no other is turned about its axis until y is free of its first moment.
+* `merged`: a joint that rotates about the same axis as the beam section before it takes both
+  rotations.
+* `denavit_hartenberg`: the frame of a revolute link is moved along its axis to the common normal
+  with its parent's axis, and rotated about its axis so that the pose of its (largest) child is an
+  offset along z, an offset along x and a rotation about x, if that reduces the arithmetic.
+* `regrouped`: inertia on a revolute joint's axis, and the second moment of a prismatic link, are
+  moved to the parent. The rest are the base inertial parameters (Khalil & Dombre, Modeling,
+  Identification and Control of Robots, ch. 9). A link without children is rotated about its axis
+  until the y component of its first moment is zero.
 
-Pseudo-inertias may hold traced values (a payload); everything else here is numbers.
+Pseudo-inertias may hold traced values (a payload); everything else is numbers.
 """
 
 from collections.abc import Sequence
@@ -29,13 +29,13 @@ from kane_dynamics.model.beam import Deflection
 from kane_dynamics.model.model import Model, WORLD
 import numpy as np
 
-SNAP = 1e-14  # entries this close to 0, 1 or -1 are rounding; coarser would cost accuracy
-NEARLY_PARALLEL = 1e-4  # rad: the common normal of such axes lies far off, at a loss of digits
+SNAP = 1e-14  # tolerance for rounding errors of entries 0, 1 and -1; a larger one loses accuracy
+NEARLY_PARALLEL = 1e-4  # rad; the common normal of such axes is far away, which loses digits
 Z = np.array([0.0, 0.0, 1.0])
 
 
 def snap(array: Array) -> Array:
-    """Return the array with entries within `SNAP` of 0, 1, -1 put there."""
+    """Return the array with entries within `SNAP` of 0, 1 or -1 rounded to them."""
     result = np.array(array, dtype=np.float64)
     for value in (0.0, 1.0, -1.0):
         result[np.abs(result - value) < SNAP] = value
@@ -43,13 +43,13 @@ def snap(array: Array) -> Array:
 
 
 def about_z(angle: float) -> Array:
-    """Return the pose turned about z; whole quarter turns are exact."""
+    """Return the pose of a rotation about z, (4, 4); multiples of pi/2 are exact."""
     c, s = snap(np.array([math.cos(angle), math.sin(angle)]))
     return homogeneous([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def linkage(model: Model) -> tuple[Link, ...]:
-    """Return a model's bodies as links: the same origins, axes turned so that joints are z."""
+    """Return a model's bodies as links: same origins, z along the joint axes."""
     turns = [homogeneous(_turn_to_z(body.joint.axis)) for body in model.bodies]
     links = []
     for body, C in zip(model.bodies, turns):
@@ -65,10 +65,10 @@ def linkage(model: Model) -> tuple[Link, ...]:
 
 def merged(links: Sequence[Link]) -> tuple[Link, ...]:
     """
-    Return the links with joints that turn about the same axis as the section they are on.
+    Merge joints that rotate about the same axis as the beam section that carries them.
 
-    Where a beam bends in the plane in which the joint at its end moves, one angle, the sum of
-    the section's and the joint's, serves both. The section stays, for what else is on it.
+    If a beam bends in the plane of motion of the joint at its end, the sum of the section's and
+    the joint's angle is used as one angle. The section stays for its other children.
     """
     result = list(links)
     for i, link in enumerate(links):
@@ -89,17 +89,17 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
 
 def carrying(links: Sequence[Link], body: int, pose: Array,
              pseudo_inertia: Any) -> tuple[Link, ...]:
-    """Return the links with matter added that is given in a frame with this pose on a body."""
+    """Return the links with a pseudo-inertia added, given in a frame at this pose on a body."""
     T = links[body].body @ pose
     added = links[body].pseudo_inertia + T @ pseudo_inertia @ T.T
     return (*links[:body], replace(links[body], pseudo_inertia=added), *links[body + 1:])
 
 
 def _turn_to_z(axis: Array) -> Array:
-    """Return the rotation C with C z = axis; a permutation of axes where that is possible."""
+    """Return a rotation C with C z = axis; a permutation of axes if possible."""
     axis = snap(axis)
     k = int(np.argmax(np.abs(axis)))
-    if np.count_nonzero(axis) == 1:  # an axis off by 1e-8 has a largest entry of 1 too
+    if np.count_nonzero(axis) == 1:  # not `max == 1`: true for an axis that is off by 1e-8
         C = np.roll(np.eye(3), k - 2, axis=0)
         return C if axis[k] > 0.0 else C @ np.diag([1.0, -1.0, -1.0])
     x = np.cross(axis, Z if k != 2 else np.array([1.0, 0.0, 0.0]))
@@ -108,7 +108,7 @@ def _turn_to_z(axis: Array) -> Array:
 
 
 def _moved(link: Link, G: Array) -> Link:
-    """Return a link with its frame changed by the pose G on the link, a screw about z."""
+    """Return a link with its frame moved by the pose G, a screw about z."""
     back = inverse(G)
     return replace(link, pose=_clean(link.pose @ homogeneous(None, G[:3, 3])),
                    offset=math.remainder(link.offset + math.atan2(G[1, 0], G[0, 0]),
@@ -118,9 +118,9 @@ def _moved(link: Link, G: Array) -> Link:
 
 def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     """
-    Slide and turn revolute links' frames about their own z, of `merged` links (see the module).
+    Move frames of revolute links along and about their z axis (see the module).
 
-    Of both, either and neither, a link takes what leaves the fewest constants near it.
+    Each link uses the combination of translation and rotation with the fewest constants.
     """
     links = merged(links)
     result = list(links)
@@ -140,15 +140,16 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
             if link.parent == WORLD and child.kind == 'revolute':
                 shift = float((child.translation + _slide(child) * child.rotation[:, 2])[2])
         near = [result[k] for k in (i, *children[i])]
-        choices = [_changed(near, turn, rise) for turn in (angle, 0.0) for rise in (shift, 0.0)]
+        choices = [_with_frame_moved(near, turn, rise)
+                   for turn in (angle, 0.0) for rise in (shift, 0.0)]
         best = min(choices, key=_constants)
         for k, chosen in zip((i, *children[i]), best):
             result[k] = chosen
     return tuple(_untwisted(link) for link in result)
 
 
-def _changed(near: Sequence[Link], angle: float, shift: float) -> list[Link]:
-    """Turn a link's frame about its z and slide it along; its children, which follow, stay."""
+def _with_frame_moved(near: Sequence[Link], angle: float, shift: float) -> list[Link]:
+    """Rotate a link's frame about its z axis and move it along; keep its children in place."""
     G = about_z(angle)
     G[2, 3] = shift
     return [_moved(near[0], G), *(replace(child, pose=_clean(inverse(G) @ child.pose))
@@ -156,19 +157,19 @@ def _changed(near: Sequence[Link], angle: float, shift: float) -> list[Link]:
 
 
 def _constants(links: Sequence[Link]) -> int:
-    """Count the entries of the ways to links that cost a multiplication each time."""
+    """Return the number of entries of the links' poses that cause a multiplication."""
     poses = [_untwisted(link).pose[:3] for link in links]
     return sum(int(np.sum(~np.isin(pose[:, :3], (0.0, 1.0, -1.0))) + np.sum(pose[:, 3] != 0.0))
                for pose in poses)
 
 
 def _turn_to_normal(child: Link) -> float:
-    """Return the angle about z of the common normal with a child's joint axis."""
+    """Return the angle about z to the common normal with a child's joint axis."""
     z, p = child.rotation[:, 2], child.translation
     x = np.cross(Z, z)
     if np.linalg.norm(x) <= NEARLY_PARALLEL and child.kind == 'revolute':
         x = np.array([p[0], p[1], 0.0])
-    if np.linalg.norm(x) < 1e-9:  # the axes are one
+    if np.linalg.norm(x) < 1e-9:  # the axes coincide
         return 0.0
     angle = math.atan2(x[1], x[0])
     half = math.pi / 2.0 + 1e-9
@@ -180,7 +181,7 @@ def _turn_to_normal(child: Link) -> float:
 
 
 def _slide(child: Link) -> float:
-    """Return how far along its axis a child's origin is from the common normal with z."""
+    """Return the distance along its axis from a child's origin to the common normal with z."""
     z, p = child.rotation[:, 2], child.translation
     x = np.cross(Z, z)
     square = float(x @ x)
@@ -190,7 +191,7 @@ def _slide(child: Link) -> float:
 
 
 def _untwisted(link: Link) -> Link:
-    """Move a turn about z out of a revolute link's constant rotation into its offset."""
+    """Move a rotation about z from a revolute link's constant pose to its offset."""
     R = link.rotation
     if link.kind != 'revolute' or abs(R[0, 2]) > 1e-9 or math.hypot(R[0, 0], R[0, 1]) < 1e-6:
         return link
@@ -200,9 +201,9 @@ def _untwisted(link: Link) -> Link:
 
 
 def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
-    """Hand to each parent the matter that moves with it just as well (see the module)."""
+    """Move inertia to the parents where it does not affect joint torques (see the module)."""
     carrying_none = set(range(len(links))).difference(link.parent for link in links)
-    result = [_turned_to_matter(link) if i in carrying_none else link
+    result = [_align_with_com(link) if i in carrying_none else link
               for i, link in enumerate(links)]
     for i in reversed(range(len(links))):
         link = result[i]
@@ -220,8 +221,8 @@ def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
     return tuple(result)
 
 
-def _turned_to_matter(link: Link) -> Link:
-    """Turn a revolute link about its axis until its mass centre, or a principal axis, is on x."""
+def _align_with_com(link: Link) -> Link:
+    """Rotate a revolute link about its axis until its center of mass or principal axis is on x."""
     P = _without_rounding(link.pseudo_inertia)
     if link.kind != 'revolute' or P.dtype == object:
         return link
@@ -235,13 +236,13 @@ def _turned_to_matter(link: Link) -> Link:
 
 
 def _clean(pose: Array) -> Array:
-    """Return a pose with what rounding left where zeros and ones belong put there."""
+    """Return a pose with rounding errors of zeros and ones removed."""
     translation = np.where(np.abs(pose[:3, 3]) < SNAP, 0.0, pose[:3, 3])
     return homogeneous(snap(pose[:3, :3]), translation)
 
 
 def _without_rounding(P: Any) -> Any:
-    """Return a pseudo-inertia with what rounding left where zeros belong cleared."""
+    """Return a pseudo-inertia with rounding errors of zeros removed."""
     if P.dtype == object:
         return P
     return np.where(np.abs(P) < 1e-14 * float(np.abs(P).max(initial=0.0)), 0.0, P)

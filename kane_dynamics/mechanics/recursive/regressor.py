@@ -1,14 +1,14 @@
 """
-Inverse dynamics as a linear function of the bodies' inertial parameters.
+Joint torque regressor: inverse dynamics is linear in the bodies' inertial parameters.
 
-Ten numbers a body, about its own origin and in its own axes, in the order that Pinocchio uses:
+Each body has ten parameters about its origin, in body axes and in Pinocchio's order:
 
     m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz
 
-c being the mass centre and I the inertia about the body's origin. With a the acceleration of the
-origin less gravity and U = [alpha]x + [omega]x [omega]x, a body's inertia force m a + U (m c) and
-moment (m c) x a + I alpha + omega x I omega are linear in them; the partial velocities of the
-body's origin make generalized forces of both.
+c is the center of mass and I the inertia about the body's origin. With a the acceleration of the
+origin minus gravity and U = [alpha]x + [omega]x [omega]x, a body's inertia force m a + U (m c) and
+moment (m c) x a + I alpha + omega x I omega are linear in the parameters. The Jacobian (partial
+velocities) of the body's origin maps both to generalized forces.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def inertial_parameters(model: Model) -> Array:
-    """Return all bodies' parameters, (10 n_bodies,), in the order of `PARAMETERS`; kg, m."""
+    """Return the inertial parameters of all bodies, (10 n_bodies,), as `PARAMETERS`; kg, m."""
     result = []
     for body in model.bodies:
         P = body.inertial.pseudo_inertia
@@ -41,23 +41,23 @@ def inertial_parameters(model: Model) -> Array:
 def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
               share: Share = directly) -> Any:
     """
-    Return Y, (n, 10 n_bodies): the links' inverse dynamics are Y times the parameters.
+    Return the regressor Y, (n, 10 n_bodies): inverse dynamics is Y times the parameters.
 
     Parameters
     ----------
     links : sequence of Link
-        Whose origins are those of the model's bodies (`linkage.linkage`).
+        Links with their origins at the model's joints (`link_frames.linkage`).
     q, u, udot : (n,) arrays of scalars
         Coordinates, speeds and their rates; rad or m, s.
     gravity : (3,) array of scalars
         m/s^2, world axes.
     share : callable
-        Computes the parts that many joints have in common; see `sharing`.
+        Evaluates repeated parts, possibly as subroutines; see `subroutines`.
 
     """
     n = len(q)
     motion: list[LinkMotion] = []
-    partials: list[dict[int, Any]] = []  # of each joint that moves a link: s and v, (6,)
+    partials: list[dict[int, Any]] = []  # per joint that moves the link: s and v, (6,)
     Y: list[list[Any]] = [[0.0] * (10 * len(links)) for _ in range(n)]
     for k, link in enumerate(links):
         step = JointStep(link, q)
@@ -85,16 +85,16 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
 
 def _on_joint(link: Link, partial: Any, state: Any) -> Any:
     """
-    Return what unit parameters of a link's body ask of a joint, (10,).
+    Return the regressor entries of one joint and one body, (10,).
 
     Parameters
     ----------
     link : Link
         The link.
     partial : (6,) array of scalars
-        The joint's partial velocities at the link: angular s, linear v of its origin.
+        Partial velocities of the link for the joint: angular s, then linear v of its origin.
     state : array of scalars
-        Of the link, as `regressor` lays it out.
+        Motion of the link, in the layout of `regressor`.
 
     """
     C = link.body[:3, :3].T  # link axes to body axes

@@ -1,23 +1,23 @@
-"""How parts of an algorithm that many joints have in common may be used again."""
+"""Interface for evaluating repeated parts of an algorithm as subroutines."""
 
 from collections.abc import Callable
 from typing import Any
 
-# ``share(name, function, *arrays)`` returns ``function(*arrays)``; it may make a subroutine of
-# the function and use that again for the same name.
+# ``share(name, function, *arrays)`` returns ``function(*arrays)``; it may create a subroutine of
+# the function and reuse it for the same name.
 Share = Callable[..., Any]
 
 
 def directly(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """
-    Return ``function(*arguments)``: share no subroutines.
+    Return ``function(*arguments)`` without a subroutine.
 
     Parameters
     ----------
     name : str
-        The same wherever `function` computes the same.
+        Identifies what `function` computes.
     function : callable
-        Takes arrays of one dimension and returns one; it may refer to nothing that varies but
+        Takes one-dimensional arrays and returns one. It must not use varying data other than
         its arguments.
     *arguments : arrays
 

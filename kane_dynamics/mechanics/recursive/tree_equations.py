@@ -1,27 +1,27 @@
 """
-The equations of motion of one robot, M udot + bias = tau + external, over any scalar.
+Equations of motion of a kinematic tree, M udot + bias = tau + external, over any scalar type.
 
-`TreeEquations` joins a Model's geometry (as links), its active forces and what may change while it
-runs: gravity, a payload, external wrenches. Its methods are pure; compilation traces them and
-tests run them on numbers.
+`TreeEquations` combines the recursive algorithms (RNEA, CRBA, LTDL) with the active forces of a
+Model and the run-time parameters: gravity, a payload, external wrenches. Its methods are pure
+functions; compilation traces them and tests run them on numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.friction import friction_slope, friction_torque
-from kane_dynamics.mechanics.recursive import (composite_inertia, frame_kinematics,
-                                               inverse_dynamics, joint_reactions, regressor)
+from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
+                                               frame_kinematics, inverse_dynamics,
+                                               joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.recursive.joint_forces import JointForces, position
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
                                                            regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
-from kane_dynamics.model.beam import Beam
-from kane_dynamics.model.model import Frame, Joint, Model, WORLD
+from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
 RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
@@ -29,28 +29,28 @@ RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynami
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 
 
-class TreeEquations:
+class TreeEquations(JointForces):
     """
-    The equations of motion of a model.
+    Equations of motion of a model.
 
     Parameters
     ----------
     model : Model
     wrench_frames : sequence of str
-        Frames on which the environment may push.
+        Frames at which external wrenches may act.
     payload_frame : str, optional
         Frame in which a payload's inertial parameters are given.
     friction : bool
-        Whether damping and Coulomb friction are part of the equations.
+        Whether to include damping and Coulomb friction.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like link frames; without, only joint axes are aligned.
+        Use Denavit-Hartenberg-like link frames. Otherwise only the joint axes are aligned.
 
     """
 
     def __init__(self, model: Model, *, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
-        """Find the frames; raises InputError for an unknown one."""
+        """Resolve the frames; raise InputError for an unknown one."""
         self.model = model
         self.n = self.n_q = model.n
         self.speed_names = model.coordinate_names
@@ -58,12 +58,12 @@ class TreeEquations:
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
         self.frame_reduction = frame_reduction
-        self.unsupported = RIGID_ONLY if model.flexible else ()  # methods that know no modes
+        self.unsupported = RIGID_ONLY if model.flexible else ()  # not available for beams
 
     timed = False  # no method depends on time
 
     @cached_property
-    def _raw_links(self) -> tuple[Link, ...]:  # of use only where something is traced
+    def _raw_links(self) -> tuple[Link, ...]:  # needed only for tracing
         return linkage(self.model)
 
     @cached_property
@@ -73,18 +73,18 @@ class TreeEquations:
 
     @cached_property
     def order(self) -> list[int]:
-        """Return the coordinates, parents first: the order in which M is factorised."""
+        """Return the coordinates, parents first: the order of the LTDL factorization."""
         return list(dict.fromkeys(k for link in self._raw_links for k in (
             *([] if link.deflection else [link.coordinate]),
             *(link.beam.coordinates if link.beam else []))))
 
     @property
     def geometry(self) -> tuple[Link, ...]:
-        """Return the links for kinematics: inertials without a payload."""
+        """Return the links without a payload, for kinematics."""
         return self._links
 
     def links(self, parameters: Any) -> tuple[Link, ...]:
-        """Return the links with their full inertials, the payload's included."""
+        """Return the links with full inertial parameters, including the payload."""
         return self._loaded(self._links, parameters)
 
     def _loaded(self, links: tuple[Link, ...], parameters: Any) -> tuple[Link, ...]:
@@ -98,11 +98,11 @@ class TreeEquations:
                         homogeneous(frame.rotation, frame.translation), P)
 
     def base_links(self, parameters: Any) -> tuple[Link, ...]:
-        """Return the links with base inertial parameters only: enough for joint forces."""
+        """Return the links with base inertial parameters only, sufficient for joint forces."""
         return regrouped(self.links(parameters))
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
-        """Return tau = M udot + bias - external, (n,)."""
+        """Return tau = M udot + bias - external, (n,), by RNEA."""
         return self.rigid_dynamics(q, u, udot, wrench, parameters) + self.friction_force(u)
 
     def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
@@ -113,48 +113,47 @@ class TreeEquations:
                 - self.external_force(q, wrench))
 
     def bias_force(self, q: Any, u: Any, parameters: Any) -> Any:
-        """Return what torque must hold at udot = 0, external wrenches apart, (n,)."""
+        """Return the bias force h(q, u) without external wrenches, (n,)."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters)
 
     def gravity_force(self, q: Any, parameters: Any) -> Any:
-        """Return the torque that holds gravity alone, (n,)."""
+        """Return the gravity compensation torque, (n,)."""
         return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros,
                                                  self.zeros, parameters[:3])
 
     def mass_matrix(self, q: Any, parameters: Any) -> Any:
-        """Return M with armature, (n, n)."""
+        """Return the mass matrix with armature, (n, n), by CRBA."""
         M = composite_inertia.mass_matrix(self.base_links(parameters), q)
         return M + np.diag(self.armature(np.ones(self.n)))
 
     def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
-        """Return M^-1, (n, n)."""
+        """Return the inverse mass matrix, (n, n), by LTDL."""
         return inverse(self.factors(q, parameters), self.order)
 
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
-        """Return udot = M^-1 (tau + external - bias), (n,)."""
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL."""
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
     def factors(self, q: Any, parameters: Any) -> Any:
-        """Factorise M; ModelError where it is singular in every posture."""
+        """Return the LTDL factorization of M; raise ModelError if M is structurally singular."""
         try:
             return factorize(self.mass_matrix(q, parameters), self.order)
         except ZeroDivisionError as error:
             name = self.model.coordinate_names[error.args[0]]
-            raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass, so no "
-                             'torque determines its acceleration; give its body an inertia or '
-                             'the joint an armature') from None
+            raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
+                             'expected a body with inertia or a joint with armature') from None
 
     def coriolis_matrix(self, q: Any, u: Any, parameters: Any,
                         share: Share = directly) -> Any:
-        """Return C, (n, n), of Christoffel symbols: C u is half of what C u's slope by u gives."""
+        """Return the Coriolis matrix C, (n, n), from Christoffel symbols: C = 1/2 d(C u)/du."""
         none = np.zeros(3).astype(object)
         return 0.5 * inverse_dynamics_derivatives(self.base_links(parameters), q, u, self.zeros,
                                                   none, share)[1]
 
     def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any,
                                      share: Share = directly) -> Any:
-        """Return dtau/dq, dtau/du and M = dtau/dudot, (3, n, n), without external wrenches."""
+        """Return dtau/dq, dtau/du and dtau/dudot = M, (3, n, n), without external wrenches."""
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
                                              parameters[:3], share)
         ones = np.ones(self.n)
@@ -163,7 +162,7 @@ class TreeEquations:
             self._friction_slope(u), self.armature(ones))])
 
     def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
-        """Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (3, n, n), no external wrenches."""
+        """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""
         udot = self.forward_dynamics(q, u, tau, None, parameters)
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
         W = self.inverse_mass_matrix(q, parameters)
@@ -171,27 +170,27 @@ class TreeEquations:
 
     def regressor(self, q: Any, u: Any, udot: Any, parameters: Any,
                   share: Share = directly) -> Any:
-        """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
+        """Return the joint torque regressor of the rigid bodies, (n, 10 n_bodies)."""
         return regressor.regressor(self._raw_links, q, u, udot, parameters[:3], share)
 
     def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
-        """Return (n_bodies, n): what each body, with what it carries, asks of every joint."""
+        """Return the joint torques due to each body with its payload, (n_bodies, n)."""
         return joint_reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
 
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
-        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
-        pushes = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
+        """Return the reactions of parent on child at all joints, (n_bodies, 6), world axes."""
+        wrenches = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
         links = self._loaded(self._raw_links, parameters)
-        found = joint_reactions.joint_reactions(links, q, u, udot, parameters[:3], pushes)
+        found = joint_reactions.joint_reactions(links, q, u, udot, parameters[:3], wrenches)
         return np.array(found).reshape(len(found), 6)
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
                        parameters: Any) -> Any:
-        """Return that of body number `body` alone, (6,)."""
+        """Return the joint reaction of one body, (6,), world axes."""
         return self.joint_reactions(q, u, udot, wrench, parameters)[body]
 
     def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
-        """Return inverse dynamics by source, (5, n), rows as `TORQUE_TERMS`."""
+        """Return the terms of inverse dynamics, (5, n), rows as `TORQUE_TERMS`."""
         links, none = self.base_links(parameters), np.zeros(3).astype(object)
         rest = self.zeros
         return np.stack([
@@ -200,111 +199,56 @@ class TreeEquations:
             self.gravity_force(q, parameters), self.friction_force(u), self.spring_force(q)])
 
     def kinetic_energy(self, q: Any, u: Any, parameters: Any) -> Any:
-        """Return the kinetic energy, armature's share 1/2 I rate^2 included, J."""
+        """Return the kinetic energy including the rotors (armature), J."""
         return (inverse_dynamics.kinetic_energy(self.links(parameters), q, u)
                 + 0.5 * (u @ self.armature(u)))
 
     def potential_energy(self, q: Any, parameters: Any) -> Any:
         """Return the potential energy of gravity and springs, J."""
         springs: Any = 0.0
-        for joint in self._joints():
-            stretch = _position(joint, q) - joint.rest
-            springs = springs + 0.5 * joint.stiffness * (stretch * stretch)
         for body in self.model.bodies:
+            stretch = position(body.joint, q) - body.joint.rest
+            springs = springs + 0.5 * body.joint.stiffness * (stretch * stretch)
             if body.beam is not None:
                 eta = q[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
         links = self.links(parameters)
         return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
 
+    def center_of_mass(self, q: Any, parameters: Any) -> Any:
+        """Return the center of mass of the moving bodies and the payload, (3,), m."""
+        return masses.center_of_mass(self.links(parameters), q)
+
+    def center_of_mass_jacobian(self, q: Any, parameters: Any) -> Any:
+        """Return the velocity of the center of mass per unit of each speed, (3, n)."""
+        return masses.center_of_mass_jacobian(self.links(parameters), q)
+
     def frame_pose(self, frame: Frame, q: Any) -> Any:
-        """Return the homogeneous transformation frame to world, (4, 4)."""
+        """Return the homogeneous transformation from the frame to the world, (4, 4)."""
         return frame_kinematics.frame_pose(self._links, frame, q)
 
     def frame_velocity(self, frame: Frame, q: Any, u: Any) -> Any:
-        """Return linear then angular velocity, (6,)."""
+        """Return the linear, then angular velocity of a frame, (6,)."""
         return frame_kinematics.frame_motion(self._links, frame, q, u, self.zeros)[0]
 
     def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
-        """Return linear then angular acceleration, (6,)."""
+        """Return the linear, then angular acceleration of a frame, (6,)."""
         return frame_kinematics.frame_motion(self._links, frame, q, u, udot)[1]
 
     def partial_velocities(self, frame: Frame, q: Any) -> Any:
-        """Return linear then angular velocity per unit of each speed, (6, n)."""
+        """Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular."""
         return frame_kinematics.partial_velocities(self._links, frame, q)
 
     def partial_velocity_rates(self, frame: Frame, q: Any, u: Any) -> Any:
-        """Return the time derivative of the partial velocities along the motion, (6, n)."""
+        """Return the time derivative of the Jacobian (partial velocities), (6, n)."""
         return frame_kinematics.partial_velocity_rates(self._links, frame, q, u)
 
     def joint_origins(self, q: Any) -> list[Any]:
-        """Return where each body has its joint, (3,), m, world axes."""
+        """Return the joint origins of all bodies, (3,) each, m, world axes."""
         return [origin for _, origin in frame_kinematics.link_poses(self._raw_links, q)]
-
-    def armature(self, x: Any) -> Any:
-        """Return the rotor inertias' diagonal times x, (n,)."""
-        return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
-
-    def friction_force(self, u: Any) -> Any:
-        """Return d u + mu tanh(u / u_s) + offset of every joint, (n,): what torque overcomes."""
-        if not self.friction:
-            return self.zeros
-
-        def force(joint: Joint) -> Any:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier * friction_torque(joint, rate)
-        return self._of_beams(self._by_coordinate(force),
-                              lambda beam: beam.damping @ u[list(beam.coordinates)])
-
-    def _friction_slope(self, u: Any) -> Any:
-        """Return d friction_force / du, (n,)."""
-        if not self.friction:
-            return self.zeros
-
-        def slope(joint: Joint) -> Any:
-            rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier**2 * friction_slope(joint, rate)
-        return self._by_coordinate(slope)
-
-    def spring_force(self, q: Any) -> Any:
-        """Return k (position - rest) of joints, K eta of beams, (n,): what torque holds."""
-        springs = self._by_coordinate(lambda j: (j.multiplier * j.stiffness)
-                                      * (_position(j, q) - j.rest))
-        return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
-
-    def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
-        """Return a force, (n,), with that of every beam on its modes added."""
-        result = list(total)
-        for body in self.model.bodies:
-            if body.beam is not None:
-                for k, value in zip(body.beam.coordinates, force(body.beam)):
-                    result[k] = result[k] + value
-        return np.array(result)
 
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        total = self.zeros
-        if wrench is not None:
-            for frame, pushed in zip(self.wrench_frames, wrench):
-                partials = frame_kinematics.partial_velocities(self._links, frame, q)
-                total = total + partials.T @ pushed
-        return total
-
-    @property
-    def zeros(self) -> Any:
-        """Return n zeros that cost a traced program nothing."""
-        return np.zeros(self.n).astype(object)
-
-    def _joints(self) -> list[Joint]:
-        return [body.joint for body in self.model.bodies]
-
-    def _by_coordinate(self, force: Callable[[Joint], Any]) -> Any:
-        """Sum a force of every joint on its coordinate, (n,)."""
-        total = [0.0] * self.n
-        for joint in self._joints():
-            total[joint.coordinate] = total[joint.coordinate] + force(joint)
-        return np.array(total)
-
-
-def _position(joint: Joint, q: Any) -> Any:
-    return joint.multiplier * q[joint.coordinate] + joint.offset
+        pushes = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
+                   self.zeros)

@@ -1,1 +1,1 @@
-"""Programs as LLVM text, scalar and in SIMD lanes, and as C99."""
+"""Back ends: generate LLVM IR (scalar and SIMD) and C99 from a traced program."""

@@ -1,4 +1,4 @@
-"""From a program to C99: one straight-line function a program, no dependency but libm."""
+"""Generate C99: one straight-line function per program that needs only libm."""
 
 from collections.abc import Mapping, Sequence
 import re
@@ -9,49 +9,50 @@ from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import Program, size_of
 import numpy as np
 
-ABREAST = 4  # elementary functions that are evaluated together
+FUNCTION_LANES = 4  # elementary functions that are evaluated together
 ELEMENTARY = ('sin', 'cos', 'tanh')
 ARITHMETIC = {'add': '+', 'sub': '-', 'mul': '*', 'div': '/'}
+IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def constant(value: float, precision: Precision) -> str:
-    """Return a number as C writes it: the shortest decimal that reads back bit for bit."""
+    """Return a number as a C literal: the shortest decimal that reads back bit for bit."""
     if not np.isfinite(value):
-        raise CompileError(f'the program holds the constant {value}, which C has no literal for')
+        raise CompileError(f'constant: {value}; expected a finite number: C has no other literal')
     return literal(value, precision)
 
 
 def identifier(text: str) -> str:
-    """Return a text as a C identifier: whatever C does not allow becomes an underscore."""
+    """Return a C identifier: replace characters that C does not allow by underscores."""
     name = re.sub(r'[^A-Za-z0-9_]', '_', text)
     return name if name[:1].isalpha() else f'x{name}'
 
 
 def comment(text: str) -> str:
-    """Return a text that may stand in a C comment, whatever it says."""
+    """Return the text as printable ASCII that cannot end or open a C comment."""
     plain = text.encode('ascii', 'replace').decode()
     return re.sub(r'[^ -~]', ' ', plain).replace('*/', '* /').replace('/*', '/ *')
 
 
 def string(text: str) -> str:
-    """Return a text as a C string literal."""
+    """Return the text as a C string literal."""
     escaped = [chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f'\\{b:03o}'
                for b in text.encode()]
     return f'"{"".join(escaped)}"'
 
 
 class _Function:
-    """The C body of one program."""
+    """C function body of one program."""
 
     def __init__(self, program: Program, prefix: str, precision: Precision) -> None:
-        """Write it; `lines` is the result, `callees` what it calls."""
+        """Generate the body: `lines` holds the code, `callees` the programs it calls."""
         self.prefix, self.precision = prefix, precision
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
         schedule = program.schedule()
         read = set()
-        for node in schedule:  # before anything is written: the result may overlay an argument
+        for node in schedule:  # load inputs first: the result may overlap an argument in memory
             if node.op == 'input':
                 name, k = node.args
                 read.add(name)
@@ -93,7 +94,7 @@ class _Function:
             chosen = [node for node in early if node.op in kinds]
             angles = list(dict.fromkeys(node.args[0] for node in chosen))
             if angles:
-                angles = _abreast(angles)
+                angles = _grouped(angles)
                 self._elementary(function, angles, results)
                 for node in chosen:
                     array = results[kinds.index(node.op)]
@@ -128,12 +129,19 @@ class _Function:
         elif node.op in ARITHMETIC:
             a, b = (self._value(arg) for arg in node.args)
             self._define(node, name, f'{a} {ARITHMETIC[node.op]} {b}')
+        elif node.op == 'less':
+            a, b = (self._value(arg) for arg in node.args)
+            one, zero = (constant(value, self.precision) for value in (1.0, 0.0))
+            self._define(node, name, f'{a} < {b} ? {one} : {zero}')
+        elif node.op == 'select':
+            chosen, a, b = (self._value(arg) for arg in node.args)
+            self._define(node, name, f'{chosen} != 0 ? {a} : {b}')
         else:
-            function = f'{node.op}{self.precision.suffix}'
+            function = f'{IN_C.get(node.op, node.op)}{self.precision.suffix}'
             self._define(node, name, f'{function}({self._value(node.args[0])})')
 
     def _call(self, node: Expr) -> None:
-        """Lay the arguments out in memory and call."""
+        """Store the arguments in arrays and call the subroutine."""
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)
@@ -147,21 +155,21 @@ class _Function:
                        f'    {self.prefix}_{callee.name}({", ".join([*given, f"r{i}"])});']
 
 
-def _abreast(angles: list[Expr]) -> list[Expr]:
+def _grouped(angles: list[Expr]) -> list[Expr]:
     """
-    Return angles with some repeated, so that they fill registers.
+    Return angles with some repeated, so that they fill vector registers.
 
-    The last register holds the last angles, which lie side by side in memory as the others do:
-    one that is pieced together would wait for its pieces to be stored.
+    The last register holds the last angles, which are adjacent in memory like the others: a
+    register assembled from separate values would wait for them to be stored.
     """
-    missing = -len(angles) % ABREAST
-    if len(angles) < ABREAST:
+    missing = -len(angles) % FUNCTION_LANES
+    if len(angles) < FUNCTION_LANES:
         return [*angles, *angles[-1:] * missing]
-    return [*angles[:len(angles) + missing - ABREAST], *angles[-ABREAST:]]
+    return [*angles[:len(angles) + missing - FUNCTION_LANES], *angles[-FUNCTION_LANES:]]
 
 
 def prototype(program: Program, name: str, precision: Precision) -> str:
-    """Return the head of a program's function: its inputs, then the result it writes."""
+    """Return a function's prototype: pointers to the inputs, then to the result."""
     inputs = [f'const {precision.c} *{argument}' for argument, _ in program.inputs]
     return f'void {name}({", ".join([*inputs, f"{precision.c} *result"])})'
 
@@ -169,25 +177,25 @@ def prototype(program: Program, name: str, precision: Precision) -> str:
 def c_functions(program: Program, name: str, defaults: Mapping[str, str],
                 precision: Precision, versions: str) -> str:
     """
-    Return a program as the C function `name`, and what it calls as static functions before it.
+    Return a program as the C function `name`, preceded by its subroutines as static functions.
 
     Parameters
     ----------
     program : Program
-        What to write.
+        The program to generate code for.
     name : str
-        A C identifier; also the prefix of the static functions' names.
+        Name of the function, a C identifier; also the prefix of the static functions' names.
     defaults : mapping
-        C arrays that stand in for the inputs of these names when NULL is passed.
+        Input name to the C array that replaces the input when NULL is passed.
     precision : Precision
-        Of the arithmetic.
+        Precision of the arithmetic.
     versions : str
-        What is written before the function for compilers that make versions of it.
+        Text before the function for compilers that generate several versions of it.
 
     Raises
     ------
     CompileError
-        A constant of the program is not finite.
+        If a constant of the program is not finite.
 
     """
     main = _Function(program, name, precision)

@@ -1,51 +1,54 @@
 """
-From a program to LLVM assembly: one function a program, straight-line, no branches.
+Generate LLVM IR: one straight-line function per program.
 
-The same body serves one state and several at once. With `lanes` states, every scalar of the
-program is a vector of `lanes` doubles, in registers and in the memory of arguments and results.
+With `lanes` > 1 every scalar of the program is a vector of `lanes` doubles, one state per lane,
+in registers and in the memory of arguments and results.
 """
 
 from collections.abc import Iterator, Sequence
 
-from kane_dynamics.native.backends.llvm_math import ABREAST, splat, Vector, vector_type
+from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, splat, Vector, vector_type
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import Program, size_of
 
-MANY_ZEROS = 16  # entries of a result that are always zero
+MEMSET_ZEROS = 16  # structurally zero results from which memset is smaller than single stores
 ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
+TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)), ('lg', ('log',)),
+            ('at', ('arctan',)))  # elementary functions that share their work, and a label
+ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 
 
 def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
-    """Split a schedule at its elementary functions, so that those of a level go abreast."""
+    """Group a schedule by the depth of nested functions, so that each depth uses vectors."""
     level: dict[int, int] = {}
     groups: dict[int, tuple[list[Expr], list[Expr]]] = {}
     for node in schedule:
-        depth = max((level[a.index] + (a.op in ('sin', 'cos', 'tanh'))
+        depth = max((level[a.index] + (a.op in ELEMENTARY)
                      for a in operands(node)), default=0)
         level[node.index] = depth
         plain, functions = groups.setdefault(depth, ([], []))
-        (functions if node.op in ('sin', 'cos', 'tanh') else plain).append(node)
+        (functions if node.op in ELEMENTARY else plain).append(node)
     for depth in sorted(groups):
         yield groups[depth][0]
         yield groups[depth][1]
 
 
 class Function:
-    """The assembly of one program."""
+    """LLVM IR function of one program."""
 
-    in_place: tuple[str, ...] = ('input', 'output')  # what lies in memory as a callee reads it
+    in_place: tuple[str, ...] = ('input', 'output')  # values in memory
 
     def __init__(self, program: Program, symbol: str, lanes: int = 1) -> None:
-        """Write it; `lines` is the result."""
+        """Generate the function; `lines` holds the IR."""
         self.program, self.lanes, self.type = program, lanes, vector_type(lanes)
         self.names: dict[int, str] = {}
         self.lines = [self._head(symbol)]
         self.callees: list[Program] = []
-        self._laid_out: dict[tuple[object, ...], str] = {}  # arguments in memory, by entries
+        self._stored: dict[tuple[object, ...], str] = {}  # pointer to stored arguments, by entries
         schedule = program.schedule()
         self._load_inputs(schedule)
         for group in _levels(schedule):
-            if group and group[0].op in ('sin', 'cos', 'tanh'):
+            if group and group[0].op in ELEMENTARY:
                 self._functions(group)
             else:
                 for node in group:
@@ -56,11 +59,11 @@ class Function:
         return f'define void @{symbol}(ptr %args) {{'
 
     def value(self, x: Expr | float) -> str:
-        """Return the name or literal of an operand."""
+        """Return the IR name or literal of an operand."""
         return self.names[x.index] if isinstance(x, Expr) else splat(x, self.lanes)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
-        """Read every input before anything is written: results may overlay arguments."""
+        """Load all inputs first: results may overlap arguments in memory."""
         used = [node for node in schedule if node.op == 'input']
         for k, name in enumerate([name for name, _ in self.program.inputs] + ['result']):
             self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
@@ -75,7 +78,7 @@ class Function:
     def _store_outputs(self) -> None:
         outputs = self.program.outputs
         zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
-        if len(zeros) >= MANY_ZEROS:  # a store each would be most of a sparse matrix's code
+        if len(zeros) >= MEMSET_ZEROS:  # single stores would dominate the code of a sparse matrix
             size = 8 * self.lanes * len(outputs)
             self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
                               'i1 false)')
@@ -101,17 +104,30 @@ class Function:
                            f'  {name} = load {self.type}, ptr {at}']
         elif node.op == 'neg':
             self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
-        elif node.op == 'sqrt':
+        elif node.op in ('sqrt', 'floor'):
             kind = 'f64' if self.lanes == 1 else f'v{self.lanes}f64'
-            self.lines.append(f'  {name} = call {self.type} @llvm.sqrt.{kind}({self.type} '
+            self.lines.append(f'  {name} = call {self.type} @llvm.{node.op}.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
+        elif node.op == 'less':
+            a, b = (self.value(arg) for arg in node.args)
+            self._choice(name, f'fcmp olt {self.type} {a}, {b}', splat(1.0, self.lanes),
+                         splat(0.0, self.lanes))
+        elif node.op == 'select':
+            chosen, a, b = (self.value(arg) for arg in node.args)
+            self._choice(name, f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}', a, b)
         else:
             a, b = (self.value(arg) for arg in node.args)
             self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
         self.names[node.index] = name
 
+    def _choice(self, name: str, comparison: str, a: str, b: str) -> None:
+        """Write a where a comparison holds, else b."""
+        truth = 'i1' if self.lanes == 1 else f'<{self.lanes} x i1>'
+        self.lines += [f'  {name}.if = {comparison}',
+                       f'  {name} = select {truth} {name}.if, {self.type} {a}, {self.type} {b}']
+
     def _call(self, node: Expr) -> None:
-        """Lay the arguments out in memory, call, and leave the results in memory."""
+        """Store the arguments, call the subroutine; its results stay in memory."""
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)
@@ -129,13 +145,13 @@ class Function:
         self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
-        """Return a pointer to the entries; where they lie in a row already, to that."""
-        where = self._in_a_row(i, k, entries)
+        """Return a pointer to the entries; store them only if they are not contiguous yet."""
+        where = self._contiguous(i, k, entries)
         if where is None:
             key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
-            where = self._laid_out.get(key)
+            where = self._stored.get(key)
             if where is None:
-                where = self._laid_out[key] = f'%arg{i}.{k}'
+                where = self._stored[key] = f'%arg{i}.{k}'
                 self.lines.append(f'  {where} = alloca [{len(entries)} x {self.type}]')
                 for j, x in enumerate(entries):
                     put = f'%put{i}.{k}.{j}'
@@ -143,8 +159,10 @@ class Function:
                                    f'  store {self.type} {self.value(x)}, ptr {put}']
         return where
 
-    def _in_a_row(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
-        """Return a pointer to where an argument or a call's results hold these entries."""
+    def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
+        """Return a pointer into an argument or a result that holds the entries, or None."""
+        if not entries:
+            return None
         first = entries[0]
         if not (isinstance(first, Expr) and first.op in self.in_place):
             return None
@@ -159,25 +177,25 @@ class Function:
         return f'%row{i}.{k}'
 
     def _functions(self, group: list[Expr]) -> None:
-        """Evaluate a level's sines and cosines, and its hyperbolic tangents."""
-        for label, ops in (('sc', ('sin', 'cos')), ('th', ('tanh',))):
+        """Evaluate the elementary functions of a group."""
+        for label, ops in TOGETHER:
             arguments = list({node.args[0].index: node.args[0]
                               for node in group if node.op in ops}.values())
-            abreast = ABREAST if self.lanes == 1 else 1  # a state of its own in every lane
+            abreast = FUNCTION_LANES if self.lanes == 1 else 1  # lanes hold different states
             for start in range(0, len(arguments), abreast):
                 chunk = arguments[start:start + abreast]
                 vector = Vector(self.lines, f'{label}{chunk[0].index}',
-                                ABREAST if self.lanes == 1 else self.lanes)
+                                FUNCTION_LANES if self.lanes == 1 else self.lanes)
                 packed = self._packed(vector, chunk)
                 results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
-                                   else (vector.tanh(packed),)))
+                                   else (getattr(vector, ops[0])(packed),)))
                 for node in group:
                     if node.op in ops and node.args[0] in chunk:
                         self.names[node.index] = self._unpacked(vector, results[node.op],
                                                                 chunk.index(node.args[0]))
 
     def _packed(self, vector: Vector, chunk: list[Expr]) -> str:
-        """Return scalars side by side in one register; what fills one already stays."""
+        """Pack scalars into one vector; a vector value is returned unchanged."""
         if self.lanes > 1:
             return self.value(chunk[0])
         packed = 'zeroinitializer'
@@ -187,19 +205,19 @@ class Function:
         return packed
 
     def _unpacked(self, vector: Vector, packed: str, place: int) -> str:
-        """Return the scalar at a place among those packed."""
+        """Return the scalar in a lane of a packed vector."""
         if self.lanes > 1:
             return packed
         return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
 
 
 def module_text(program: Program, symbol: str) -> str:
-    """Return the assembly of a program, as function `symbol`, and of all that it calls."""
+    """Return the LLVM IR of a program as function `symbol`, with its subroutines."""
     return with_callees(Function(program, symbol), [])
 
 
 def with_callees(main: Function, declarations: Sequence[str]) -> str:
-    """Return the assembly of a function, of all that it calls, and of what they need."""
+    """Return the LLVM IR of a function, its subroutines and their declarations."""
     functions: dict[str, list[str]] = {}
     pending = list(main.callees)
     while pending:
@@ -208,13 +226,14 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
             function = Function(current, current.name, main.lanes)
             functions[current.name] = function.lines
             pending += function.callees
-    width = ABREAST if main.lanes == 1 else main.lanes
+    width = FUNCTION_LANES if main.lanes == 1 else main.lanes
     v = vector_type(width)
     return '\n'.join([*declarations,
                       f'declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})',
                       f'declare {v} @llvm.fabs.v{width}f64({v})',
                       f'declare {v} @llvm.copysign.v{width}f64({v}, {v})',
-                      f'declare {v} @llvm.sqrt.v{width}f64({v})',
-                      'declare double @llvm.sqrt.f64(double)',
+                      *(f'declare {v} @llvm.{name}.v{width}f64({v})'
+                        for name in ('sqrt', 'floor')),
+                      *(f'declare double @llvm.{name}.f64(double)' for name in ('sqrt', 'floor')),
                       'declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)',
                       *main.lines, *(line for lines in functions.values() for line in lines)])

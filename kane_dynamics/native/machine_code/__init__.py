@@ -1,1 +1,1 @@
-"""Machine code: assembled by LLVM, kept in a cache on disk."""
+"""Machine code: compilation by LLVM and the object cache on disk."""

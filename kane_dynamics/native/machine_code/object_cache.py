@@ -1,4 +1,4 @@
-"""Machine code that was compiled before, kept on disk."""
+"""Cache of compiled machine code on disk."""
 
 from kane_dynamics._util import disk_cache
 from kane_dynamics._util.disk_cache import fetch
@@ -8,5 +8,5 @@ __all__ = ['fetch', 'key']
 
 
 def key(*parts: str) -> str:
-    """Return the name under which code made from `parts`, on this processor, is kept."""
+    """Return the cache key of machine code made from these parts on this processor."""
     return disk_cache.key('code', *parts, llvm.fingerprint())

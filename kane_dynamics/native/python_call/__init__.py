@@ -1,1 +1,1 @@
-"""Machine code that CPython calls directly."""
+"""Native entry points: kernels that CPython calls as built-in functions."""

@@ -1,12 +1,12 @@
 """
-The ways into a kernel: machine code for the common call, a checked Python road for all others.
+Native entry points of kernels: built-in functions and methods, with a Python fallback.
 
-A function made here is a CPython built-in whose C code stands in the kernel's own module
-(`entry_code`). It accepts what a control loop passes (exact float64 ndarrays, contiguous, of the
-declared lengths, finite); for anything else it calls the Python fallback, which converts or
-explains. It reads ndarray fields at their public offsets (numpy's ABI) and the object head of
-CPython builds with a GIL; a self-test proves that on the running interpreter, and where it fails
-the fallback serves every call.
+A function created here is a CPython built-in whose machine code is part of the kernel's module
+(`entry_code`). It accepts contiguous, finite float64 ndarrays of the declared lengths, which a
+control loop passes. For any other argument it calls the Python fallback, which converts it or
+raises an error. The machine code reads ndarray fields at their public offsets (numpy's ABI) and
+the object header of CPython builds with a GIL. A self-test verifies this on the running
+interpreter; if it fails, the fallback serves every call.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ from typing import Any
 
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call.entry_ir import (bound_code, entry_code, method_code,
-                                                       stand_in_code)
+                                                       placeholder_code)
 from kane_dynamics.native.python_call.object_layout import (ALL_FINITE, DATA, DTYPE, FLAGS, FRESH,
                                                             NDIM, SHAPE, TABLE, TYPE, WEAKREFS)
 from kane_dynamics.native.tracing.program import Shape
@@ -33,23 +33,24 @@ class _MethodDef(ctypes.Structure):
 
 class EntryTable(np.ndarray):
     """
-    The words that a function reads; its attributes keep alive what they point to.
+    Table of 64-bit words that a native function reads; `owned` keeps the referenced objects.
 
-    At its end is the definition of the function. A function looks there when it is freed, and the
-    garbage collector may have emptied its table before: words are freed with the table alone.
+    The function's PyMethodDef is stored at the end of the table. CPython reads it when it frees
+    the function, possibly after the garbage collector has cleared `owned`, so it must share the
+    memory of the table.
     """
 
     owned: tuple[Any, ...]
 
 
 DEFINITION = ctypes.sizeof(_MethodDef) // 8  # words
-METH_FASTCALL, METH_KEYWORDS = 0x0080, 0x0002  # METH_NOARGS calls are not specialised: slower
+METH_FASTCALL, METH_KEYWORDS = 0x0080, 0x0002  # METH_NOARGS calls are slower: not specialized
 PY_ARRAY_NEW = 93  # slot of PyArray_New in numpy's C API table, fixed since numpy 1.0
 
 
 @cache
 def _interpreter_words() -> dict[str, int]:
-    """Return the words of the table that are the same for every function."""
+    """Return the table words that are equal for all functions."""
     capsule = np._core.multiarray._ARRAY_API  # type: ignore[attr-defined]
     pointer = ctypes.pythonapi.PyCapsule_GetPointer
     pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
@@ -66,7 +67,7 @@ def _symbol(name: str) -> int:
 
 def _table(words: Mapping[str, int], blocks: Sequence[np.ndarray],
            owned: tuple[Any, ...]) -> EntryTable:
-    """Return the table of these words and blocks."""
+    """Return a table with these words and the addresses of these blocks."""
     words = {**_interpreter_words(), **words}
     table = np.array([*(words.get(word, 0) for word in TABLE),
                       *(block.ctypes.data for block in blocks), *[0] * DEFINITION],
@@ -77,11 +78,11 @@ def _table(words: Mapping[str, int], blocks: Sequence[np.ndarray],
 
 def _built_in(name: str, doc: str, address: llvm.Address, flags: int,
               table: EntryTable) -> Callable[..., Any]:
-    """Make a built-in function of machine code that reads a table."""
+    """Create a built-in function from machine code and its table."""
     at = table.ctypes.data + 8 * (len(table) - DEFINITION)
     definition = _MethodDef.from_address(at)
     definition.__init__(name.encode(), address, flags, doc.encode())  # type: ignore[misc]
-    table.owned = (definition, *table.owned)  # which holds the texts
+    table.owned = (definition, *table.owned)  # keeps the name and doc alive
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype = ctypes.py_object
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
@@ -92,7 +93,7 @@ def _built_in(name: str, doc: str, address: llvm.Address, flags: int,
 def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray], shape: Shape,
            fallback: Callable[..., Any]) -> Callable[..., Any]:
     lengths = np.array(shape, dtype=np.int64)
-    ring = np.array([None, None])  # of references, released with it
+    ring = np.array([None, None])  # holds references to the results
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
     words = {'FALLBACK': id(fallback), 'RESULT_SHAPE': lengths.ctypes.data,
              'RING': ring.ctypes.data}
@@ -108,17 +109,17 @@ def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
 
 def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
                 fallback: Callable[..., Any]) -> EntryTable:
-    """Return what a method reads for one object, to stay alive; arguments as `bound` has them."""
+    """Return the table of a method for one object, which must keep it alive; see `bound`."""
     if any(block.size == 0 for block in blocks):
-        code = _assembled('stand-ins', stand_in_code())
+        code = _assembled('stand-ins', placeholder_code())
         return _table({'CODE': code.address('refer'), 'FALLBACK': id(fallback)}, [],
                       (fallback, code))
     return _table({'CODE': code.address('bound'), 'FALLBACK': id(fallback),
                    'RESULT': id(blocks[-1])}, blocks, (fallback, code))
 
 
-class Tabled:
-    """What methods of machine code are for: its first slot holds addresses of their tables."""
+class NativeMethods:
+    """Base class of objects with native methods; its first slot holds their table addresses."""
 
     __slots__ = ('_tables',)
     _tables: np.ndarray
@@ -126,7 +127,7 @@ class Tabled:
 
 @cache
 def supported() -> bool:
-    """Tell whether built-ins work on this interpreter: lay-out read first, then a call."""
+    """Return whether native entry points work here: check the object layout, then a call."""
     if (sys.implementation.name != 'cpython' or sys.byteorder != 'little'
             or sysconfig.get_config_var('Py_GIL_DISABLED')):
         return False
@@ -150,7 +151,7 @@ def _assembled(name: str, text: str) -> llvm.Code:
 
 
 def _self_test(probe: np.ndarray) -> bool:
-    """Double an array through built-ins and see that bad calls reach the fallback."""
+    """Return whether a test kernel works through each entry point and its fallback."""
     text = '\n'.join(['define void @twice(ptr %args) {', '  %x = load ptr, ptr %args',
                       '  %slot = getelementptr ptr, ptr %args, i64 1',
                       '  %y = load ptr, ptr %slot', '  %a = load <3 x double>, ptr %x, align 8',
@@ -164,7 +165,7 @@ def _self_test(probe: np.ndarray) -> bool:
     first, second, third = twice(probe), twice(probe), twice(probe)
     source, result = probe.copy(), np.empty(3)
     bound = _bound('twice', '', code, [source, result], lambda *args: args)
-    kind: Any = type('Probe', (Tabled,), {'__slots__': ()})
+    kind: Any = type('Probe', (NativeMethods,), {'__slots__': ()})
     owner, table = kind(), bound_table(code, [source, result], lambda *args: args)
 
     def make(owner: Any, name: str) -> EntryTable:
@@ -187,22 +188,22 @@ def entry(name: str, doc: str, code: llvm.Code, lengths: Sequence[int],
           defaults: Sequence[np.ndarray], shape: Shape,
           fallback: Callable[..., Any]) -> Callable[..., Any]:
     """
-    Return a function that calls a kernel with as little as possible in between.
+    Return a built-in function that calls a kernel with minimal overhead.
 
     Parameters
     ----------
     name, doc : str
-        What the function is called and says of itself.
+        Name and docstring of the function.
     code : Code
-        Holds what `ways_in` wrote.
+        Machine code that includes the result of `entry_points`.
     lengths : sequence of int
-        Length of each positional argument, all of one dimension.
+        Length of each positional argument, all one-dimensional.
     defaults : sequence of array
-        Memory whose addresses follow the arguments; read at each call.
+        Arrays passed after the arguments; read at each call.
     shape : tuple of int
         Shape of the result; () returns a float.
     fallback : callable
-        Called with whatever the fast road does not take.
+        Called with the same arguments when they do not match exactly.
 
     """
     if not lengths or 0 in (*lengths, *shape) or not supported():
@@ -213,19 +214,19 @@ def entry(name: str, doc: str, code: llvm.Code, lengths: Sequence[int],
 def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
           fallback: Callable[[], Any]) -> Callable[[], Any]:
     """
-    Return a function without arguments that calls a kernel on blocks of memory.
+    Return a built-in function without arguments that calls a kernel on fixed arrays.
 
     Parameters
     ----------
     name, doc : str
-        What the function is called and says of itself.
+        Name and docstring of the function.
     code : Code
-        Holds what `ways_in` wrote.
+        Machine code that includes the result of `entry_points`.
     blocks : sequence of array
-        The kernel's arguments, its parameters, its result, all C-contiguous; the last is what the
-        function returns (a float where it has no dimension).
+        The kernel's arguments, its parameters, its result, all C-contiguous. The function
+        returns the last one (as a float if it has no dimension).
     fallback : callable
-        Called where an argument or the result is not finite.
+        Called when an argument or the result is not finite.
 
     """
     if any(block.size == 0 for block in blocks) or not supported():
@@ -233,27 +234,27 @@ def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
     return _bound(name, doc, code, blocks, fallback)
 
 
-def methods(cls: type[Tabled], docs: Mapping[str, str],
+def methods(cls: type[NativeMethods], docs: Mapping[str, str],
             make: Callable[[Any, str], EntryTable]) -> np.ndarray:
     """
-    Give a class methods of machine code, and return what its objects begin with as tables.
+    Add native methods to a class and return the initial `_tables` of its objects.
 
     Parameters
     ----------
-    cls : subclass of Tabled
-        Not to be freed; each object has a copy of the result.
+    cls : subclass of NativeMethods
+        The class must never be freed; each object has a copy of the result.
     docs : mapping
-        What each method says of itself, by name.
+        Method name to docstring.
     make : callable
-        Returns the table of an object's method, `bound_table`, having put its `id` among the
-        object's tables, and keeps it: called with the object and the name at the first use.
+        Called with the object and the method name at the first use. Creates the table with
+        `bound_table`, stores its `id` in the object's `_tables`, keeps and returns it.
 
     """
-    # Whoever holds a method of an object reads the definition, even after the class is gone.
+    # A bound method reads its definition even after the class is freed: keep one reference.
     definitions = (_MethodDef * len(docs))()
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
     code = _assembled('methods', method_code(len(docs)))
-    stand_ins = _assembled('stand-ins', stand_in_code())
+    stand_ins = _assembled('stand-ins', placeholder_code())
     new = ctypes.pythonapi.PyDescr_NewMethod
     new.restype, new.argtypes = ctypes.py_object, [ctypes.py_object, ctypes.c_void_p]
     unmade = []
@@ -271,20 +272,20 @@ def methods(cls: type[Tabled], docs: Mapping[str, str],
     return tables
 
 
-def ways_in(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
-            most: Sequence[float], shape: Shape) -> str:
+def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
+                 most: Sequence[float], shape: Shape) -> str:
     """
-    Return the assembly that goes into a kernel's module for `entry` and `bound`.
+    Return the LLVM IR of `entry` and `bound`, to be added to a kernel's module.
 
     Parameters
     ----------
     symbol : str
-        The kernel's.
+        Name of the kernel function.
     lengths, default_sizes : sequence of int
-        Numbers of entries of the arguments that a call passes, and of the others; one block of
-        parameters follows.
+        Numbers of entries of the arguments of a call and of the default arguments; one block
+        of parameters follows.
     most : sequence of float
-        Largest size of the entries of every argument.
+        Largest absolute value allowed in each argument.
     shape : tuple of int
         Shape of the result.
 

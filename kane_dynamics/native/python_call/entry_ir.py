@@ -1,16 +1,16 @@
 """
-The machine code between Python and one kernel, written for that kernel's very signature.
+LLVM IR of the native entry points, generated for one kernel's signature.
 
-Two C functions go into the kernel's own module. `entry` takes arrays as positional arguments,
-checks them, finds memory for the result, and calls the kernel; `bound` takes no argument and calls
-the kernel on memory that was settled before. What they do not take goes to the Python fallback.
+Two C functions are added to the kernel's module. `entry` takes arrays as positional arguments,
+checks them, allocates the result, and calls the kernel; `bound` takes no argument and calls the
+kernel on fixed memory. Both call the Python fallback for calls that they do not support.
 
-An object's method is called faster than a function that is its attribute. Methods of all kernels
-are one piece of code, which forwards a call to the `bound` of the object's own kernel.
+CPython calls a method faster than a function stored as an attribute. The methods of all kernels
+share one code, which forwards a call to the `bound` of the object's kernel.
 
-Memory for a result is kept from call to call: an entry owns its last two results, and one that
-nobody else refers to any more is given out again, as CPython's `zip` does with its tuples. Two,
-because in ``tau = f(...)`` the old result lives until the new one is there.
+`entry` reuses result arrays: it owns its last two results and returns one again once it holds the
+only reference, as CPython's `zip` does with its tuples. Two are needed because in ``tau = f(...)``
+the old result exists until the new one is assigned.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ from kane_dynamics.native.tracing.program import Shape
 FLOAT64 = 12  # numpy's type number
 
 
-def _take(a: Assembly, place: str, shape: Shape, otherwise: str) -> None:
-    """Go to `run` with the array in a slot of the ring, or on where it is in use or altered."""
+def _reuse_result(a: Assembly, place: str, shape: Shape, otherwise: str) -> None:
+    """Branch to `run` with the array of a ring slot; to `otherwise` if it is in use."""
     slot = a.new(f'getelementptr ptr, ptr {a.word("RING")}, i64 {0 if place == "first" else 1}')
     array = a.load('ptr', slot)
     a.branch([a.equal('i32', a.load('i32', array, COUNT), 1),
@@ -42,8 +42,8 @@ def _take(a: Assembly, place: str, shape: Shape, otherwise: str) -> None:
     a.put(f'  %{place}.array = getelementptr i8, ptr {array}, i64 0', '  br label %run')
 
 
-def _make(a: Assembly, shape: Shape) -> None:
-    """Make an array, and let it push the older one out of the ring."""
+def _new_result(a: Assembly, shape: Shape) -> None:
+    """Allocate a result array and replace the oldest array of the ring by it."""
     a.put('make:')
     ring, made = a.word('RING'), '%made.array'
     a.put(f'  {made} = call ptr {a.word("NEW_ARRAY")}(ptr {a.word("NDARRAY")}, i32 {len(shape)}, '
@@ -58,7 +58,7 @@ def _make(a: Assembly, shape: Shape) -> None:
           f'  call void {a.word("RELEASE")}(ptr {oldest})', '  br label %run')
 
 
-def _give_float(a: Assembly, number_at: str) -> None:
+def _return_float(a: Assembly, number_at: str) -> None:
     a.branch(a.finite([(number_at, 1, math.inf)]), 'good', 'slow')
     a.put('good:')
     new_float, number = a.word('NEW_FLOAT'), a.load('double', number_at)
@@ -68,20 +68,20 @@ def _give_float(a: Assembly, number_at: str) -> None:
 def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_defaults: int,
                shape: Shape) -> str:
     """
-    Return the assembly of `entry`.
+    Return the LLVM IR of `entry`.
 
     Parameters
     ----------
     symbol : str
-        The kernel's, ``void symbol(double **pointers)``: arguments, defaults, result.
+        The kernel function, ``void symbol(double **pointers)``: arguments, defaults, result.
     lengths : sequence of int
-        Length of each positional argument, all of one dimension; none may be 0.
+        Length of each positional argument, all one-dimensional; none may be 0.
     most : sequence of float
-        Largest size of the entries of each.
+        Largest absolute value allowed in each argument.
     n_defaults : int
-        Arguments whose memory the table names.
+        Number of arguments whose addresses are in the table.
     shape : tuple of int
-        Of the result; none may be 0. () returns a float.
+        Shape of the result; no length may be 0. () returns a float.
 
     """
     a = Assembly()
@@ -114,19 +114,19 @@ def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_def
     result = a.new(f'getelementptr ptr, ptr %pointers, i64 {slots - 1}')
     if not shape:
         a.put(f'  store ptr %scalar, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
-        _give_float(a, '%scalar')
+        _return_float(a, '%scalar')
         a.slow('%kwnames')
         return '\n'.join(a.lines)
-    _take(a, 'first', shape, 'second')
+    _reuse_result(a, 'first', shape, 'second')
     a.put('second:')
-    _take(a, 'second', shape, 'make')
-    _make(a, shape)
+    _reuse_result(a, 'second', shape, 'make')
+    _new_result(a, shape)
     a.put('run:', '  %out = phi ptr [%first.array, %first.taken], [%second.array, %second.taken], '
           '[%made.array, %keep]')
     memory = a.load('ptr', '%out', DATA)
     a.put(f'  store ptr {memory}, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
     a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'discard')
-    a.put('good:', '  ret ptr %out', 'discard:')  # the fallback computes it again and explains
+    a.put('good:', '  ret ptr %out', 'discard:')  # the fallback explains the error
     a.put(f'  call void {a.word("RELEASE")}(ptr %out)', '  br label %slow')
     a.slow('%kwnames')
     return '\n'.join(a.lines)
@@ -135,20 +135,20 @@ def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_def
 def bound_code(symbol: str, sizes: Sequence[int], most: Sequence[float], n_parameters: int,
                shape: Shape) -> str:
     """
-    Return the assembly of `bound`.
+    Return the LLVM IR of `bound`.
 
     Parameters
     ----------
     symbol : str
-        The kernel's, ``void symbol(double **pointers)``: arguments, parameters, result.
+        The kernel function, ``void symbol(double **pointers)``: arguments, parameters, result.
     sizes : sequence of int
         Number of entries of each argument; none may be 0.
     most : sequence of float
-        Largest size of the entries of each.
+        Largest absolute value allowed in each argument.
     n_parameters : int
-        Blocks that follow the arguments and are not checked.
+        Number of unchecked blocks after the arguments.
     shape : tuple of int
-        Of the result; () returns a float.
+        Shape of the result; () returns a float.
 
     """
     a = Assembly()
@@ -165,34 +165,34 @@ def bound_code(symbol: str, sizes: Sequence[int], most: Sequence[float], n_param
         a.add_to_count(result)
         a.put(f'  ret ptr {result}')
     else:
-        _give_float(a, memory)
+        _return_float(a, memory)
     a.slow('null')
     return '\n'.join(a.lines)
 
 
 def method_code(count: int) -> str:
     """
-    Return the assembly of `method0`, `method1`, ...
+    Return the LLVM IR of `method0`, `method1`, ...
 
-    A method's `self` is an object that begins with a slot: in it an array of tables, of which the
-    method takes the one at its own place and goes on as that says, passing the object beside.
+    The first slot of a method's `self` holds an array of table addresses. Method k calls the
+    function that table k names and passes it the table and the object.
     """
     a = Assembly()
     for place in range(count):
         a.put(f'define ptr @method{place}(ptr %self, ptr %args, i64 %nargs) {{')
         tables = a.load('ptr', a.load('ptr', '%self', SLOT), DATA)
         table = a.load('ptr', tables, 8 * place)
-        a.put('  ret ptr ' + a.new(f'tail call ptr {_code(a, table)}(ptr {table}, ptr %args, '
+        a.put('  ret ptr ' + a.new(f'tail call ptr {_code_word(a, table)}(ptr {table}, ptr %args, '
                                    'i64 %nargs, ptr %self)'), '}')
     return '\n'.join(a.lines)
 
 
-def stand_in_code() -> str:
+def placeholder_code() -> str:
     """
-    Return the assembly of what stands in a table for `bound`: `refer` and `unmade`.
+    Return the LLVM IR of two placeholders for `bound` in a table: `refer` and `unmade`.
 
-    `refer` is for what has no machine code: it calls the fallback. `unmade` is for what nobody
-    has used yet: the fallback takes the object and returns its table to be.
+    `refer` calls the fallback, for kernels without entry points. `unmade` serves the first call
+    of a method: its fallback takes the object and returns the table to use.
     """
     a = Assembly()
     a.put('define ptr @refer(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF,
@@ -203,11 +203,12 @@ def stand_in_code() -> str:
     a.put(f'  %made = call ptr {a.word("VECTORCALL")}(ptr {a.word("FALLBACK")}, ptr %given, '
           'i64 1, ptr null)', '  %failed = icmp eq ptr %made, null',
           '  br i1 %failed, label %failure, label %go', 'failure:', '  ret ptr null', 'go:')
-    answer = a.new(f'call ptr {_code(a, "%made")}(ptr %made, ptr %args, i64 %nargs, ptr %owner)')
+    answer = a.new(f'call ptr {_code_word(a, "%made")}(ptr %made, ptr %args, i64 %nargs, '
+                   'ptr %owner)')
     a.put(f'  call void {a.word("RELEASE")}(ptr %made)', f'  ret ptr {answer}', '}')
     return '\n'.join(a.lines)
 
 
-def _code(a: Assembly, table: str) -> str:
-    """Return the function that a table says."""
+def _code_word(a: Assembly, table: str) -> str:
+    """Load the function address of a table."""
     return a.load('ptr', a.load('ptr', table, DATA), 8 * TABLE.index('CODE'))

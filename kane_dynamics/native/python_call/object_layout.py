@@ -1,30 +1,30 @@
 """
-Assembly that reads objects of CPython and numpy, and the table that a function carries.
+Memory layout of CPython and numpy objects, and LLVM IR that reads it.
 
-Whoever changes what stands here sees to it that `entry.supported` proves it on the interpreter.
+`entry.supported` must verify every assumption of this module on the running interpreter.
 """
 
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.llvm_math import literal, scale
+from kane_dynamics.native.backends.llvm_math import literal, overflow_scale
 
-# 64-bit words of the table that a function carries as its `self`, in order; pointers follow: for
-# an entry those of the kernel's arguments that no call passes, for a bound call those of all
-# arguments and of the result. CODE is for methods: the function that a call is forwarded to.
+# 64-bit words of the table that a function receives as `self`, in order. Pointers follow: for
+# `entry`, those of the default arguments; for `bound`, those of all arguments and of the result.
+# CODE is the function to which a method forwards its call.
 TABLE = ('CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY', 'NEW_FLOAT',
          'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
 
-# Where CPython and numpy keep things: byte offsets in an object and in an ndarray.
+# Byte offsets of the fields of a CPython object and of an ndarray.
 COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72
-SLOT = 16  # the first slot of an object of Python
+SLOT = 16  # the first slot of a Python object
 READABLE = 0x101  # C_CONTIGUOUS, ALIGNED
 FRESH = READABLE | 0x404  # OWNDATA, WRITEABLE
 TABLE_OF_SELF = (f'  %table.at = getelementptr i8, ptr %self, i64 {DATA}',
                  '  %table = load ptr, ptr %table.at')
-LONG = 256  # entries from which on a block is looked through by a loop
+LOOP_SIZE = 256  # entries above which a block is checked by a loop
 ALL_FINITE = """
-; Whether size entries, 8 or more, are finite when they are multiplied by the scale.
+; Return whether `size` entries, 8 or more, are finite after multiplication by the scale.
 define internal i1 @all_finite(ptr %x, i64 %size, double %scale) {
 start:
   %last = sub i64 %size, 8  ; the last block may overlap the one before
@@ -53,7 +53,7 @@ done:
 
 
 class Assembly:
-    """Writes instructions with fresh names; a block's label is the caller's."""
+    """Emits LLVM IR instructions with fresh names; the caller emits the labels."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -70,7 +70,7 @@ class Assembly:
         self.lines += lines
 
     def load(self, kind: str, base: str, offset: int = 0) -> str:
-        """Return what stands `offset` bytes past a pointer."""
+        """Return the value `offset` bytes after a pointer."""
         at = self.new(f'getelementptr i8, ptr {base}, i64 {offset}')
         return self.new(f'load {kind}, ptr {at}, align {4 if kind == "i32" else 8}')
 
@@ -79,45 +79,46 @@ class Assembly:
         return self.load('ptr', '%table', 8 * TABLE.index(name))
 
     def equal(self, kind: str, a: str, b: str | int) -> str:
-        """Return whether two are the same."""
+        """Return the comparison of two values for equality."""
         return self.new(f'icmp eq {kind} {a}, {b}')
 
     def flags(self, array: str, wanted: int) -> str:
-        """Return whether an array has all these flags."""
+        """Return the condition that an array has all these flags."""
         flags = self.load('i32', array, FLAGS)
         return self.equal('i32', self.new(f'and i32 {flags}, {wanted}'), wanted)
 
     def branch(self, conditions: Sequence[str], then: str, otherwise: str) -> None:
-        """Go to `then` where all conditions hold."""
+        """Branch to `then` if all conditions hold, else to `otherwise`."""
         both = conditions[0]
         for condition in conditions[1:]:
             both = self.new(f'and i1 {both}, {condition}')
         self.put(f'  br i1 {both}, label %{then}, label %{otherwise}')
 
     def add_to_count(self, thing: str) -> None:
-        """Take a reference: 32 bits, since newer CPythons keep flags in the other half."""
+        """Increment a reference count: 32 bits, since newer CPythons use the rest for flags."""
         count = self.load('i32', thing, COUNT)
         self.put(f'  store i32 {self.new(f"add i32 {count}, 1")}, ptr {thing}, align 8')
 
     def finite(self, blocks: Sequence[tuple[str, int, float]]) -> list[str]:
         """
-        Return conditions that together say that blocks are finite.
+        Return conditions that hold if all entries of the blocks are finite.
 
-        A block is (pointer, size, most): none of its entries may be larger than `most` either.
+        A block is (pointer, size, most): no entry may be larger than `most` in absolute value.
         """
         totals: dict[int, str] = {}  # by width, of x - x, which is NaN for NaN and infinity
         looped = [self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size}, double '
-                           f'{literal(scale(most))})')
-                  for pointer, size, most in blocks if size > LONG]
+                           f'{literal(overflow_scale(most))})')
+                  for pointer, size, most in blocks if size > LOOP_SIZE]
         for pointer, size, most in blocks:
-            if size > LONG:
+            if size > LOOP_SIZE:
                 continue
             width = next(w for w in (8, 4, 2, 1) if w <= size)
             vector = f'<{width} x double>'
             for place in [*range(0, size - width, width), size - width]:  # the last may overlap
                 x = self.load(vector, pointer, 8 * place)
                 if math.isfinite(most):
-                    x = self.new(f'fmul {vector} {x}, splat (double {literal(scale(most))})')
+                    factor = literal(overflow_scale(most))
+                    x = self.new(f'fmul {vector} {x}, splat (double {factor})')
                 zero = self.new(f'fsub {vector} {x}, {x}')
                 totals[width] = (self.new(f'fadd {vector} {totals[width]}, {zero}')
                                  if width in totals else zero)
@@ -128,7 +129,7 @@ class Assembly:
         return self.equal(f'i{width}', self.new(f'bitcast <{width} x i1> {lanes} to i{width}'), 0)
 
     def slow(self, keywords: str) -> None:
-        """Write the road to the fallback, and the end of the function."""
+        """Emit the call of the fallback and the end of the function."""
         self.put('slow:')
         answer = self.new(f'call ptr {self.word("VECTORCALL")}(ptr {self.word("FALLBACK")}, '
                           f'ptr %args, i64 %nargs, ptr {keywords})')

@@ -1,1 +1,1 @@
-"""Kernels, batches and threads."""
+"""Run compiled kernels: single states, batches and threads."""

@@ -1,8 +1,8 @@
 """
-Batches: machine code that takes blocks of states through a lane kernel, and threads to share it.
+Batches: native loop that runs a lane kernel over blocks of states, shared by threads.
 
-A block that is not full repeats its last state, whose result is then written several times with
-the same bits: so an answer depends on nothing but its own state.
+The last block is filled by repeating its last state, whose result is then written several times
+with equal bits. So a result depends only on its own state, not on its position in the batch.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,17 +15,17 @@ from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
-from kane_dynamics.native.runtime.threads import shared
+from kane_dynamics.native.runtime.threads import run_in_threads
 import numpy as np
 
-BAD_INPUT, BAD_RESULT = 1, 2  # what `run_batch` answers where it met numbers that are not finite
-PROBE = 64  # calls of a kernel whose time tells whether threads would pay
+BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
+PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
 
 RUN_BATCH = """
-; Take states begin <= i < end through `steps` calls of a lane kernel. The table holds, for each
-; argument and for the result, an address and the bytes between states and between steps. Where
-; `low` is not null, each state's row of `low` and `high` keeps the least and the largest of every
-; entry of its results.
+; Run states begin <= i < end through `steps` calls of a lane kernel. The table holds, for each
+; argument and for the result, an address and the bytes between states and between steps. If
+; `low` is not null, each state's row of `low` and `high` is updated with the minimum and maximum
+; of every entry of its results.
 define i64 @run_batch(ptr %kernel, ptr %table, i64 %slots, i64 %size, ptr noalias %low,
                   ptr noalias %high, i64 %begin, i64 %end, i64 %steps) {
 start:
@@ -139,14 +139,14 @@ declare i64 @llvm.vector.reduce.or.vWi64(<W x i64>)
 @dataclass(frozen=True)
 class Strided:
     """
-    Where an argument or a result lies, in memory that the caller keeps alive.
+    Address and strides of an argument or a result; the caller keeps the memory alive.
 
     Attributes
     ----------
     address : int
-        Of the first state's row, at the first step.
+        Address of the first state's row at the first step.
     lane, step : int
-        Bytes from a state to the next, and from a step to the next; 0 where they share a row.
+        Bytes between states and between steps; 0 where they share a row.
 
     """
 
@@ -157,7 +157,7 @@ class Strided:
 
 @cache
 def driver(width: int) -> llvm.Code:
-    """Return the machine code of `RUN_BATCH`, from the cache if it is there."""
+    """Return the machine code of `RUN_BATCH`."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
     text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS))
     text = text.replace('<W x', f'<{width} x').replace('vWi64', f'v{width}i64')
@@ -168,7 +168,7 @@ def driver(width: int) -> llvm.Code:
 
 @cache
 def _driver_function(width: int) -> Callable[..., int]:
-    """Return the driver as a function that releases the GIL."""
+    """Return `RUN_BATCH` as a function that releases the GIL."""
     arguments = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 2
     function: Callable[..., int] = driver(width).function('run_batch', ctypes.CFUNCTYPE(
         ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3))
@@ -178,30 +178,31 @@ def _driver_function(width: int) -> Callable[..., int]:
 def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: int = 1,
               extremes: tuple[Array, Array] | None = None, width: int | None = None) -> int:
     """
-    Call a lane kernel for `count` states, through one step or several, without the GIL.
+    Call a lane kernel for `count` states and one or more steps, without the GIL.
 
     Parameters
     ----------
     kernel : address
-        Of the lane kernel.
+        Address of the lane kernel.
     rows : sequence of Strided
-        The kernel's arguments in order, then its result. Where the result of a step is the
-        argument of the next, this is a loop over time.
+        The kernel's arguments in order, then its result. If the result of a step is the
+        argument of the next, this integrates over time.
     count, steps : int
-        Of states and of steps.
-    extremes : (count, size) arrays, optional
-        Of results of `size` entries: lowered and raised to the least and the largest met.
+        Numbers of states and of steps.
+    extremes : two (count, size) arrays, optional
+        Updated with the minimum and maximum of each state's results over the steps.
     width : int, optional
-        Lanes that the kernel was made for. Default: those of this processor.
+        Lanes of the kernel. Default: those of this processor.
 
     Returns
     -------
     int
-        `BAD_INPUT` and `BAD_RESULT`, for numbers that are not finite.
+        Combination of `BAD_INPUT` and `BAD_RESULT`; 0 if all numbers are finite.
 
     """
     if len(rows) > POINTER_SLOTS:
-        raise CompileError(f'a kernel has {len(rows)} arguments; at most {POINTER_SLOTS - 1}')
+        raise CompileError(f'kernel: {len(rows) - 1} arguments; expected at most '
+                           f'{POINTER_SLOTS - 1}')
     table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
     width = width or llvm_simd.width()
     function, address = _driver_function(width), table.ctypes.data
@@ -210,4 +211,4 @@ def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, step
 
     def work(begin: int, end: int) -> int:
         return function(kernel, address, len(rows), size, low, high, begin, end, steps)
-    return shared(work, count, width, max(1, PROBE // steps)) if count else 0
+    return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps)) if count else 0

@@ -1,4 +1,4 @@
-"""Garbage collection put off while a kernel is made."""
+"""Pause garbage collection while a kernel is compiled."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,28 +6,28 @@ import gc
 from threading import Lock
 
 _lock = Lock()
-_makers = 0  # threads that are at it
-_enabled = False  # whether the first of them found it so
+_active = 0  # threads inside `gc_paused`
+_enabled = False  # state of the collector before the first of them
 
 
 @contextmanager
 def gc_paused() -> Iterator[None]:
     """
-    Keep the collector from running; it is as it was when the last thread has left.
+    Disable the garbage collector; restore its state when the last thread leaves.
 
-    A trace is tens of thousands of objects without cycles, which count frees. They make the
-    collector look through everything that the process holds: that can take longer than compiling.
+    Tracing creates tens of thousands of objects without cycles, which reference counting frees.
+    They would trigger full collections, which can take longer than the compilation.
     """
-    global _makers, _enabled
+    global _active, _enabled
     with _lock:
-        if not _makers:
+        if not _active:
             _enabled = gc.isenabled()
             gc.disable()
-        _makers += 1
+        _active += 1
     try:
         yield
     finally:
         with _lock:
-            _makers -= 1
-            if not _makers and _enabled:
+            _active -= 1
+            if not _active and _enabled:
                 gc.enable()

@@ -1,4 +1,4 @@
-"""A kernel: one compiled program with its memory, its checks, and its ways in."""
+"""Kernel: one compiled program with its input checks, parameters and entry points."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -10,7 +10,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.backends.llvm_math import largest
+from kane_dynamics.native.backends.llvm_math import size_limit
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm, object_cache
@@ -23,26 +23,26 @@ from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
 import numpy as np
 
-SYMBOL = 'kernel'  # the name of every kernel's own function in its object file
-_TRACING = RLock()  # threads that trace in turns would only wait for the GIL more often
-Reason = Callable[[dict[str, Array]], None]
-MOST_RESULTS = 2**31  # entries of one batch's result: past this a typing error is likelier
+SYMBOL = 'kernel'  # name of the kernel function in its object file
+_TRACING = RLock()  # concurrent tracing would only contend for the GIL
+ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
+MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
 
 @dataclass(frozen=True)
 class Argument:
     """
-    What a call must be given.
+    Name, shape and default of a kernel argument.
 
     Attributes
     ----------
     name : str
     shape : tuple of int
-        Of a single state; a batch leads with one more axis.
+        Shape for a single state; a batch has one more leading axis.
     labels : tuple of str
         Names of the entries of the last axis, for messages.
     default : array, optional
-        Memory that stands in for the argument when it is not given.
+        Used when the argument is not given; read at each call.
 
     """
 
@@ -53,75 +53,75 @@ class Argument:
 
 
 def checked(argument: Argument, value: Any) -> Array:
-    """Return a value as a C-contiguous array of finite float64, one state or a batch."""
+    """Return a value as a finite C-contiguous float64 array; raise InputError otherwise."""
     array = _converted(argument, value)
     _require_finite(argument, array)
     return array
 
 
 def _converted(argument: Argument, value: Any) -> Array:
-    """Return a value as a C-contiguous float64 array, one state or a batch, or InputError."""
+    """Return a value as a C-contiguous float64 array of one state or a batch."""
     name, shape = argument.name, argument.shape
     expected = f'{shape} or (N, {", ".join(map(str, shape))})'
     try:
         array = np.asarray(value)
     except ValueError:
-        raise InputError(f'{name} is not a rectangular array; expected shape {expected}') from None
+        raise InputError(f'{name}: not a rectangular array; expected shape {expected}') from None
     if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name} has dtype {array.dtype}; expected numbers of shape {expected}')
+        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape {expected}')
     if array.shape != shape and array.shape[1:] != shape:
-        raise InputError(f'{name} has shape {array.shape}; expected {expected}')
+        raise InputError(f'{name}: shape {array.shape}; expected {expected}')
     return np.asarray(array, dtype=np.float64, order='C')
 
 
 def _require_finite(argument: Argument, array: Array) -> None:
-    """Raise InputError that names the first entry that is not finite, or too large."""
-    most = largest(argument.name)
+    """Raise InputError that names the first entry that is not finite or too large."""
+    most = size_limit(argument.name)
     good = np.abs(array) <= min(most, sys.float_info.max)
     if good.all():
         return
     place = tuple(int(k) for k in np.argwhere(~good)[0])
     at = ', '.join(map(str, place))
     label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
-    raise InputError(f'{argument.name}[{at}]{label} is {array[place]}; expected a finite number'
+    raise InputError(f'{argument.name}[{at}]{label}: {array[place]}; expected a finite number'
                      + (f' of at most {most:g} rad or m' if np.isfinite(array[place]) else ''))
 
 
 def _same_rows(a: Array, b: Array) -> bool:
-    """Tell whether every state's rows in two arrays lie in the same memory."""
+    """Return whether the rows of two arrays share the same memory."""
     return a.ctypes.data == b.ctypes.data and a.strides[:1] == b.strides[:1]
 
 
 class Kernel:
     """
-    A compiled program.
+    Compiled program.
 
     Parameters
     ----------
     name : str
-        As messages shall call it.
+        Name used in messages.
     program : callable
-        Traces the program when the cache does not hold its code for single states, or for
-        batches.
+        Traces the program; called if the cache does not hold its code for single states or
+        for batches.
     key : str or None
-        What the program depends on, for the cache; None traces always, and the code itself is
-        the key.
+        Everything the program depends on, for the cache. None always traces and uses the
+        generated code as the key.
     arguments : sequence of Argument
         In the program's order; those with a default come last.
     parameters : array
-        The block that follows the arguments: read at each call, copied for a batch.
+        Passed after the arguments; read at each call, copied for a batch.
     shape : tuple of int
-        Of the result for one state.
+        Shape of the result for one state.
     reason : callable, optional
-        Given the arguments of a state whose result is not finite, raises an error that explains
-        it, or returns.
+        Called with the arguments of a state whose result is not finite; raises an error that
+        explains it, or returns another kernel that answers in its place, or None.
 
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
-                 reason: Reason | None = None) -> None:
-        """Compile, or load from the cache."""
+                 reason: ResultCheck | None = None) -> None:
+        """Compile the program or load it from the cache."""
         self._reason = reason
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
@@ -130,12 +130,12 @@ class Kernel:
         self.parameters = parameters
         self._program, self._key = program, key
         self._compiling = Lock()
-        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once: others hold it
-        self.code = self._made('', lambda: '\n'.join([module_text(program(), SYMBOL),
-                                                      self._ways_in()]))
+        self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
+        self.code = self._compiled('', lambda: '\n'.join([module_text(program(), SYMBOL),
+                                                          self._entry_points()]))
         self.address = self.code.address(SYMBOL)
 
-    def _made(self, kind: str, text: Callable[[], str]) -> llvm.Code:
+    def _compiled(self, kind: str, text: Callable[[], str]) -> llvm.Code:
         def traced() -> str:
             with _TRACING:
                 return text()
@@ -147,50 +147,51 @@ class Kernel:
             return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
                                                 lambda: llvm.assemble(source())))
 
-    def with_parameters(self, parameters: Array) -> 'Kernel':
-        """Return a kernel on the same machine code that reads another block of parameters."""
+    def with_parameters(self, parameters: Array,
+                        reason: ResultCheck | None = None) -> 'Kernel':
+        """Return a kernel with the same machine code and other parameters."""
         other = copy(self)
-        other.parameters, other._compiling = parameters, Lock()
+        other.parameters, other._compiling, other._reason = parameters, Lock(), reason
         return other
 
     def traced(self) -> Program:
         """Trace the program."""
         return self._program()
 
-    def _ways_in(self) -> str:
-        return entry.ways_in(SYMBOL, self._given, [d.size for d in self._defaults],
-                             [largest(a.name) for a in self.arguments], self.shape)
+    def _entry_points(self) -> str:
+        return entry.entry_points(SYMBOL, self._given, [d.size for d in self._defaults],
+                                  [size_limit(a.name) for a in self.arguments], self.shape)
 
     def compile_lanes(self) -> llvm.Address:
-        """Compile what a batch needs now instead of at the first batch; return its address."""
+        """Compile the lane kernel for batches, if not done yet; return its address."""
         lanes = self._lanes
         if lanes is None:
             driver(width())
             with self._compiling:
                 lanes = self._lanes
                 if lanes is None:
-                    code = self._made(f'{width()} lanes',
-                                      lambda: lane_text(self._program(), SYMBOL, width()))
+                    code = self._compiled(f'{width()} lanes',
+                                          lambda: lane_text(self._program(), SYMBOL, width()))
                     lanes = self._lanes = code, code.address(SYMBOL)
         return lanes[1]
 
     @property
     def lane_address(self) -> llvm.Address:
-        """Address of the kernel for `lanes.width()` states, which compiles at the first use."""
+        """Address of the lane kernel, compiled at the first use."""
         return self.compile_lanes()
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the fastest way in that this interpreter allows."""
+        """Return a native entry point, or the fallback if the interpreter is not supported."""
         return entry.entry(self.name, doc, self.code, self._given,
                            [*self._defaults, self.parameters], self.shape, fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
-        """Return a function without arguments that calls on memory which stays where it is."""
+        """Return a function without arguments that calls the kernel on fixed arrays."""
         return entry.bound(self.name, doc, self.code, [*arguments, self.parameters, result],
                            self._fallback(arguments, result))
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
-        """Return what a method reads to call on memory which stays where it is."""
+        """Return the table of a native method that calls the kernel on fixed arrays."""
         return entry.bound_table(self.code, [*arguments, self.parameters, result],
                                  self._fallback(arguments, result))
 
@@ -201,28 +202,28 @@ class Kernel:
 
     def __call__(self, *values: Any, out: Any = None) -> Any:
         """
-        Call with anything convertible, one state or a batch; None stands for a default.
+        Evaluate one state or a batch of convertible arguments; None selects the default.
 
         Raises
         ------
         InputError
-            Names the argument, what was given, and what is expected; also where the result is
-            not finite.
+            If an argument has a wrong type or shape or is not finite, or the result is not
+            finite.
 
         """
         arrays = [self._default(a) if v is None else _converted(a, v)
                   for a, v in zip(self.arguments, values, strict=True)]
         count = self._count(values, arrays)
         shape = self.shape if count is None else (count, *self.shape)
-        if size_of(shape) > MOST_RESULTS:
-            raise InputError(f'{self.name}: {count} states would give {size_of(shape)} numbers; '
-                             f'at most {MOST_RESULTS} a call')
+        if size_of(shape) > MAX_RESULTS:
+            raise InputError(f'{self.name}: {count} states give {size_of(shape)} numbers; '
+                             f'expected at most {MAX_RESULTS} per call')
         result = self._result(out, shape)
         if count is None:
             self._single(arrays, result)
         else:
             if any(np.may_share_memory(result, x) and not _same_rows(result, x) for x in arrays):
-                result = np.empty(shape)  # rows would be written that are yet to be read
+                result = np.empty(shape)  # a row would be overwritten before it is read
             self._batch(arrays, result, count)
         if out is not None:
             if result is not out:
@@ -231,7 +232,7 @@ class Kernel:
         return float(result) if shape == () else result
 
     def _single(self, arrays: Sequence[Array], result: Array) -> None:
-        """Compute one state's result."""
+        """Compute the result of one state."""
         for argument, array in zip(self.arguments, arrays):
             _require_finite(argument, array)
         blocks = [*arrays, self.parameters, result]
@@ -239,8 +240,8 @@ class Kernel:
         self._check(result, arrays, None)
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
-        """Compute many states' results in lanes; native code looks for what is not finite."""
-        parameters = self.parameters.copy()  # without the GIL, others may change them
+        """Compute the results of a batch; the native code flags non-finite numbers."""
+        parameters = self.parameters.copy()  # other threads may change them meanwhile
         rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
                 for array, a in zip(arrays, self.arguments)]
         rows += [Strided(parameters.ctypes.data),
@@ -253,46 +254,50 @@ class Kernel:
             self._check(result, arrays, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
-        """Raise where the result is not finite, whatever the arguments: no torque is made up."""
+        """Raise InputError if the result is not finite."""
         if np.isfinite(result).all():
             return
-        place, state = '', list(arrays)
-        if count is not None:
-            bad = int(np.argmax(~np.isfinite(result).reshape(count, -1).all(axis=1)))
-            place = f' of state {bad}'
+        rows = result.reshape(count or 1, -1)
+        for bad in np.flatnonzero(~np.isfinite(rows).all(axis=1)).tolist():
+            place = '' if count is None else f' of state {bad}'
             state = [x[bad] if x.ndim > len(a.shape) else x
                      for a, x in zip(self.arguments, arrays)]
-        if self._reason is not None:
-            self._reason(dict(zip((a.name for a in self.arguments), state)))
-        raise InputError(f'{self.name}: the result{place} is not finite: the numbers are too '
-                         'large, or the mass matrix is singular there (a massless moving body)')
+            other = None if self._reason is None else self._reason(
+                dict(zip((a.name for a in self.arguments), state)))
+            if other is None:
+                raise InputError(
+                    f'{self.name}: the result{place} is not finite: the arguments are too large, '
+                    'or the mass matrix is singular at this configuration (a massless moving '
+                    'body); expected a finite result')
+            rows[bad] = np.ravel(other(*state))
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:
-            raise InputError(f'{self.name}: {argument.name} is missing')
+            raise InputError(f'{self.name}: {argument.name} is missing; expected an array of '
+                             f'shape {argument.shape}')
         return argument.default
 
     def _count(self, values: Sequence[Any], arrays: Sequence[Array]) -> int | None:
-        """Return the number of states, None for a single one; all arguments must agree."""
+        """Return the length of the batch, None for a single state; all arguments must agree."""
         given = [(a, array) for a, v, array in zip(self.arguments, values, arrays)
                  if v is not None]
         counts = {a.name: array.shape[0] if array.ndim > len(a.shape) else None
                   for a, array in given}
         if len(set(counts.values())) > 1:
             shapes = ', '.join(f'{a.name} {array.shape}' for a, array in given)
-            raise InputError(f'{self.name}: arguments must all be single states or all batches '
-                             f'of one length; given {shapes}')
+            raise InputError(f'{self.name}: arguments {shapes}; expected all single states or '
+                             'all batches of one length')
         return next(iter(counts.values()))
 
     def _result(self, out: Any, shape: Shape) -> Array:
-        """Return the array to write to: `out` itself if it can be, after checking it."""
+        """Check `out` and return the array to write to: `out` itself if its layout allows."""
         if out is None:
             return np.empty(shape)
         if not (isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == shape
                 and out.flags.writeable):
             given = (f'{out.dtype} array of shape {out.shape}' if isinstance(out, np.ndarray)
                      else type(out).__name__)
-            raise InputError(f'{self.name}: out is a {given}; expected a writeable float64 array '
+            raise InputError(f'{self.name}: out: {given}; expected a writeable float64 array '
                              f'of shape {shape}')
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
         return out if direct else np.empty(shape)

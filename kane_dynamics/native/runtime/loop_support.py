@@ -1,7 +1,7 @@
 """
-Hand-written machine code around any kernel: the loop that repeats one.
+Native loop that calls a kernel repeatedly.
 
-A kernel is ``void kernel(double **pointers)``, its arguments first, its result last.
+A kernel is ``void kernel(double **pointers)``: arguments first, result last.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,11 +11,11 @@ from functools import cache
 from kane_dynamics.native.machine_code import llvm, object_cache
 import numpy as np
 
-POINTER_SLOTS = 16  # most arguments, defaults and result together, of one kernel
+POINTER_SLOTS = 16  # limit on the arguments, defaults and result of one kernel together
 
 SUPPORT = """
-; Call `kernel` N times, moving each pointer by its stride (bytes) in between. When the result of
-; one call is the argument of the next, this is a loop over time.
+; Call `kernel` N times and advance each pointer by its stride (bytes) after each call. If the
+; result of one call is the argument of the next, this integrates over time.
 define void @repeat(ptr %kernel, ptr %pointers, ptr %strides, i64 %slots, i64 %N) {
 start:
   %own = alloca [SLOTS x ptr]
@@ -52,7 +52,7 @@ declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 
 @cache
 def support() -> llvm.Code:
-    """Return the machine code of `SUPPORT`, from the cache if it is there."""
+    """Return the machine code of `SUPPORT`."""
     text = SUPPORT.replace('SLOTS', str(POINTER_SLOTS))
     return llvm.Code(object_cache.fetch(object_cache.key('support', text),
                                         lambda: llvm.assemble(text, 2, optimise=True)))
@@ -69,10 +69,10 @@ def _repeat(release_gil: bool) -> Callable[..., None]:
 def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int],
            count: int) -> None:
     """
-    Call a kernel `count` times, each pointer moving by its stride (bytes) after every call.
+    Call a kernel `count` times and advance each pointer by its stride (bytes) after each call.
 
-    More than one call releases the GIL; a single one keeps it, because to take it back beside a
-    busy Python thread costs milliseconds. The caller keeps the memory alive and large enough.
+    More than one call releases the GIL. A single call keeps it, because reacquiring it beside a
+    busy Python thread takes milliseconds. The caller provides memory that is large enough.
     """
     own = np.array(pointers, dtype=np.uint64)
     steps = np.array(strides, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Threads for work that machine code does without the GIL."""
+"""Threads for native code that runs without the GIL."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -10,60 +10,59 @@ import time
 from kane_dynamics.errors import InputError
 
 VARIABLE = 'KANE_DYNAMICS_THREADS'
-MOST_THREADS = 256
-WORTH = 3e-4  # s of work that repays waking other threads, several times over
+MAX_THREADS = 256
+THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of waking one
 
 
 def thread_count() -> int:
     """
-    Return how many threads may share a batch: the environment's word, else one a processor.
+    Return the number of threads for a batch: `KANE_DYNAMICS_THREADS`, else the processors.
 
     Raises
     ------
     InputError
-        ``KANE_DYNAMICS_THREADS`` is no whole number from 1 to 256.
+        If ``KANE_DYNAMICS_THREADS`` is not an integer from 1 to 256.
 
     """
     setting = os.environ.get(VARIABLE)
     if setting is None:
         available = (len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity')
                      else os.cpu_count() or 1)
-        return min(available, MOST_THREADS)
-    if not (setting.isdecimal() and 1 <= int(setting) <= MOST_THREADS):
-        raise InputError(f'{VARIABLE} is {setting!r}; expected a whole number from 1 to '
-                         f'{MOST_THREADS}')
+        return min(available, MAX_THREADS)
+    if not (setting.isdecimal() and 1 <= int(setting) <= MAX_THREADS):
+        raise InputError(f'{VARIABLE}: {setting!r}; expected an integer from 1 to {MAX_THREADS}')
     return int(setting)
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    """Return the threads that all batches share; each starts when it is first needed."""
-    return ThreadPoolExecutor(MOST_THREADS, 'kane_dynamics')
+    """Return the thread pool that all batches share; threads start on demand."""
+    return ThreadPoolExecutor(MAX_THREADS, 'kane_dynamics')
 
 
 if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of these threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked child has no threads
 
 
-def shared(work: Callable[[int, int], int], count: int, quantum: int, probe: int) -> int:
+def run_in_threads(work: Callable[[int, int], int], count: int, quantum: int, probe: int) -> int:
     """
-    Do ``work(begin, end)`` for all of 0 <= i < count, by several threads where that pays.
+    Run ``work(begin, end)`` for 0 <= i < count, in several threads if that is faster.
 
     Parameters
     ----------
     work : callable
-        Takes a range and returns flags; ranges may be worked in any order and at once.
+        Takes a range and returns flags; ranges run in any order and concurrently.
     count : int
-        Size of the whole range.
+        Size of the range.
     quantum : int
-        Ranges begin at multiples of this.
+        Subranges begin at multiples of this.
     probe : int
-        Quanta that the caller works alone, to learn how long the rest will take.
+        Quanta that the calling thread runs first, to measure the time per quantum.
 
     Returns
     -------
     int
-        All flags together.
+        Bitwise or of all flags.
 
     """
     threads = thread_count()
@@ -75,7 +74,7 @@ def shared(work: Callable[[int, int], int], count: int, quantum: int, probe: int
         return flags
     expected = (time.perf_counter() - started) / first * rest
     blocks = -(-rest // quantum)
-    threads = min(threads, int(expected / WORTH) + 1, blocks)
+    threads = min(threads, int(expected / THREAD_WORK) + 1, blocks)
     cuts = [first + quantum * (blocks * k // threads) for k in range(threads)] + [count]
     others = [_pool().submit(work, begin, end) for begin, end in pairwise(cuts[1:])]
     try:

@@ -1,1 +1,1 @@
-"""Expressions and programs: a traced function as straight-line code."""
+"""Expressions and programs: trace a Python function to straight-line code."""

@@ -1,13 +1,13 @@
 """
-A traced scalar: run any numeric code on `Expr` and get back the arithmetic that it did.
+Traced scalars: numeric code run on `Expr` records its arithmetic as an expression graph.
 
-An `Expr` is a node of a directed acyclic graph. Nodes are hash-consed (the same operation on the
-same operands is the same node, so common subexpressions are shared as they arise) and folded as
-they are made: arithmetic with 0, 1, -1 and between constants leaves no node. A result that does
-not depend on any input is a plain float. Arrays of dtype object hold expressions, and numpy's
-``@``, ``+``, ``*``, ``sin`` and so on work on them.
+An `Expr` is a node of a directed acyclic graph. Nodes are hash-consed: the same operation on the
+same operands is the same node, which eliminates common subexpressions. Constants are folded:
+arithmetic with 0, 1, -1 and between constants creates no node. A result that does not depend on
+any input is a plain float. Arrays of dtype object hold expressions, and numpy's ``@``, ``+``,
+``*``, ``sin`` and so on work on them.
 
-The graph knows nothing of dynamics, derivatives or LLVM.
+The graph is independent of dynamics, differentiation and LLVM.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,19 +18,18 @@ from typing import Any, Union
 import numpy as np
 
 Scalar = Union['Expr', float]
-FUNCTIONS = {'sin': math.sin, 'cos': math.cos, 'tanh': math.tanh, 'sqrt': math.sqrt}
 
 
 class Trace:
-    """The nodes made while one program is traced, in the order in which they arose."""
+    """Nodes of one program under tracing, in order of creation."""
 
     def __init__(self) -> None:
-        """Start with no nodes."""
+        """Create an empty graph."""
         self.nodes: list[Expr] = []
         self._table: dict[tuple[Any, ...], Expr] = {}
 
     def node(self, op: str, *args: Any) -> 'Expr':
-        """Return the one node that applies `op` to `args`, making it if it is new."""
+        """Return the node that applies `op` to `args`; create it if it does not exist."""
         key = (op, *[arg.index if isinstance(arg, Expr) else (arg,) for arg in args])
         found = self._table.get(key)
         if found is None:
@@ -39,11 +38,11 @@ class Trace:
         return found
 
     def has(self, op: str, *args: 'Expr') -> bool:
-        """Tell whether the node that applies `op` to `args` is there already."""
+        """Return whether the node that applies `op` to `args` exists."""
         return (op, *[arg.index for arg in args]) in self._table
 
     def inputs(self, name: str, *shape: int) -> Any:
-        """Return an object array of `shape` of fresh inputs, entries of the argument `name`."""
+        """Return an object array of `shape` with the input nodes of the argument `name`."""
         size = math.prod(shape)
         flat = np.empty(size, dtype=object)
         for k in range(size):
@@ -52,29 +51,31 @@ class Trace:
 
 
 class Expr:
-    """A scalar whose value is known only when the compiled program runs."""
+    """Traced scalar; its value is known only when the compiled program runs."""
 
     __slots__ = ('args', 'index', 'op', 'trace')
 
     def __init__(self, trace: Trace, index: int, op: str, args: tuple[Any, ...]) -> None:
-        """Use `Trace.node` or arithmetic instead: they fold and share."""
+        """Create a node; use `Trace.node` or arithmetic instead, which fold and share."""
         self.trace = trace
         self.index = index
         self.op = op
         self.args = args
 
     def __repr__(self) -> str:
-        """Show the operation and its operands' node numbers."""
+        """Return the operation and the node numbers of its operands."""
         shown = [f'%{a.index}' if isinstance(a, Expr) else repr(a) for a in self.args]
         return f'%{self.index}={self.op}({", ".join(shown)})'
 
     def __bool__(self) -> bool:
-        """Refuse: a traced program must not depend on a value."""
-        raise TypeError('a traced value has no truth: the program must not branch on it')
+        """Raise TypeError: a traced program must not branch on a value."""
+        raise TypeError('traced value: used as a bool; expected arithmetic that does not branch '
+                        'on values')
 
     def __float__(self) -> float:
-        """Refuse: the value is not known yet."""
-        raise TypeError('a traced value is no number yet: it is known only when the kernel runs')
+        """Raise TypeError: the value is not known during tracing."""
+        raise TypeError('traced value: used as a float; expected arithmetic on the expression, '
+                        'whose value is known only when the kernel runs')
 
     def __neg__(self) -> Scalar:
         return _negative(self)
@@ -107,15 +108,36 @@ class Expr:
         return _quotient(other, self) if isinstance(other, _SCALAR) else NotImplemented
 
     def __pow__(self, exponent: Any) -> Any:
-        if not isinstance(exponent, numbers.Integral) or int(exponent) < 0:
+        if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        result: Scalar = 1.0
-        for _ in range(int(exponent)):
-            result = result * self
-        return result
+        power = float(exponent)
+        if power < 0.0:
+            return 1.0 / self ** -power
+        if power == 0.5:
+            return self.sqrt()
+        if not power.is_integer():  # of a negative number: not a number, as for floats of numpy
+            return np.exp(power * self.log())
+        return math.prod([self] * int(power), start=1.0)
+
+    def __lt__(self, other: Any) -> Any:
+        """Return 1.0 where this is less, else 0.0; `select` chooses by it."""
+        return self.trace.node('less', self, other) if isinstance(other, _SCALAR) else (
+            NotImplemented)
+
+    def __gt__(self, other: Any) -> Any:
+        """Return 1.0 where the other is less, else 0.0."""
+        return self.trace.node('less', float(other), self) if isinstance(
+            other, numbers.Real) else NotImplemented
+
+    def select(self, x: Scalar, y: Scalar) -> Scalar:
+        """Return x where this is not 0, else y; neither is looked at where it is not chosen."""
+        if x is y or (not isinstance(x, Expr) and not isinstance(y, Expr) and x == y):
+            return x
+        return self.trace.node('select', self, *(
+            z if isinstance(z, Expr) else float(z) for z in (x, y)))
 
     def sin(self) -> Scalar:
-        """Return the sine, so that numpy.sin works on object arrays."""
+        """Return the sine; numpy.sin calls this on object arrays."""
         if self.op == 'neg':
             return -self.trace.node('sin', self.args[0])
         return self.trace.node('sin', self)
@@ -132,12 +154,28 @@ class Expr:
         """Return the square root."""
         return self.trace.node('sqrt', self)
 
+    def exp(self) -> Scalar:
+        """Return the exponential."""
+        return self.trace.node('exp', self)
+
+    def log(self) -> Scalar:
+        """Return the natural logarithm."""
+        return self.trace.node('log', self)
+
+    def arctan(self) -> Scalar:
+        """Return the arctangent, rad."""
+        return self.trace.node('arctan', self)
+
+    def __floor__(self) -> Scalar:
+        """Return the largest whole number that is not larger."""
+        return self.trace.node('floor', self)
+
 
 _SCALAR: Any = (Expr, numbers.Real)
 
 
 def _constant_factor(x: Scalar) -> tuple[Scalar, float]:
-    """Split ``y * c`` into (y, c); anything else is itself times 1."""
+    """Split ``y * c`` into (y, c); return (x, 1) for any other expression."""
     if isinstance(x, Expr) and x.op == 'mul' and not isinstance(x.args[1], Expr):
         return x.args[0], x.args[1]
     return x, 1.0
@@ -202,7 +240,7 @@ def _difference(x: Scalar, y: Scalar) -> Scalar:
         return x.args[1] if x.args[0] is y else x.args[0]  # type: ignore[no-any-return]
     if x.op == 'sub' and x.args[0] is y:
         return _negative(x.args[1])
-    if x.trace.has('sub', y, x):  # a sign costs less than a second difference
+    if x.trace.has('sub', y, x):  # a negation is cheaper than a second subtraction
         return x.trace.node('neg', x.trace.node('sub', y, x))
     return x.trace.node('sub', x, y)
 
@@ -243,14 +281,14 @@ def _quotient(x: Scalar, y: Scalar) -> Scalar:
 
 def call(program: Any, *arguments: Iterable[Any]) -> list['Expr']:
     """
-    Call an already traced program as a subroutine; return its outputs, flat.
+    Call a traced program as a subroutine and return its outputs as a flat list.
 
     Parameters
     ----------
     program : Program
-        What to call; it becomes a function of its own in the compiled module.
+        The subroutine; it becomes a separate function of the compiled module.
     arguments : iterables of scalars
-        The entries of each of its inputs, in its order.
+        The entries of each of its inputs, in order.
 
     """
     flat: list[Scalar] = [x for argument in arguments for x in np.ravel(np.asarray(argument))]
@@ -260,5 +298,5 @@ def call(program: Any, *arguments: Iterable[Any]) -> list['Expr']:
 
 
 def operands(node: Expr) -> Sequence[Any]:
-    """Return those arguments of a node that are expressions."""
+    """Return the arguments of a node that are expressions."""
     return [arg for arg in node.args if isinstance(arg, Expr)]

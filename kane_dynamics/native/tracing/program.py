@@ -1,4 +1,4 @@
-"""A traced program: inputs, outputs, and the live operations between them, in order."""
+"""Traced programs: inputs, outputs and the live operations between them, in order."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,14 @@ Shape = tuple[int, ...]
 
 
 NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
-                         'div': np.divide, 'neg': np.negative}
+                         'div': np.divide, 'neg': np.negative,
+                         'less': lambda a, b: np.float64(a < b),
+                         'select': lambda chosen, a, b: a if chosen else b}
 
 
 @dataclass(frozen=True)
 class OperationCount:
-    """Arithmetic of one call, as the literature counts it (a subtraction is an addition)."""
+    """Arithmetic operations of one call; a subtraction counts as an addition."""
 
     multiplications: int = 0
     additions: int = 0
@@ -26,7 +28,7 @@ class OperationCount:
     negations: int = 0
 
     def __add__(self, other: 'OperationCount') -> 'OperationCount':
-        """Return the two together."""
+        """Return the sum of two counts."""
         return OperationCount(*(getattr(self, f) + getattr(other, f)
                                 for f in self.__dataclass_fields__))
 
@@ -34,16 +36,16 @@ class OperationCount:
 @dataclass(frozen=True, eq=False)
 class Program:
     """
-    A straight-line program.
+    Straight-line program.
 
     Parameters
     ----------
     name : str
         A C identifier.
     inputs : tuple of (str, shape)
-        Arguments in order; an entry of one is the node ``input(name, k)``, C order.
+        Arguments in order. Entry k of an argument, in C order, is the node ``input(name, k)``.
     outputs : tuple of Expr or float
-        The flat result, C order.
+        Entries of the result, in C order.
     shape : tuple of int
         Shape of the result.
 
@@ -60,7 +62,7 @@ class Program:
         return len(self.outputs)
 
     def schedule(self) -> list[Expr]:
-        """Return the nodes that the outputs need, in order of creation."""
+        """Return the nodes that the outputs depend on, in order of creation."""
         roots = [x for x in self.outputs if isinstance(x, Expr)]
         if not roots:
             return []
@@ -75,7 +77,7 @@ class Program:
         return [node for node in nodes if needed[node.index]]
 
     def operation_count(self) -> OperationCount:
-        """Count the operations of one call, subroutines included."""
+        """Return the number of operations of one call, including subroutines."""
         counts = dict.fromkeys(OperationCount.__dataclass_fields__, 0)
         kind = {'mul': 'multiplications', 'add': 'additions', 'sub': 'additions',
                 'div': 'divisions', 'neg': 'negations'}
@@ -91,14 +93,14 @@ class Program:
 def trace_program(name: str, function: Callable[..., Any],
                   inputs: Sequence[tuple[str, Shape]]) -> Program:
     """
-    Run `function` on traced inputs and return the program that it amounts to.
+    Trace `function` and return its program.
 
     Parameters
     ----------
     name : str
         A C identifier.
     function : callable
-        Takes one array a declared input, returns an array or scalar.
+        Takes one array per declared input; returns an array or a scalar.
     inputs : sequence of (str, shape)
         Names and shapes of the arguments.
 
@@ -111,7 +113,7 @@ def trace_program(name: str, function: Callable[..., Any],
 
 
 def factored(program: Program) -> Program:
-    """Rewrite ``a*c + b*c`` as ``(a + b)*c`` where both products serve nothing else."""
+    """Rewrite ``a*c + b*c`` as ``(a + b)*c`` where both products have no other use."""
     schedule = program.schedule()
     uses: dict[int, int] = {}
     for node in schedule:
@@ -138,7 +140,7 @@ def factored(program: Program) -> Program:
 
 
 def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | None:
-    """Return (c, a, b) where the node is a*c +- b*c and both products are used just here."""
+    """Return (c, a, b) if the node is a*c +- b*c and both products have no other use."""
     if not all(isinstance(x, Expr) and x.op == 'mul' and uses[x.index] == 1 for x in node.args):
         return None
     (p, q), (r, s) = node.args[0].args, node.args[1].args
@@ -150,7 +152,7 @@ def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | N
 
 
 def _rebuilt(trace: Trace, node: Expr, args: list[Any]) -> Any:
-    """Apply a node's operation to new operands, folding again."""
+    """Apply a node's operation to new operands, with folding."""
     if node.op == 'add':
         return args[0] + args[1]
     if node.op == 'sub':
@@ -163,6 +165,10 @@ def _rebuilt(trace: Trace, node: Expr, args: list[Any]) -> Any:
         return -args[0]
     if node.op in ('input', 'output', 'call'):
         return trace.node(node.op, *args)
+    if node.op == 'less':
+        return args[0] < args[1]
+    if node.op == 'select':
+        return args[0].select(*args[1:]) if isinstance(args[0], Expr) else args[2 - args[0]]
     return getattr(np, node.op)(args[0])
 
 

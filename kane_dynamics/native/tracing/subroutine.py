@@ -1,4 +1,4 @@
-"""Parts of a traced function as subroutines that its other parts share."""
+"""Subroutines: parts of a traced function that are compiled once and called repeatedly."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,29 +10,30 @@ import numpy as np
 
 class Subroutines:
     """
-    Calls a function as a subroutine, traced once for each name.
+    Registry of subroutines; calling it evaluates a function through a subroutine.
 
-    Straight-line code repeats a part wherever it is used; where that part is used more often than
-    the instruction cache can bear, it is called instead. What is constant in the arguments stays
-    constant in the subroutine, one for each such pattern.
+    Inlined code repeats a part at every use, which can exceed the instruction cache; a
+    subroutine avoids that. Constant entries of the arguments are folded into the subroutine, so
+    each pattern of constants has its own.
     """
 
     def __init__(self) -> None:
-        """Hold no subroutines yet."""
+        """Create an empty registry."""
         self._programs: dict[tuple[Any, ...], Program] = {}
 
     def __call__(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
         """
-        Return ``function(*arguments)``.
+        Return ``function(*arguments)``, computed by a subroutine.
 
         Parameters
         ----------
         name : str
-            A C identifier, the same wherever `function` computes the same.
+            A C identifier that identifies what `function` computes.
         function : callable
-            Takes arrays and returns one; it may refer to nothing traced but its arguments.
+            Takes arrays and returns one. It must not use traced values other than its
+            arguments.
         *arguments : arrays
-            Of one dimension.
+            One-dimensional.
 
         """
         pattern = tuple(tuple(None if isinstance(x, Expr) else float(x) for x in argument)
@@ -55,6 +56,6 @@ class Subroutines:
 
 
 def _filled(pattern: tuple[float | None, ...], traced: Any) -> Any:
-    """Return an argument's entries, the constant and the traced ones, in their places."""
+    """Return an argument's entries: the pattern's constants and the traced values."""
     rest = iter(traced)
     return np.array([next(rest) if x is None else x for x in pattern], dtype=object)

@@ -1,1 +1,1 @@
-"""Shared by the nodes: messages, files, processes, real-time settings."""
+"""Code that the nodes share: conversions, files, QoS, processes, real-time settings."""

@@ -1,4 +1,4 @@
-"""Where the files are that parameters name, and the model that they describe."""
+"""Load the model and the constraints from the files that parameters name."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,74 +12,76 @@ from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.model.model import Model
 from kane_dynamics.urdf import load_urdf
 
-OURS = 'kane_dynamics'
-MOST_URDF = 10_000_000  # bytes; the largest of real arms have some hundred thousand
+PACKAGE = 'kane_dynamics'
+MAX_URDF_BYTES = 10_000_000  # bytes; URDFs of real arms reach some hundred thousand
 
 
-def located(parameter: str, name: str) -> Path:
+def resolve_path(parameter: str, name: str) -> Path:
     """
-    Return the path that a parameter gives, plain or as package://<package>/<path>.
+    Return the path that a parameter gives, either plain or as package://<package>/<path>.
 
     Raises
     ------
     InputError
-        The package is not installed, or there is no such file.
+        The package is not installed, or the file does not exist.
 
     """
     if name.startswith('package://'):
         package, _, rest = name.removeprefix('package://').partition('/')
         folder, _, file = rest.partition('/')
-        if package == OURS:  # found in a checkout too
+        if package == PACKAGE:  # also found in a checkout
             return resource_path(folder, file)
         try:
             path = Path(get_package_share_directory(package)) / rest
         except (PackageNotFoundError, ValueError):
-            raise InputError(f"parameter '{parameter}' is '{name}': package '{package}' is not "
-                             'installed') from None
+            raise InputError(f"parameter '{parameter}': package '{package}' of '{name}' is not "
+                             'installed; expected an installed package') from None
     else:
         path = Path(name).expanduser()
     if not path.is_file():
-        raise InputError(f"parameter '{parameter}' is '{name}': no file '{path}'")
+        raise InputError(f"parameter '{parameter}': no file '{path}'; expected an existing file")
     return path
 
 
-def load(source: str | Path, values: Mapping[str, Any], warn: Callable[[str], object]) -> Model:
+def load_model(source: str | Path, values: Mapping[str, Any],
+               warn: Callable[[str], object]) -> Model:
     """
-    Load the URDF as the parameters say; `warn` takes each remark about it.
+    Load the model that the parameters describe; call `warn` with each warning about the URDF.
 
     Raises
     ------
     KaneError
-        The URDF is too large or not valid, or a parameter does not fit it.
+        The URDF is too large or invalid, or a parameter does not fit it.
 
     """
     size = source.stat().st_size if isinstance(source, Path) else len(source.encode())
-    if size > MOST_URDF:
-        raise InputError(f'the URDF has {size} bytes; valid: at most {MOST_URDF}')
-    supplement = values['supplement']
+    if size > MAX_URDF_BYTES:
+        raise InputError(f'URDF: {size} bytes; expected at most {MAX_URDF_BYTES}')
+    supplement = (resolve_path('supplement', values['supplement']) if values['supplement']
+                  else None)
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('always')
         model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
                           joints=list(values['joints']) or None, gravity=values['gravity'],
-                          supplement=located('supplement', supplement) if supplement else None)
+                          supplement=supplement)
     for warning in found:
         warn(str(warning.message))
     return model.prefixed(values['prefix']) if values['prefix'] else model
 
 
-def load_choices(values: Mapping[str, Any]) -> dict[str, Any]:
+def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Return the arguments of Robot that the parameters give: frames and constraints.
+    Return the options of Robot that the parameters give: frames and constraints.
 
     Raises
     ------
     KaneError
-        There is no such file, or it is not valid.
+        The file of constraints does not exist or is invalid.
 
     """
-    choices: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
+    options: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
                                'wrench_frames': values['wrench.frames']}
     if values['constraints']:
-        choices |= load_constraints(located('constraints', values['constraints']),
+        options |= load_constraints(resolve_path('constraints', values['constraints']),
                                     prefix=values['prefix'])
-    return choices
+    return options

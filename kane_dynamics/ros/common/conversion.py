@@ -1,4 +1,4 @@
-"""Messages in, arrays out, and back: names are mapped and everything hostile is stopped here."""
+"""Convert messages to arrays and back: reorder joints, check lengths and finiteness."""
 
 from array import array
 from collections.abc import Sequence
@@ -30,24 +30,24 @@ def duration(seconds: float) -> Duration:
 
 
 def doubles(values: ArrayLike) -> 'array[float]':
-    """Return the array that a float64[] field holds, row by row, with one copy."""
+    """Return values as the array of a float64[] field, in row-major order, with one copy."""
     return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
 def as_wrench(values: ArrayLike) -> Wrench:
-    """Return six numbers, force then moment, as a message."""
+    """Return a wrench, (6,) force then moment, as a message."""
     fx, fy, fz, mx, my, mz = np.asarray(values, dtype=np.float64).tolist()
     return Wrench(force=Vector3(x=fx, y=fy, z=fz), torque=Vector3(x=mx, y=my, z=mz))
 
 
 def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | None:
     """
-    Return where each of `joints` stands among `names`; None if they are the same list.
+    Return the index of each of `joints` in `names`; None if the lists are equal.
 
     Raises
     ------
     InputError
-        A joint is missing or named twice, or there is one that the node does not know.
+        A joint is missing, unknown, or named twice.
 
     """
     if not names or tuple(names) == tuple(joints):
@@ -56,9 +56,10 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
     missing = [joint for joint in joints if joint not in entry]
     unknown = [name for name in names if name not in set(joints)]
     if missing or unknown or len(entry) < len(names):
-        fault = (f"lacks '{missing[0]}'" if missing else f"holds '{unknown[0]}'" if unknown
-                 else 'names a joint twice')
-        raise InputError(f'{what} {fault}; valid: each of {", ".join(joints)} once, or empty')
+        fault = (f"'{missing[0]}' is missing" if missing else
+                 f"'{unknown[0]}' is unknown" if unknown else 'a joint is named twice')
+        raise InputError(f'{what}: {fault}; expected each of {", ".join(joints)} once, or an '
+                         'empty list')
     return np.array([entry[joint] for joint in joints], dtype=np.intp)
 
 
@@ -70,76 +71,76 @@ def vector(values: Sequence[float], index: Index | None, n: int, what: str,
     Raises
     ------
     InputError
-        The length is not n (or zero where `empty` is given), or an entry is not finite.
+        The length is not n (nor zero, where `empty` is given), or an entry is not finite.
 
     """
     if len(values) == 0 and empty is not None:
         return np.broadcast_to(np.asarray(empty, dtype=np.float64), (n,)).copy()
     if len(values) != n:
-        raise InputError(f'{what} has {len(values)} entries; valid: {n}'
+        raise InputError(f'{what}: {len(values)} entries; expected {n}'
                          + (', or none' if empty is not None else ''))
     result = np.array(values, dtype=np.float64)
     if not np.isfinite(result).all():
-        raise InputError(f'{what} is {result.tolist()}; valid: finite numbers')
+        raise InputError(f'{what}: {result.tolist()}; expected finite numbers')
     return result if index is None else result[index]
 
 
 def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
-    """Return one field of all points as a (K, n) array in the node's order; None if unused."""
+    """Return one field of all points, (K, n) in the node's order; None if it is unused."""
     rows = [getattr(point, field) for point in message.points]
     if not any(len(row) for row in rows):
         return None
     for k, row in enumerate(rows):
         if len(row) != len(message.joint_names):
-            raise InputError(f'point {k} has {len(row)} {field} for '
+            raise InputError(f'point {k}: {len(row)} {field}; expected one for each of the '
                              f'{len(message.joint_names)} joint names')
     values = np.array(rows, dtype=np.float64)[:, index]
     if not np.isfinite(values).all():
         k = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        raise InputError(f'point {k} has {field} {values[k].tolist()}; valid: finite numbers')
+        raise InputError(f'point {k}: {field} {values[k].tolist()}; expected finite numbers')
     return values
 
 
 def check_points(count: int, max_points: int) -> None:
-    """Raise InputError unless a trajectory of `count` points may be served."""
+    """Raise InputError unless a trajectory has 1 to `max_points` points."""
     if not 1 <= count <= max_points:
-        raise InputError(f'the trajectory has {count} points; valid: 1 to {max_points} '
+        raise InputError(f'trajectory: {count} points; expected 1 to {max_points} '
                          '(parameter trajectory.max_points)')
 
 
 def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_points: int,
                         start: State | None = None) -> Motion:
     """
-    Return the desired motion that a JointTrajectory describes; joints beyond `joints` are ignored.
+    Return the desired motion that a JointTrajectory describes; ignore joints not in `joints`.
 
-    It sets out from `start`, where that is given, if its first point comes later.
+    If `start` is given and the first point is later than 0, the motion begins at `start`.
 
     Raises
     ------
     InputError
-        Says what is wrong: no or too many points, a joint that is missing, arrays of the wrong
-        length, times out of order, numbers that are not finite.
+        The trajectory has no or too many points, lacks a joint, has arrays of the wrong length,
+        times that do not increase, or non-finite numbers.
 
     """
     check_points(len(message.points), max_points)
     names = list(message.joint_names)
     missing = [joint for joint in joints if joint not in names]
     if missing or len(set(names)) < len(names):
-        raise InputError(f'the trajectory lacks {", ".join(missing)}; it must hold '
-                         f'{", ".join(joints)}' if missing else
-                         f'the trajectory names a joint twice: {", ".join(names)}')
+        fault = f'{", ".join(missing)} missing' if missing else f'{", ".join(names)}'
+        raise InputError(f'joint_names of the trajectory: {fault}; expected each of '
+                         f'{", ".join(joints)} once')
     index = np.array([names.index(joint) for joint in joints], dtype=np.intp)
     times = np.array([nanoseconds(p.time_from_start) for p in message.points]) * 1e-9
     if times[0] < 0.0:
-        raise InputError(f'point 0 is at {times[0]:g} s; valid: not before the start')
+        raise InputError(f'point 0: time_from_start {times[0]:g} s; expected 0 or more')
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if late.size:
         k = int(late[0])
-        raise InputError(f'point {k + 1} is at {times[k + 1]:g} s, not after point {k} at '
-                         f'{times[k]:g} s')
+        raise InputError(f'point {k + 1}: time_from_start {times[k + 1]:g} s; expected more than '
+                         f'that of point {k}, {times[k]:g} s')
     positions = _column(message, 'positions', index)
     if positions is None:
-        raise InputError('the trajectory has no positions')
+        raise InputError('positions of the trajectory: none; expected one per joint in each point')
     return Motion.from_points(times, positions, _column(message, 'velocities', index),
                               _column(message, 'accelerations', index), joint_names=joints,
                               start=start)
@@ -148,10 +149,11 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_poi
 def trajectory_message(trajectory: Trajectory, robot: Robot,
                        names: Sequence[str] = ()) -> JointTrajectory:
     """
-    Return a simulated trajectory as a message; `effort` holds the torques.
+    Return a simulated trajectory as a message with the torques as `effort`.
 
-    The columns stand in the order of `names`, each of the robot's joints once; default: its own.
-    Under constraints, velocities are those of all joints too, and there are no accelerations.
+    The columns follow the order of `names`, which holds each of the robot's joints once; default:
+    the robot's order. Under constraints, velocities are of all joints and there are no
+    accelerations.
     """
     names = list(names) or list(trajectory.joint_names)
     order = [trajectory.joint_names.index(name) for name in names]
@@ -160,8 +162,8 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     if robot.constraint_names:
         rows = {'positions': q, 'velocities': robot.joint_rates(q, u),
                 'effort': robot.joint_torques(tau, q)}
-    # array(typecode, bytes) is several times faster than going through a sequence of floats,
-    # and this runs beside the torque path: the interpreter is shared.
+    # array(typecode, bytes) is several times faster than a conversion from a list of floats; the
+    # torque path shares the interpreter.
     columns = {field: np.ascontiguousarray(row[:, order]) for field, row in rows.items()}
     points = [JointTrajectoryPoint(time_from_start=duration(t), **{
         field: array('d', column[k].tobytes()) for field, column in columns.items()})

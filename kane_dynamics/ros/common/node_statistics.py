@@ -1,4 +1,4 @@
-"""What the node counts while it runs, and the report that it makes of it."""
+"""Counters and latencies of a node, for its diagnostics."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
 
-WINDOW = 8192  # latencies kept between two reports: at 1 Hz enough for 8 kHz
+WINDOW = 8192  # latencies kept between two reports: enough for 8 kHz at 1 report/s
 
 
 class Statistics:
-    """Counts of one reporting period, and totals since the node was configured."""
+    """Counters since the node was configured, and since the last report."""
 
     def __init__(self) -> None:
         self.commands = 0
         self.clamped = 0
         self.timeouts = 0
-        self.others = 0  # states of other joints alone
-        self.normal_road = 0  # states that were not laid out like an earlier one
+        self.foreign_states = 0  # joint states that contain other joints only
+        self.full_parses = 0  # states whose layout was not cached
         self.dropped: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
         self.worst_age = 0.0
@@ -26,7 +26,7 @@ class Statistics:
         self._last_dropped: Counter[str] = Counter()
 
     def command(self, latency: float, age: float, clamped: bool) -> None:
-        """Count one command: seconds spent in the callback, age of its state in seconds."""
+        """Count one command, with the duration of its callback and the age of its state, s."""
         self._latency[self.commands % WINDOW] = latency
         self.commands += 1
         self.clamped += clamped
@@ -35,7 +35,7 @@ class Statistics:
 
     def period(self, seconds: float) -> tuple[float, Counter[str], dict[str, str]]:
         """
-        Close a reporting period of `seconds`.
+        Close a reporting period of `seconds` and return its figures.
 
         Returns
         -------
@@ -48,7 +48,7 @@ class Statistics:
 
         """
         new = self.commands - self._last_commands
-        # Copies: the thread of the torque path goes on counting.
+        # Copies, because the torque path counts in another thread.
         all_dropped, rejected = Counter(dict(self.dropped)), dict(self.rejected)
         dropped = all_dropped - self._last_dropped
         self._last_commands, self._last_dropped = self.commands, all_dropped
@@ -62,8 +62,8 @@ class Statistics:
         self.worst_age = 0.0
         values['commands clamped'] = str(self.clamped)
         values['timeouts'] = str(self.timeouts)
-        values['states of a new layout'] = str(self.normal_road)
-        values['states of other joints'] = str(self.others)
+        values['states with uncached layout'] = str(self.full_parses)
+        values['states of other joints'] = str(self.foreign_states)
         values['states dropped'] = str(all_dropped.total())
         for what, counts in (('states dropped', all_dropped), ('rejected', rejected)):
             values.update({f'{what}: {reason}': str(count) for reason, count in counts.items()})

@@ -1,7 +1,7 @@
 """
-What the processes of all nodes have in common: signals, the executor, an orderly end.
+The process of a node: signal handling, executor, and shutdown.
 
-SIGINT and SIGTERM only write to a pipe, which a thread reads, so that no callback is cut short.
+SIGINT and SIGTERM write to a pipe that a thread reads, so that no callback is interrupted.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def make_executor() -> Any:
-    """Return the fastest executor that this rclpy has."""
+    """Return an EventsExecutor if rclpy has one, else a SingleThreadedExecutor."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -29,11 +29,11 @@ def make_executor() -> Any:
 
 def stop_on_signal(stop: Future) -> None:
     """
-    Let SIGINT and SIGTERM complete `stop`, and nothing else.
+    Complete the future `stop` on SIGINT or SIGTERM.
 
-    The interpreter's C handler writes each signal's number to the pipe at once, whatever the main
-    thread is doing; the Python handlers have nothing left to do. (Blocking the signals and waiting
-    for them would not do: threads that libraries made at import do not inherit the mask.)
+    The interpreter's C handler writes the signal number to a pipe immediately; the Python handlers
+    do nothing. Blocking the signals and waiting for them does not work, because threads that
+    libraries start at import do not inherit the mask.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
@@ -50,14 +50,14 @@ def stop_on_signal(stop: Future) -> None:
 
 def run_until_signal(run: Callable[[Future], int], arguments: Sequence[str] | None) -> int:
     """
-    Call `run` between the beginning and the end of ROS; return the exit code.
+    Initialize rclpy, call `run`, shut rclpy down, and return the exit code.
 
     Parameters
     ----------
     run : callable
-        Takes a future that a signal completes; returns the exit code.
+        Receives a future that a signal completes; returns the exit code.
     arguments : sequence of str, optional
-        Of the command line; default: those of this process.
+        Command-line arguments; default: those of this process.
 
     """
     stop = Future()

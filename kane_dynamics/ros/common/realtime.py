@@ -1,9 +1,9 @@
 """
-Real-time settings of the process: each is asked for by a parameter and may be refused.
+Real-time settings of the process, from the parameters realtime.*.
 
-They concern the threads that a joint state passes through: the main thread and those of Fast DDS,
-which it names dds.*. The services and simulations stay ordinary threads, so that no request can
-keep the torque path from a processor.
+They apply to the threads that process a joint state: the main thread and the threads of Fast DDS,
+whose names begin with dds. Services and simulations keep ordinary scheduling, so that a request
+cannot preempt the torque path.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,17 +15,17 @@ import resource
 from typing import Any
 
 TASKS = Path('/proc/self/task')
-CAP_IPC_LOCK = 14  # number of the capability to lock memory without bound
+CAP_IPC_LOCK = 14  # capability number: lock memory without limit
 MCL_CURRENT, MCL_FUTURE = 1, 2
 
 
 def path_threads() -> list[int]:
-    """Return the threads that a joint state passes through."""
+    """Return the ids of the threads that process a joint state."""
     threads = [os.getpid()]
     for task in TASKS.iterdir():
         try:
             name = (task / 'comm').read_text()
-        except OSError:  # it has ended
+        except OSError:  # the thread has ended
             continue
         if name.startswith('dds.'):
             threads.append(int(task.name))
@@ -34,12 +34,12 @@ def path_threads() -> list[int]:
 
 def schedule(priority: int) -> None:
     """
-    Run the torque path under SCHED_FIFO; threads that are started from it later do not inherit.
+    Schedule the torque path with SCHED_FIFO; threads that it starts later do not inherit it.
 
     Raises
     ------
     OSError
-        The rights are missing, or the system knows no SCHED_FIFO.
+        The process lacks the rights, or the system has no SCHED_FIFO.
 
     """
     for thread in path_threads():
@@ -49,12 +49,12 @@ def schedule(priority: int) -> None:
 
 def pin(cpus: Sequence[int]) -> None:
     """
-    Keep the torque path on some processors.
+    Pin the torque path to processors.
 
     Raises
     ------
     OSError
-        There are no such processors for this process.
+        The processors are not available to this process.
 
     """
     for thread in path_threads():
@@ -63,18 +63,18 @@ def pin(cpus: Sequence[int]) -> None:
 
 def lock_memory() -> None:
     """
-    Keep all of the process in memory, now and later.
+    Lock all present and future memory of the process.
 
     Raises
     ------
     OSError
-        The rights are missing. A bounded right is not used: memory asked for beyond the bound
-        would be refused later, in the middle of something.
+        The process lacks the rights. A finite limit is not used: an allocation beyond it would
+        fail later, at an arbitrary place.
 
     """
     bound = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if bound != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
-        raise PermissionError(f'only {bound} bytes may be locked')
+        raise PermissionError(f'the limit is {bound} bytes')
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(MCL_CURRENT | MCL_FUTURE):
         number = ctypes.get_errno()
@@ -82,37 +82,37 @@ def lock_memory() -> None:
 
 
 def _capable(number: int) -> bool:
-    """Tell whether the process has a capability."""
+    """Return whether the process has a capability."""
     for line in Path('/proc/self/status').read_text().splitlines():
         if line.startswith('CapEff:'):
             return bool(int(line.split()[1], 16) >> number & 1)
     return False
 
 
-def collect_when_asked(on: bool) -> None:
-    """Leave garbage collection to calls of `collect`, or to the interpreter again."""
-    if on:
+def disable_automatic_collection(disable: bool) -> None:
+    """Disable automatic garbage collection, or enable it again."""
+    if disable:
         gc.disable()
     else:
         gc.enable()
 
 
-def collect() -> None:
-    """Collect garbage if the interpreter does not: quick, because what lives long is frozen."""
+def collect_if_disabled() -> None:
+    """Collect garbage if automatic collection is disabled; fast, as old objects are frozen."""
     if not gc.isenabled():
         gc.collect()
 
 
-def apply(values: Mapping[str, Any], warn: Callable[[str], object]) -> None:
+def apply_realtime_settings(values: Mapping[str, Any], warn: Callable[[str], object]) -> None:
     """
-    Make the settings that the parameters realtime.* ask for.
+    Apply the parameters realtime.*; warn of each setting that the system refuses.
 
     Parameters
     ----------
     values : mapping
         The node's parameters.
     warn : callable
-        Takes one line for each setting that was refused: what, why, what would help.
+        Receives one line for each refused setting: the setting, the reason, the remedy.
 
     """
     priority, cpus = values['realtime.priority'], values['realtime.cpus']
@@ -120,15 +120,15 @@ def apply(values: Mapping[str, Any], warn: Callable[[str], object]) -> None:
         (f'realtime.priority {priority}', priority > 0, lambda: schedule(priority),
          'grant the user rtprio in /etc/security/limits.conf, or CAP_SYS_NICE'),
         (f'realtime.cpus {list(cpus)}', bool(cpus), lambda: pin(cpus),
-         f'valid: of {sorted(os.sched_getaffinity(0))}'),
+         f'expected processors of {sorted(os.sched_getaffinity(0))}'),
         ('realtime.lock_memory', values['realtime.lock_memory'], lock_memory,
          'grant the user memlock unlimited in /etc/security/limits.conf, or CAP_IPC_LOCK')]
-    for what, asked, setting, remedy in wanted:
-        if not asked:
+    for what, requested, setting, remedy in wanted:
+        if not requested:
             continue
         try:
             setting()
         except (OSError, OverflowError) as error:
             reason = getattr(error, 'strerror', None) or error
-            warn(f'{what} is refused ({reason}), the node goes on without it: {remedy}')
-    collect_when_asked(values['realtime.collect_rarely'])
+            warn(f'{what}: refused ({reason}), the node runs without it; {remedy}')
+    disable_automatic_collection(values['realtime.collect_rarely'])

@@ -1,14 +1,14 @@
-"""Warnings that do not flood the log."""
+"""Warnings with a limited rate."""
 
 import time
 from typing import Any
 
-PERIOD = 1.0  # s between two warnings of one kind
+PERIOD = 1.0  # s between two warnings for one reason
 
 
 class ThrottledWarning:
     """
-    Warns of messages that were dropped, at most once a second for each reason.
+    Logs warnings about dropped messages, at most one a second for each reason.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class ThrottledWarning:
         self._last: dict[str, float] = {}
 
     def __call__(self, reason: str, detail: str) -> None:
-        """Warn, unless that was done a moment ago."""
+        """Log a warning, unless one for this reason was logged less than a period ago."""
         now = time.monotonic()
         if now - self._last.get(reason, -PERIOD) >= PERIOD:
             self._last[reason] = now

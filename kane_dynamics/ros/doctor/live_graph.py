@@ -1,4 +1,4 @@
-"""What `kane-dynamics doctor` finds in a live graph."""
+"""The checks of `kane-dynamics doctor` for a live ROS graph."""
 
 from collections.abc import Callable
 import time
@@ -7,36 +7,36 @@ from typing import NamedTuple
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
+from kane_dynamics.ros.common.qos import EXAMINED_STATES
 import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 
-STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-AT_REST = 1e-2  # rad/s or m/s: slower joints stand
-SLOW = 50.0  # joint states a second: fewer are few for a torque loop
-STALE = 0.1  # s: an older state comes too late for a torque
-# A newcomer gets what it missed with the heartbeats of the others, every 3 s (Fast DDS): first
-# who publishes and listens, then, with the next, how these nodes are called.
+AT_REST = 1e-2  # largest speed of a joint at rest, rad/s or m/s
+SLOW = 50.0  # smallest acceptable rate of joint states, 1/s
+STALE = 0.1  # largest acceptable age of a joint state, s
+# Fast DDS sends missed discovery data with heartbeats, every 3 s: first the endpoints, then, with
+# the next heartbeat, the names of their nodes.
 DISCOVERY = 7.0  # s
-WEIGHTLESS = 1e-3  # N m or N: an arm that asks less of its motors may measure zeros
+WEIGHTLESS = 1e-3  # N m or N: below this gravity torque, zero efforts are plausible
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 class Topics(NamedTuple):
-    """How the topics of the torque path are called in the graph."""
+    """The names of the topics of the torque path."""
 
     commands: str
     joint_states: str
 
 
-class Heard(NamedTuple):
-    """A joint state and when it came: by the steady clock and by the node's, ns."""
+class ReceivedState(NamedTuple):
+    """A joint state and its time of reception, on the steady and the node's clock, ns."""
 
     steady: int
     now: int
@@ -46,20 +46,20 @@ class Heard(NamedTuple):
 def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: str = 'commands',
                   joint_states: str = 'joint_states') -> list[Finding]:
     """
-    Listen to a live graph for some time; return what is wrong in it.
+    Subscribe to the topics of a live graph for some time and return the findings.
 
-    Where somebody publishes /clock, ages are by that; rates are by the steady clock.
+    Ages refer to /clock if it is published; rates always refer to the steady clock.
 
     Parameters
     ----------
     robot : Robot
-        That joint states and commands are for.
+        The robot of the joint states and commands.
     seconds : float
-        How long to listen, after the up to 7 s that finding the others' nodes takes.
+        Duration of the subscription, after up to 7 s of discovery.
     namespace : str
-        Of the arm.
+        Namespace of the arm.
     commands, joint_states : str
-        Topics; they may be the controller's own.
+        Names of the topics, for example those of a controller.
 
     """
     topics = Topics(commands, joint_states)
@@ -67,22 +67,23 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
     rclpy.init(context=context)
     try:
         node = Node('kane_dynamics_doctor', namespace=namespace, context=context)
-        heard: list[Heard] = []
+        received: list[ReceivedState] = []
         node.create_subscription(
-            JointState, topics.joint_states, lambda message: heard.append(
-                Heard(time.monotonic_ns(), node.get_clock().now().nanoseconds, message)), STATES)
+            JointState, topics.joint_states, lambda message: received.append(ReceivedState(
+                time.monotonic_ns(), node.get_clock().now().nanoseconds, message)),
+            EXAMINED_STATES)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         _spin(executor, DISCOVERY, lambda: _discovered(node, topics))
-        strangers: set[tuple[str, ...]] = set()
+        foreign: set[tuple[str, ...]] = set()
         if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
             node.set_parameters([Parameter('use_sim_time', value=True)])
             _spin(executor, DISCOVERY, lambda: node.get_clock().now().nanoseconds > 0)
-            strangers = _strangers(robot, heard)
-            heard.clear()
+            foreign = _foreign_names(robot, received)
+            received.clear()
             _spin(executor, seconds, lambda: False)
-        found = [*examine_states(robot, heard, seconds),
-                 *_lines(node, topics, len(strangers | _strangers(robot, heard)))]
+        found = [*examine_states(robot, received, seconds),
+                 *_endpoint_findings(node, topics, len(foreign | _foreign_names(robot, received)))]
         executor.remove_node(node)
         node.destroy_node()
         return found
@@ -91,7 +92,7 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
 
 
 def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[], bool]) -> bool:
-    """Take what comes for some time or until it is enough; return whether it is."""
+    """Spin for some time or until `enough` returns True; return its result."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if enough():
@@ -100,79 +101,79 @@ def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[],
     return enough()
 
 
-def _strangers(robot: Robot, heard: list[Heard]) -> set[tuple[str, ...]]:
-    """Return the lists of names without our joints: who publishes one does not share ours."""
-    return {names for each in heard
+def _foreign_names(robot: Robot, received: list[ReceivedState]) -> set[tuple[str, ...]]:
+    """Return the name lists of joint states without any joint of the robot."""
+    return {names for each in received
             if not set(names := tuple(each.message.name)) & set(robot.joint_names)}
 
 
-def examine_states(robot: Robot, heard: list[Heard], seconds: float) -> list[Finding]:
-    """Return what the joint states say that came within some time."""
-    if not heard:
-        return [Finding('problem', f'no joint state came within {seconds:g} s: is the driver '
-                        'running, on the same ROS_DOMAIN_ID, namespace and topic '
-                        '(--joint-states)?')]
-    complete = [each for each in heard if set(robot.joint_names) <= set(each.message.name)]
+def examine_states(robot: Robot, received: list[ReceivedState], seconds: float) -> list[Finding]:
+    """Return the findings of the joint states received within some time."""
+    if not received:
+        return [Finding('problem', f'joint states: none within {seconds:g} s; expected a driver '
+                        'with the same ROS_DOMAIN_ID, namespace and topic '
+                        '(--joint-states)')]
+    complete = [each for each in received if set(robot.joint_names) <= set(each.message.name)]
     if not complete:
-        seen = sorted({name for each in heard for name in each.message.name})
+        seen = sorted({name for each in received for name in each.message.name})
         missing = [name for name in robot.joint_names if name not in seen]
-        return [Finding('problem', f'no joint state names all joints: {listed(missing)} missing; '
-                        f'they name {listed(seen)}')]
+        return [Finding('problem', f'joint states: {listed(missing)} missing among '
+                        f'{listed(seen)}; expected all joints')]
     return [*_times(complete), *_numbers(robot, complete[-1].message)]
 
 
-def _times(heard: list[Heard]) -> list[Finding]:
-    """Return what rate and stamps say."""
-    # Between the first and the last: they also came while the nodes were being found.
-    rate = (len(heard) - 1) * NANO / max(heard[-1].steady - heard[0].steady, 1)
+def _times(received: list[ReceivedState]) -> list[Finding]:
+    """Return the findings of rate and stamps."""
+    # From first to last, because states were also received during discovery.
+    rate = (len(received) - 1) * NANO / max(received[-1].steady - received[0].steady, 1)
     found = [Finding('fine' if rate > SLOW else 'doubt',
-                     f'{rate:.3g} joint states a second name all joints')]
-    stamped = [(each.now, stamp) for each in heard
+                     f'{rate:.3g} joint states/s with all joints')]
+    stamped = [(each.now, stamp) for each in received
                if (stamp := nanoseconds(each.message.header.stamp))]
     if not stamped:
-        return [*found, Finding('doubt', 'the stamps of joint states are zero: how late they come '
-                                'is not to be known, and state_timeout does not notice it')]
+        return [*found, Finding('doubt', 'stamps of joint states: zero; expected stamps, without '
+                                'which state_timeout cannot detect delays')]
     ages = [(now - stamp) / NANO for now, stamp in stamped if now]
     if not ages:
-        return [*found, Finding('problem', 'somebody publishes /clock, but nothing came on it: '
-                                'a node with use_sim_time waits for ever')]
+        return [*found, Finding('problem', '/clock: a publisher but no message; expected time, '
+                                'which nodes with use_sim_time wait for')]
     age = float(np.median(ages))
     if abs(age) > STALE:
-        found.append(Finding('problem', f'the stamps of joint states are {age:.3g} s old when '
-                             'they come: clocks differ, or use_sim_time does'))
+        found.append(Finding('problem', f'stamps of joint states: {age:.3g} s old on arrival; '
+                             'expected the same clock and the same use_sim_time'))
     return found
 
 
 def _numbers(robot: Robot, message: JointState) -> list[Finding]:
-    """Return what the numbers of one joint state say."""
+    """Return the findings of the values of one joint state."""
     index = [list(message.name).index(name) for name in robot.joint_names]
     q, u, effort = (np.array(values, dtype=np.float64)[index]
                     if len(values) == len(message.name) else None
                     for values in (message.position, message.velocity, message.effort))
     if q is None or u is None:
-        return [Finding('problem', 'joint states come without '
-                        f'{"position" if q is None else "velocity"}')]
-    found = [Finding('problem', f'{what} that are not finite: {listed(names)}; the dynamics node '
-                     'drops such states')
+        return [Finding('problem', f'joint states: no {"position" if q is None else "velocity"}; '
+                        'expected positions and velocities')]
+    found = [Finding('problem', f'{what} of {listed(names)}: not finite; expected finite numbers, '
+                     'as the dynamics node drops other states')
              for what, values in (('positions', q), ('velocities', u))
              if (names := _not_finite(robot, values))]
     with np.errstate(invalid='ignore'):
         beyond = [name for name, outside in zip(
             robot.joint_names, (q < robot.limits.lower) | (q > robot.limits.upper)) if outside]
     if beyond:
-        found.append(Finding('problem', f'joints stand outside the limits of the URDF: '
-                             f'{listed(beyond)}; is it the URDF of this arm, in rad?'))
+        found.append(Finding('problem', f'positions of {listed(beyond)}: outside the limits of '
+                             'the URDF; expected the URDF of this arm, in rad'))
     return found + _efforts(robot, q, u, effort)
 
 
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Finding]:
-    """Return what the efforts of one joint state say."""
+    """Return the findings of the efforts of one joint state."""
     if effort is None:
-        return [Finding('doubt', 'joint states come without efforts: the momentum observer then '
-                        'goes by the command')]
+        return [Finding('doubt', 'efforts of joint states: none; the momentum observer then uses '
+                        'the command')]
     if names := _not_finite(robot, effort):
-        return [Finding('doubt', f'efforts that are not finite: {listed(names)}; the momentum '
-                        'observer then goes by the command')]
+        return [Finding('doubt', f'efforts of {listed(names)}: not finite; the momentum observer '
+                        'then uses the command')]
     if robot.constraint_names or not np.isfinite([q, u]).all() or (
             np.abs(u).max(initial=0.0) >= AT_REST):
         return []
@@ -180,13 +181,13 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Fin
         return examine_efforts(robot, q, effort)
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
         return []
-    return [Finding('doubt', 'at rest all efforts are zero: brakes hold the arm, or the driver '
-                    'does not measure them; then set observer.torque: command, for auto takes '
-                    'them for measured')]
+    return [Finding('doubt', 'efforts at rest: all zero, with brakes or without measurement; '
+                    'expected observer.torque: command if the driver does not measure '
+                    'efforts, because auto uses them')]
 
 
 def _not_finite(robot: Robot, values: Array) -> list[str]:
-    """Return the joints whose numbers are not finite."""
+    """Return the joints whose values are not finite."""
     return [name for name, good in zip(robot.joint_names, np.isfinite(values)) if not good]
 
 
@@ -203,47 +204,50 @@ def _subscribers(node: Node, topic: str) -> list[TopicEndpointInfo]:
 
 
 def _names(ends: list[TopicEndpointInfo]) -> str:
-    """Return how the nodes of these publishers or subscribers are called, in words."""
-    return listed('a program without a node' if end.node_name == NAMELESS else end.node_name
+    """Return the names of the nodes of these endpoints, as text."""
+    return listed('an unnamed node' if end.node_name == NAMELESS else end.node_name
                   for end in ends)
 
 
 def _discovered(node: Node, topics: Topics) -> bool:
-    """Return whether each line of the torque path has both ends, and each end a name."""
+    """Return whether all topics of the torque path have endpoints with known node names."""
     lines = (_publishers(node, topics.joint_states), _publishers(node, topics.commands),
              _subscribers(node, topics.commands))
     return all(lines) and all(end.node_name != NAMELESS for line in lines for end in line)
 
 
-def _lines(node: Node, topics: Topics, strangers: int) -> list[Finding]:
-    """Return who publishes and who listens on the topics of the torque path."""
+def _endpoint_findings(node: Node, topics: Topics, foreign: int) -> list[Finding]:
+    """Return the findings of the publishers and subscribers of the torque path."""
     found = []
     states = _publishers(node, topics.joint_states)
-    if len(states) - strangers > 1:
-        others = f', {strangers} of them for other joints' if strangers else ''
-        found.append(Finding('problem', f'{len(states)} publishers share {topics.joint_states}'
-                             f'{others}: {_names(states)}'))
+    if len(states) - foreign > 1:
+        others = f', {foreign} of other joints' if foreign else ''
+        found.append(Finding('problem', f'{topics.joint_states}: {len(states)} publishers'
+                             f'{others}: {_names(states)}; expected one'))
     given, taken = _publishers(node, topics.commands), _subscribers(node, topics.commands)
     if len(given) > 1:
-        found.append(Finding('problem', f'{len(given)} publishers share {topics.commands}: '
-                             f'{_names(given)}'))
+        found.append(Finding('problem', f'{topics.commands}: {len(given)} publishers: '
+                             f'{_names(given)}; expected one'))
     elif not given:
-        found.append(Finding('doubt', f'nobody publishes {topics.commands}: is the dynamics node '
-                             'running, and this the topic of its commands (--commands)?'))
+        found.append(Finding('doubt', f'{topics.commands}: no publisher; expected the dynamics '
+                             'node, with this topic of commands (--commands)'))
     if not taken:
-        found.append(Finding('doubt', f'nobody listens to {topics.commands}: is the effort '
-                             'controller loaded, and the topic remapped to its own?'))
+        found.append(Finding('doubt', f'{topics.commands}: no subscriber; expected an effort '
+                             'controller, with this topic of commands'))
     if given and taken:
-        deaf = [end for end in taken
-                if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                or (end.qos_profile.reliability == ReliabilityPolicy.RELIABLE
-                    and given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE)]
-        found.append(Finding('problem', f'the QoS of {topics.commands} keeps them from '
-                             f'{_names(deaf)}') if deaf else
-                     Finding('fine', f'{_names(given)} commands {_names(taken)}'))
+        unreliable = given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE
+        incompatible = [
+            end for end in taken
+            if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            or (unreliable and end.qos_profile.reliability == ReliabilityPolicy.RELIABLE)]
+        found.append(Finding('problem', f'QoS of {topics.commands}: incompatible with '
+                             f'{_names(incompatible)}; expected a reliable publisher and a '
+                             'volatile subscriber') if incompatible else
+                     Finding('fine', f'{topics.commands}: from {_names(given)} to '
+                             f'{_names(taken)}'))
     volatile = [end for end in _publishers(node, 'robot_description')
                 if end.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]
     if volatile:
-        found.append(Finding('problem', f'robot_description from {_names(volatile)} is not '
-                             'latched (transient local): a node that starts later never gets it'))
+        found.append(Finding('problem', f'robot_description of {_names(volatile)}: volatile; '
+                             'expected transient local durability, for nodes that start later'))
     return found

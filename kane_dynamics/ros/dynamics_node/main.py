@@ -1,9 +1,9 @@
 """
-The process around the node: signals, executors, threads, and an orderly end.
+The entry point of the dynamics node: signals, executors, threads, shutdown.
 
-The torque path spins in the main thread on the EventsExecutor (an order of magnitude less overhead
-a message than the other executors), the services in a second thread. No signal cuts a callback
-short, and the last thing that the node does is to command zeros.
+The torque path spins in the main thread on the EventsExecutor, whose overhead for each message is
+an order of magnitude lower than that of the other executors; the services spin in a second thread.
+Signals do not interrupt callbacks, and the node commands zeros before it exits.
 """
 
 from collections.abc import Sequence
@@ -17,18 +17,18 @@ from kane_dynamics.ros.dynamics_node.node import DynamicsNode
 from rclpy.exceptions import ParameterException
 from rclpy.task import Future
 
-# Seconds for which a thread may keep the interpreter while the torque path waits for it.
+# Longest time for which another thread holds the interpreter while the torque path waits, s.
 SWITCH_INTERVAL = 5e-5
-FOREVER = 1e6  # s; without a finite timeout the EventsExecutor's spin does not wait
+SPIN_TIMEOUT = 1e6  # s; the EventsExecutor's spin needs a finite timeout to wait
 
 
 def spin(node: DynamicsNode, executor: Any, stop: Future) -> None:
-    """Serve until `stop`; a callback that fails commands zeros but does not end the node."""
+    """Spin until `stop`; if a callback fails, command zeros and continue."""
     while not stop.done():
         try:
-            executor.spin_until_future_complete(stop, FOREVER)
+            executor.spin_until_future_complete(stop, SPIN_TIMEOUT)
         except Exception as error:
-            node.get_logger().fatal(f'a callback failed: {type(error).__name__}: {error}')
+            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
             if node.state == 'active':
                 node.trigger_deactivate()
 

@@ -1,4 +1,4 @@
-"""What /diagnostics says about the node: one status, in words and in figures."""
+"""The diagnostics of the dynamics node."""
 
 from typing import Protocol
 
@@ -8,45 +8,44 @@ from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.torque_path.sim_time_watchdog import SimTimeWatchdog
 
 
-class Reporting(Protocol):
-    """What a report is made of."""
+class DiagnosedNode(Protocol):
+    """The attributes of the node that its diagnostics use."""
 
     state: str
     statistics: Statistics
     arm: ConfiguredRobot | None
-    clock: SimTimeWatchdog
+    sim_time: SimTimeWatchdog
     values: dict[str, object]
 
     def get_fully_qualified_name(self) -> str:
-        """Return namespace and name."""
+        """Return the fully qualified name of the node."""
 
 
-def report(node: Reporting, period: float) -> DiagnosticStatus:
-    """Close a reporting period of `period` seconds and return what to publish about it."""
+def node_status(node: DiagnosedNode, period: float) -> DiagnosticStatus:
+    """Close a reporting period of `period` seconds and return its diagnostic status."""
     rate, dropped, figures = node.statistics.period(period)
     arm = node.arm
     level, message = DiagnosticStatus.WARN, node.state
     if arm is not None and arm.path.running:
-        level, message = DiagnosticStatus.OK, f'active, {rate:.0f} commands a second'
+        level, message = DiagnosticStatus.OK, f'active, {rate:.0f} commands/s'
         if arm.path.timed_out:
             level = DiagnosticStatus.ERROR
-            message = (f'no good joint state for {arm.path.silence:.2f} s: '
-                       + ('zeros are commanded' if arm.path.answered else
-                          'nothing is commanded yet'))
+            message = (f'no valid joint state for {arm.path.state_age:.2f} s: '
+                       + ('commanding zeros' if arm.path.last_update else 'no commands yet'))
         if dropped:
             level = max(level, DiagnosticStatus.WARN)
             message += f', {dropped.total()} dropped: ' + ', '.join(dropped)
-        if node.clock.remark:
+        if node.sim_time.warning:
             level = max(level, DiagnosticStatus.WARN)
-        if arm.surroundings.collision is not None:
+        if arm.optional_topics.collision is not None:
             level = max(level, DiagnosticStatus.WARN)
-            message += f"; collision at joint '{arm.surroundings.collision}'"
-        if arm.sources > 1:
+            message += f"; collision at joint '{arm.optional_topics.collision}'"
+        if arm.state_publishers > 1:
             level = max(level, DiagnosticStatus.WARN)
-            message += f'; {arm.sources} publishers on joint_states'
+            message += f'; {arm.state_publishers} publishers on joint_states'
     elif node.state == 'inactive':
         level = DiagnosticStatus.OK
-    message += node.clock.remark and f'; {node.clock.remark}'
+    message += node.sim_time.warning and f'; {node.sim_time.warning}'
     figures['state'] = node.state
     if arm is not None:
         payload = arm.loads.payload
@@ -54,7 +53,7 @@ def report(node: Reporting, period: float) -> DiagnosticStatus:
                     'kernels verified to': f'{arm.verified:.1e}',
                     'gravity': ' '.join(f'{g:.3f}' for g in arm.loads.gravity) + ' m/s^2',
                     'payload': f'{0.0 if payload is None else payload.mass:g} kg',
-                    'publishers of joint states': str(arm.sources)}
-        figures |= arm.surroundings.figures()
+                    'publishers of joint states': str(arm.state_publishers)}
+        figures |= arm.optional_topics.figures()
     return status(f'{node.get_fully_qualified_name()}: torques',
                   arm.robot.model.name if arm is not None else '', level, message, figures)

@@ -1,4 +1,4 @@
-"""What torque acts on the arm, as far as a node can know."""
+"""The torque that acts on the joints, measured or commanded."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,26 +12,25 @@ import numpy as np
 
 class AppliedTorque:
     """
-    The torque that acts on the joints at a state.
+    Determines the torque that acts on the joints.
 
-    It is the effort of the joint states, where each joint has a finite one, or the node's own
-    command with what the arm adds by itself (the terms that are switched off); parameter
-    `observer.torque` chooses.
+    Parameter `observer.torque` selects the effort of the joint states, or the command of the node
+    plus the terms that the arm adds itself (those that are switched off by compensate.*).
 
     Parameters
     ----------
     robot : Robot
-        That of the torque path.
+        The robot of the torque path.
     values : mapping
         The node's parameters.
     reject : callable
-        Takes the reason and the details of every state that lacks velocities, or the effort asked
-        for.
+        Called with the reason and the details of each state without velocities, or without the
+        effort that `observer.torque` requires.
 
     Attributes
     ----------
     measured : bool
-        Whether the last torque was the effort of the joint states.
+        Whether the latest torque is the effort of the joint states.
 
     """
 
@@ -46,23 +45,23 @@ class AppliedTorque:
         """Use checked parameters from the next state on."""
         self._source = values['observer.torque']
         on = terms(values)
-        # What the arm adds to a command by itself; of inertia it cannot know.
-        self._own = np.array([name != 'inertia' and not getattr(on, name, True)
-                              for name in TORQUE_TERMS], dtype=np.float64)
+        # Terms that the arm adds to a command; it cannot add inertia, which needs udot.
+        self._arm_terms = np.array([name != 'inertia' and not getattr(on, name, True)
+                                    for name in TORQUE_TERMS], dtype=np.float64)
 
     def torque(self, cycle: Cycle) -> Array | None:
-        """Return what acts on the joints, (n,) N m or N; None where that is not known."""
+        """Return the torque that acts on the joints, (n,) N m or N; None if it is unknown."""
         state = cycle.state
-        if not state.moving:
-            self._reject('no velocity', 'the joint states have no velocities, without which what '
-                         'the motion takes is not known')
+        if not state.has_velocity:
+            self._reject('no velocity', 'joint states without velocities; the observer needs them')
             return None
-        self.measured = self._source != 'command' and state.measured
+        self.measured = self._source != 'command' and state.has_effort
         if self._source == 'effort' and not self.measured:
-            self._reject('no effort', 'the joint states lack a finite effort for each joint, '
-                         'which observer.torque asks for')
+            self._reject('no effort', 'joint states without a finite effort for each joint; '
+                         "observer.torque is 'effort'")
             return None
         torque = state.effort if self.measured else cycle.tau
-        if not self.measured and self._own.any():
-            torque = torque + self._own @ self._robot.torque_terms(state.q, state.u, self._zero)
+        if not self.measured and self._arm_terms.any():
+            torque = torque + self._arm_terms @ self._robot.torque_terms(state.q, state.u,
+                                                                         self._zero)
         return torque if cycle.external is None else torque + cycle.external

@@ -1,9 +1,9 @@
 """
-The direction of gravity from an IMU on the base of the arm.
+Estimate the direction of gravity from an IMU on the base of the arm.
 
-At rest an accelerometer reads the specific force f = -g, so that g = -R f in world axes, with R
-the IMU's rotation in them. Only the direction is taken, since accelerometers err in scale; the
-magnitude is that of parameter `gravity`.
+At rest an accelerometer measures the specific force f = -g, so that g = -R f in world axes, where
+R is the rotation of the IMU. Only the direction is used, because accelerometers have scale errors;
+the magnitude is that of parameter `gravity`.
 """
 
 from collections.abc import Callable
@@ -15,33 +15,33 @@ from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
 import numpy as np
 from sensor_msgs.msg import Imu
 
-REST_FORCE = 0.05  # largest deviation of |f| from |g|, of |g|, that still passes for rest
-REST_RATE = 0.05   # rad/s, the same for the angular velocity
-SETTLED = 1.0      # time constants of rest before the direction is used
-GAP = 3.0          # time constants without a good message after which it starts anew
-STEP = 1e-3        # change of direction, of |g|, from which on it is handed on
+REST_FORCE = 0.05  # largest deviation of |f| from |g| at rest, relative to |g|
+REST_RATE = 0.05   # largest angular velocity at rest, rad/s
+SETTLED = 1.0      # time at rest before the direction is used, time constants
+GAP = 3.0          # time without a valid message that resets the filter, time constants
+STEP = 1e-3        # smallest change of gravity that is applied, relative to |g|
 
 
 class GravityFromImu:
     """
-    Low-passes the direction of gravity; the services' thread calls it.
+    Low-pass filter of the direction of gravity, updated in the services' thread.
 
     Parameters
     ----------
     model : Model
     frame : str
-        Frame of the IMU; empty: the one that each message names. It must be fixed to the base.
+        Frame of the IMU, fixed to the base; empty: frame_id of each message.
     magnitude : float
-        Of gravity, m/s^2.
+        Magnitude of gravity, m/s^2.
     time_constant : float
-        Of the low-pass, s.
+        Time constant of the filter, s.
     use : callable
-        Takes gravity, (3,) m/s^2 in world axes, when it has changed.
+        Called with gravity, (3,) m/s^2 in world axes, after each change.
 
     Raises
     ------
     InputError
-        There is no such frame, or it moves.
+        The frame does not exist or moves, or the magnitude is zero.
 
     """
 
@@ -52,20 +52,20 @@ class GravityFromImu:
         if frame:
             self._rotation(frame)
         if magnitude == 0.0:
-            raise InputError("parameter 'gravity' is zero; the IMU gives its direction only, so "
-                             'the magnitude must not be')
+            raise InputError("parameter 'gravity': zero; expected a magnitude above zero, as the "
+                             'IMU gives the direction only')
         self._filtered: Array | None = None
         self._used = np.zeros(3)
         self._first = self._last = 0
 
-    def take(self, message: Imu, now: int) -> None:
+    def update(self, message: Imu, now: int) -> None:
         """
-        Take one message; without a stamp it is of now, ns of the node's clock.
+        Update the filter with one message; `now`, ns, replaces a stamp of zero.
 
         Raises
         ------
         InputError
-            Why it says nothing of gravity; it is then left out.
+            The message does not determine the direction of gravity; it is ignored.
 
         """
         f = self._force_at_rest(message)
@@ -79,8 +79,8 @@ class GravityFromImu:
                 g - self._filtered)
         self._last = stamp
         if follows and elapsed > GAP * self.time_constant:
-            raise InputError(f'the message before was {elapsed:.3g} s ago; valid: at most '
-                             f'{GAP:g} times imu.time_constant, {self.time_constant:g} s')
+            raise InputError(f'time since the previous message: {elapsed:.3g} s; expected at '
+                             f'most {GAP:g} times imu.time_constant, {self.time_constant:g} s')
         if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
             found = self._magnitude / float(np.linalg.norm(self._filtered)) * self._filtered
             if np.abs(found - self._used).max() > STEP * self._magnitude:
@@ -88,27 +88,29 @@ class GravityFromImu:
                 self._use(found)
 
     def _force_at_rest(self, message: Imu) -> Array:
-        """Return the specific force, (3,) m/s^2 in world axes, of a base at rest."""
+        """Return the specific force at rest, (3,) m/s^2 in world axes."""
         if message.linear_acceleration_covariance[0] == -1.0:
-            raise InputError('the IMU measures no acceleration: its covariance begins with -1')
+            raise InputError('acceleration of the IMU: not measured (covariance -1); expected an '
+                             'accelerometer')
         a, w = message.linear_acceleration, message.angular_velocity
         force = np.array([a.x, a.y, a.z])
         size = math.hypot(a.x, a.y, a.z)
         if not abs(size - self._magnitude) <= REST_FORCE * self._magnitude:
-            raise InputError(f'the acceleration is {size:.3g} m/s^2; valid at rest: '
+            raise InputError(f'acceleration of the IMU: {size:.3g} m/s^2; expected, at rest, '
                              f'{self._magnitude:.3g} within {REST_FORCE:.0%}')
         turn = math.hypot(w.x, w.y, w.z)
         if message.angular_velocity_covariance[0] != -1.0 and not turn <= REST_RATE:
-            raise InputError(f'the IMU turns at {turn:.3g} rad/s; valid at rest: at most '
-                             f'{REST_RATE:g} rad/s')
+            raise InputError(f'angular velocity of the IMU: {turn:.3g} rad/s; expected, at rest, '
+                             f'at most {REST_RATE:g} rad/s')
         world: Array = self._rotation(self._frame or message.header.frame_id) @ force
         return world
 
     def _rotation(self, name: str) -> Array:
-        """Return the rotation of a frame that is fixed to the base."""
+        """Return the rotation of a frame fixed to the base."""
         frame = self._model.frame(name)
         if frame.body != WORLD:
-            valid = ', '.join(sorted(each.name for each in self._model.frames
-                                     if each.body == WORLD))
-            raise InputError(f"the IMU's frame '{name}' moves; valid, fixed to the base: {valid}")
+            expected = ', '.join(sorted(each.name for each in self._model.frames
+                                        if each.body == WORLD))
+            raise InputError(f"frame of the IMU: '{name}', which moves; expected one fixed to the "
+                             f'base: {expected}')
         return frame.rotation

@@ -1,4 +1,4 @@
-"""Beside the torque path: wrenches that come in, contact that is found, torque explained."""
+"""The optional topics beside the torque path: wrenches, contact, payload, torque breakdown."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -7,8 +7,9 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor, observed_frame, Outputs,
-                                                        settings)
+from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor, ContactPublishers,
+                                                        observed_frame, observer_settings)
 from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
 from kane_dynamics.ros.services.services import Services
@@ -16,29 +17,23 @@ from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import check_frames, WrenchInput
 from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-# Of the sensor data profile: what came during a stall of some ms is answered late, not never.
-BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-# Whoever comes late hears the flag as it is.
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
 
 def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
-    """Raise InputError unless the parameters of wrenches, payload and observer fit a robot."""
+    """Raise InputError unless the parameters of the optional topics fit a robot."""
     check_frames(robot.model, values['wrench.frames'])
     if values['payload.frame']:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')
     if robot.constraint_names:
         for name in ('observer.enabled', 'estimator.enabled', 'explanation.rate'):
             if values[name]:
-                raise InputError(f"parameter '{name}' is {values[name]!r}, but an arm with "
-                                 'constraints is not commanded; leave it at its default')
+                raise InputError(f"parameter '{name}': {values[name]!r}; expected the default, "
+                                 'as an arm with constraints is not commanded')
     if values['observer.enabled']:
-        settings(values, robot)
+        observer_settings(values, robot)
         check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)
@@ -46,25 +41,25 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
 
 class OptionalTopics:
     """
-    The topics of wrenches, contact and explanation, each where the parameters ask for it.
+    Opens the optional topics that the parameters enable.
 
     Parameters
     ----------
     node : LifecycleNode
-        Which owns the topics.
+        Owner of the topics.
     server : Services
-        In whose thread torques are explained.
+        Its thread estimates the payload and breaks torques down.
     path : TorquePath
     values : mapping
-        The node's parameters; `check_optional_topics` has found them to fit.
+        The node's parameters, checked by `check_optional_topics`.
     now : callable
         Returns the node's clock, ns.
     reject : callable
-        Takes the reason and the details of every message that was not used.
+        Called with the reason and the details of each rejected message.
     publisher : callable
-        Opens one, of a type, a name and a QoS.
+        Creates a publisher from type, name and QoS.
     opened : ExitStack
-        Closes what is opened here.
+        Closes the topics.
 
     """
 
@@ -77,31 +72,31 @@ class OptionalTopics:
         self.contact: ContactMonitor | None = None
         self._estimator: PayloadMonitor | None = None
         if values['observer.enabled']:
-            self.contact = ContactMonitor(robot, values, Outputs(
+            self.contact = ContactMonitor(robot, values, ContactPublishers(
                 publisher(JointState, '~/external_torques', RELIABLE),
                 publisher(WrenchStamped, '~/external_wrench', RELIABLE),
                 publisher(Bool, '~/collision', LATCHED)), node.get_logger(),
                 lambda reason, detail: reject(f'observer: {reason}', detail))
-            path.add_watch(self.contact, need_effort=True)
+            path.add_observer(self.contact, need_effort=True)
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
                                         lambda reason, detail: reject(f'wrench: {reason}', detail))
             opened.callback(node.destroy_subscription, node.create_subscription(
-                WrenchStamped, '~/wrench', path.wrenches.take, BEST_EFFORT, raw=True))
+                WrenchStamped, '~/wrench', path.wrenches.on_message, BEST_EFFORT, raw=True))
         if values['estimator.enabled']:
             self._estimator = PayloadMonitor(
                 robot, values, server,
                 publisher(PayloadEstimate, '~/payload_estimate', RELIABLE),
                 lambda reason, detail: reject(f'estimator: {reason}', detail))
             opened.callback(self._estimator.close)
-            path.add_watch(self._estimator, need_effort=True)
+            path.add_observer(self._estimator, need_effort=True)
         if values['explanation.rate']:
             explainer = TorqueBreakdownTopic(
                 server, publisher(TorqueExplanation, '~/torque_by_source', RELIABLE),
                 values['explanation.rate'], path.controller, path.wrenches,
                 lambda reason, detail: reject(f'explanation: {reason}', detail))
             opened.callback(explainer.close)
-            path.add_watch(explainer, need_effort=False)
+            path.add_observer(explainer, need_effort=False)
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
@@ -114,9 +109,9 @@ class OptionalTopics:
 
     @property
     def collision(self) -> str | None:
-        """Return the joint of a collision, if there is one now."""
+        """Return the joint of the present collision, if any."""
         return None if self.contact is None else self.contact.detector.joint
 
     def figures(self) -> dict[str, str]:
-        """Return printable figures for the diagnostics."""
+        """Return the entries for the diagnostics."""
         return {} if self.contact is None else self.contact.figures()

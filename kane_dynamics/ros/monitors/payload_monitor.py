@@ -1,4 +1,4 @@
-"""What the arm carries, estimated beside the torque path and without weighing on it."""
+"""Payload estimation in the services' thread."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -18,14 +18,14 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 
-PERIOD = NANO // 100  # ns between two samples: accelerations are differences of their speeds
-MOST = 1000  # samples that may wait: ten seconds
-GAP = 3  # periods between two samples over which no acceleration is taken
-SHARE = 0.01  # of its effort limit: the deviation of a joint's torque where none is given
+PERIOD = NANO // 100  # ns between two samples, whose velocities give the acceleration
+MAX_SAMPLES = 1000  # queued samples: ten seconds
+MAX_GAP = 3  # largest gap between two samples for an acceleration, periods
+DEFAULT_DEVIATION = 0.01  # standard deviation of a torque, fraction of the effort limit
 
 
-class Sample(NamedTuple):
-    """A state, ns, rad and rad/s, and the torque that acted, N m."""
+class TorqueSample(NamedTuple):
+    """A state and the torque that acted: ns, rad, rad/s, N m."""
 
     stamp: int
     q: Array
@@ -35,48 +35,47 @@ class Sample(NamedTuple):
 
 def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """
-    Return frame, deviations and memory of the estimator.
+    Return the settings of the payload estimator.
 
     Raises
     ------
     InputError
-        There is no payload frame, a list is of the wrong length, or a deviation is neither given
-        nor to be had from the effort limits.
+        payload.frame is empty, a list has the wrong length, or a joint has neither a deviation nor
+        an effort limit.
 
     """
     if not values['payload.frame']:
-        raise InputError("parameter 'estimator.enabled' is true, and payload.frame is empty; "
-                         'valid: the frame in which a payload is to be told')
+        raise InputError("parameter 'payload.frame': empty; expected the frame of the payload, "
+                         'as estimator.enabled is true')
     limits, names = np.array(robot.limits.effort), robot.joint_names
-    sigma = per_joint(values, 'estimator.torque_deviation', names, SHARE * limits)
+    sigma = per_joint(values, 'estimator.torque_deviation', names, DEFAULT_DEVIATION * limits)
     if not np.isfinite(sigma).all():
         joint = names[int(np.flatnonzero(~np.isfinite(sigma))[0])]
-        raise InputError(f"parameter 'estimator.torque_deviation' is empty, and joint '{joint}' "
-                         f'has no effort limit of which to take {SHARE:.0%}; valid: one number '
-                         'or one per joint, N m or N')
+        raise InputError(f"parameter 'estimator.torque_deviation': empty, and joint '{joint}' "
+                         'has no effort limit; expected one number or one per joint, N m or N')
     return {'frame': values['payload.frame'], 'sigma': sigma,
             'memory': max(values['estimator.memory'] * NANO / PERIOD, 2.0)}
 
 
 class PayloadMonitor:
     """
-    Samples the torque path and publishes, at a rate of its own, what the arm seems to carry.
+    Estimates the payload and publishes it at the rate estimator.rate.
 
-    The path only keeps a sample now and then; the services' thread does the rest. A wrench that
-    comes on `~/wrench` is known and is not taken for weight.
+    The torque path queues samples; the services' thread processes them. Wrenches on `~/wrench` are
+    known and not part of the estimate.
 
     Parameters
     ----------
     robot : Robot
-        That of the torque path; what it carries by parameter is part of the estimate.
+        The robot of the torque path; its payload parameter is part of the estimate.
     values : mapping
         The node's parameters.
     server : Services
-        In whose thread the estimate is made.
+        Its thread computes the estimate.
     publisher : Publisher
-        Of PayloadEstimate.
+        Publisher of PayloadEstimate.
     reject : callable
-        Takes the reason and the details of every state that cannot be used.
+        Called with the reason and the details of each state that cannot be used.
 
     Raises
     ------
@@ -89,68 +88,68 @@ class PayloadMonitor:
                  publisher: Publisher, reject: Callable[[str, str], None]) -> None:
         self._robot, self._server, self._publisher = robot, server, publisher
         self._reject = reject
-        self._acting = AppliedTorque(robot, values, reject)
-        given = estimator_settings(values, robot)
-        self._frame = given['frame']
-        self._estimator = PayloadEstimator(robot.model, **given)
-        self._anew = False  # whether the other thread shall forget what it knows
-        self._samples: deque[Sample] = deque(maxlen=MOST)
-        self._recent: list[Sample] = []
+        self._applied_torque = AppliedTorque(robot, values, reject)
+        settings = estimator_settings(values, robot)
+        self._frame = settings['frame']
+        self._estimator = PayloadEstimator(robot.model, **settings)
+        self._reset_pending = False  # carried out by the services' thread
+        self._samples: deque[TorqueSample] = deque(maxlen=MAX_SAMPLES)
+        self._recent: list[TorqueSample] = []
         self._last = 0
         zero = np.zeros(robot.n)
-        self._estimator.update(zero, zero, zero, zero)  # its kernels compile now
+        self._estimator.update(zero, zero, zero, zero)  # compile the kernels
         self.start()
         self._timer = server.create_timer(1.0 / values['estimator.rate'], self._publish,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def start(self) -> None:
-        """Forget all."""
-        self._anew = True
-        self.refresh()
+        """Reset the estimate."""
+        self._reset_pending = True
+        self.on_loads_changed()
         self._samples.clear()
         self._last = 0
 
     def stop(self) -> None:
-        """Look at nothing more; what has been found stays."""
+        """Drop queued samples; keep the estimate."""
         self._samples.clear()
 
-    def refresh(self) -> None:
-        """Weigh what comes by the gravity of now; the payload by parameter is of no account."""
+    def on_loads_changed(self) -> None:
+        """Use the new gravity; the payload parameter has no effect on the estimate."""
         self._estimator.gravity = self._robot.parameters.gravity
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
-        self._acting.update(values)
+        self._applied_torque.update(values)
 
-    def take(self, cycle: Cycle) -> None:
-        """Keep a sample where one is due."""
+    def on_cycle(self, cycle: Cycle) -> None:
+        """Queue a sample if one is due."""
         if 0 <= cycle.stamp - self._last < PERIOD:
             return
-        torque = self._acting.torque(cycle)
+        torque = self._applied_torque.torque(cycle)
         if torque is not None:
             self._last = cycle.stamp
             state = cycle.state
-            self._samples.append(Sample(cycle.stamp, state.q.copy(), state.u.copy(),
-                                        torque.copy()))
+            self._samples.append(TorqueSample(cycle.stamp, state.q.copy(), state.u.copy(),
+                                              torque.copy()))
 
     def close(self) -> None:
-        """Publish no more."""
+        """Stop publishing."""
         self._server.destroy_timer(self._timer)
 
     def _publish(self) -> None:
-        """Work off the samples that wait, and tell what they say."""
-        taken, estimator = 0, self._estimator
-        if self._anew:
-            self._anew, self._recent = False, []
+        """Process the queued samples and publish the estimate."""
+        used, estimator = 0, self._estimator
+        if self._reset_pending:
+            self._reset_pending, self._recent = False, []
             estimator.reset()
         for _ in range(len(self._samples)):
             try:
                 sample = self._samples.popleft()
-            except IndexError:  # the path has forgotten them meanwhile
+            except IndexError:  # the torque path has cleared the queue
                 break
             self._recent = [*self._recent[-2:], sample]
-            taken += self._learn(estimator)
-        if not taken:
+            used += self._update_estimate(estimator)
+        if not used:
             return
         message = PayloadEstimate(mass=estimator.mass, mass_deviation=estimator.mass_deviation,
                                   com=_vector(estimator.com),
@@ -160,17 +159,17 @@ class PayloadMonitor:
                                                                         NANO)
         self._publisher.publish(message)
 
-    def _learn(self, estimator: PayloadEstimator) -> bool:
-        """Use the middle one of three samples, if they follow each other; tell whether it was."""
+    def _update_estimate(self, estimator: PayloadEstimator) -> bool:
+        """Use the middle one of three consecutive samples; return whether it was used."""
         if len(self._recent) < 3:
             return False
         before, now, after = self._recent
-        if not 0 < after.stamp - before.stamp < 2 * GAP * PERIOD:
+        if not 0 < after.stamp - before.stamp < 2 * MAX_GAP * PERIOD:
             return False
         udot = (after.u - before.u) * (NANO / (after.stamp - before.stamp))
         try:
             estimator.update(now.q, now.u, udot, now.torque)
-        except InputError as error:  # finite numbers that lead beyond
+        except InputError as error:  # overflow from finite numbers
             self._reject('not finite', str(error))
             return False
         return True

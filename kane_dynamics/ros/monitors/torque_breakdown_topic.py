@@ -1,4 +1,4 @@
-"""Torque explained on a topic, beside the torque path and without weighing on it."""
+"""Publish the torque breakdown of the latest state, in the services' thread."""
 
 from collections.abc import Callable
 
@@ -14,33 +14,33 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 
-LONGEST = 1e6  # s between two messages
-# Stamp, measured q and u, desired motion and time in it, wrenches.
-Moment = tuple[int, int, Array, Array, Motion | None, float, Array | None]
+MAX_PERIOD = 1e6  # s between two messages
+# Stamp, measured q and u, active motion and time since its start, wrenches.
+BreakdownInput = tuple[int, int, Array, Array, Motion | None, float, Array | None]
 
 
 class TorqueBreakdownTopic:
     """
-    Publishes at a rate of its own what the torques of the latest state are made of.
+    Publishes the torque breakdown of the latest state at the rate explanation.rate.
 
-    The torque path only keeps the state; the services' thread, with its own robot, does the rest.
-    In mode inverse_dynamics the desired state is explained, once there is a motion; else the
-    measured one with the desired acceleration (in gravity compensation at rest). Term switches,
-    feedback and limits come after what is explained.
+    The torque path stores the state; the services' thread evaluates it with its own robot. In mode
+    inverse_dynamics with an active motion, the desired state is evaluated; otherwise the measured
+    state with the desired acceleration (in gravity_compensation, at rest). Term switches, feedback
+    and limits are not part of the breakdown.
 
     Parameters
     ----------
     server : Services
     publisher : Publisher
-        Of TorqueExplanation.
+        Publisher of TorqueExplanation.
     rate : float
-        1/s.
+        Rate of messages, 1/s.
     controller : Controller
-        Of the torque path, for its mode.
+        The controller of the torque path, for its mode.
     wrenches : WrenchInput or None
-        Of the torque path.
+        The wrench input of the torque path.
     reject : callable
-        Takes the reason and the details of every state that cannot be explained.
+        Called with the reason and the details of each state that cannot be evaluated.
 
     """
 
@@ -49,23 +49,23 @@ class TorqueBreakdownTopic:
                  reject: Callable[[str, str], None]) -> None:
         self._server, self._publisher, self._controller = server, publisher, controller
         self._wrenches, self._reject = wrenches, reject
-        self._latest: Moment | None = None
-        self._timer = server.create_timer(min(1.0 / rate, LONGEST), self._publish,
+        self._latest: BreakdownInput | None = None
+        self._timer = server.create_timer(min(1.0 / rate, MAX_PERIOD), self._publish,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def start(self) -> None:
-        """Explain nothing that was before."""
+        """Drop the stored state."""
         self._latest = None
 
     def stop(self) -> None:
-        """Explain nothing more."""
+        """Drop the stored state."""
         self._latest = None
 
-    def refresh(self) -> None:
-        """Do nothing: the services' robot has loads of its own."""
+    def on_loads_changed(self) -> None:
+        """Do nothing: the robot of the services has its own loads."""
 
-    def take(self, cycle: Cycle) -> None:
-        """Keep a state; one assignment, so that the other thread sees all of it or nothing."""
+    def on_cycle(self, cycle: Cycle) -> None:
+        """Store a state in one assignment, which is atomic for the services' thread."""
         state = cycle.state
         wrench = None if cycle.external is None or self._wrenches is None else (
             self._wrenches.world.copy())
@@ -73,7 +73,7 @@ class TorqueBreakdownTopic:
                         cycle.moment, wrench)
 
     def close(self) -> None:
-        """Publish no more."""
+        """Stop publishing."""
         self._server.destroy_timer(self._timer)
 
     def _publish(self) -> None:
@@ -85,17 +85,17 @@ class TorqueBreakdownTopic:
         served.loads.apply(served.robot)
         try:
             message = explanation_message(
-                served.robot, self._explained(q, u, motion, moment), wrench,
+                served.robot, self._evaluated_state(q, u, motion, moment), wrench,
                 served.robot.joint_names)
-        except InputError as error:  # finite numbers that lead beyond
+        except InputError as error:  # overflow from finite numbers
             self._reject('not finite', str(error))
             return
         message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
         self._publisher.publish(message)
 
-    def _explained(self, q: Array, u: Array, motion: Motion | None,
-                   moment: float) -> tuple[Array, Array, Array]:
-        """Return q, u, udot of which the torques are explained."""
+    def _evaluated_state(self, q: Array, u: Array, motion: Motion | None,
+                         moment: float) -> tuple[Array, Array, Array]:
+        """Return the q, u, udot whose torques are broken down."""
         rest = np.zeros_like(q)
         if self._controller.mode is Mode.GRAVITY_COMPENSATION:
             return q, rest, rest

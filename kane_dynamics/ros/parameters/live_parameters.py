@@ -1,10 +1,11 @@
-"""Parameters that change while a node runs: as a whole set, or not at all and with the reason."""
+"""Parameters that may change while a node runs; a set of changes is applied as a whole or not."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros.parameters.parameter_checks import declare, in_messages, misspelt, read
+from kane_dynamics.ros.parameters.parameter_checks import (declare, read,
+                                                           unknown_parameters, with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import Spec
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -14,33 +15,33 @@ from rclpy.parameter import Parameter
 
 class LiveParameters:
     """
-    The declared parameters of a node.
+    The declared and checked parameters of a node.
 
-    A change is checked with all that come with it before any of them holds, and holds in the
-    thread in which the node's callbacks run, between two of them.
+    All changes of one request are checked together before any of them is applied. They are applied
+    in the thread of the node's callbacks, between two callbacks.
 
     Parameters
     ----------
     node : Node
     specs : sequence of Spec
     frozen : callable
-        Returns what to say of a change of a parameter that is not live; empty: it may change.
+        Returns why parameters that are not live cannot change now; empty: they can.
     check : callable
-        Takes all values as they would be and the names of those that are given; raises KaneError
-        to refuse them.
+        Receives the new values of all parameters and the names of those in the request; raises
+        KaneError to refuse the request.
     changed : callable
-        Takes the values as they were and the names of those that were given; `values` are the
-        new ones.
+        Called after a change with the previous values and the names of the parameters in the
+        request; `values` holds the new ones.
 
     Attributes
     ----------
     values : dict
-        The checked values by name, replaced as a whole; frames are named as in messages.
+        The checked values by name, replaced as a whole; frame names include the prefix.
 
     Raises
     ------
     InputError
-        A value given at start is not valid.
+        An initial value is invalid.
 
     """
 
@@ -50,28 +51,29 @@ class LiveParameters:
         self._specs = {spec.name: spec for spec in specs}
         self._frozen, self._check, self._changed = frozen, check, changed
         self._given = self._staged = declare(node, specs)
-        self.values = in_messages(self._given)
-        for remark in misspelt(list(getattr(node, '_parameter_overrides', {})), self._specs):
-            node.get_logger().warning(remark)
+        self.values = with_prefix(self._given)
+        given = list(getattr(node, '_parameter_overrides', {}))
+        for warning in unknown_parameters(given, self._specs):
+            node.get_logger().warning(warning)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        """Check a set of changes as a whole; nothing is applied yet."""
+        """Check a set of changes as a whole, without applying it."""
         staged = dict(self._given)
         try:
             for change in changes:
                 spec = self._specs.get(change.name)
-                if spec is None:  # ROS's own
+                if spec is None:  # a parameter of ROS
                     continue
                 value = read(spec, change.value)
                 reason = '' if spec.live or np.array_equal(value, staged[spec.name]) else (
                     self._frozen())
                 if reason:
-                    raise InputError(f"parameter '{spec.name}' cannot become {change.value!r} "
-                                     f'now: {reason}')
+                    raise InputError(f"parameter '{spec.name}': new value {change.value!r}; "
+                                     f'{reason}')
                 staged[spec.name] = value
-            self._check(in_messages(staged), _names(changes))
+            self._check(with_prefix(staged), _names(changes))
         except KaneError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self._staged = staged
@@ -79,7 +81,7 @@ class LiveParameters:
 
     def _after_set(self, changes: list[Parameter]) -> None:
         self._given = self._staged
-        before, self.values = self.values, in_messages(self._given)
+        before, self.values = self.values, with_prefix(self._given)
         self._changed(before, _names(changes))
 
 

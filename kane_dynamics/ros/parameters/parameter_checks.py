@@ -1,4 +1,4 @@
-"""The node's parameters: declared from their table, and checked, saying in words what is wrong."""
+"""Declare the parameters of a node from their table, and check their values."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 import difflib
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-# Parameters that ROS itself puts beside ours in an overrides file.
+# Parameters of ROS that a parameter file may contain beside those of the node.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
 
@@ -29,7 +29,7 @@ def _number(spec: Spec, value: Any) -> float:
 
 
 def _names(spec: Spec, value: Any) -> tuple[str, ...]:
-    """Return a list of distinct names; an empty one may be of any type."""
+    """Return a tuple of distinct names; an empty list may be of any type."""
     names = tuple(value)
     if isinstance(value, str) or not all(isinstance(n, str) and n for n in names) or (
             len(set(names)) < len(names)):
@@ -38,28 +38,28 @@ def _names(spec: Spec, value: Any) -> tuple[str, ...]:
 
 
 def _text(spec: Spec, value: Any) -> str:
-    """Return text, one of the choices where there are any."""
+    """Return a string; if `spec` has choices, one of these."""
     if not isinstance(value, str) or (spec.choices and value not in spec.choices):
         raise ValueError
     return value
 
 
 def _flag(spec: Spec, value: Any) -> bool:
-    """Return a truth value."""
+    """Return a bool."""
     if not isinstance(value, bool):
         raise ValueError
     return value
 
 
 def _count(spec: Spec, value: Any) -> int:
-    """Return a whole number within the bounds of `spec`."""
+    """Return an integer within the bounds of `spec`."""
     if not isinstance(value, int):
         raise ValueError
     return int(_number(spec, value))
 
 
 def _vector(spec: Spec, value: Any) -> NDArray[np.float64]:
-    """Return three finite numbers, or six."""
+    """Return three finite numbers, or six for kind `six`."""
     numbers = [_number(spec, item) for item in value]
     if len(numbers) != (6 if spec.kind == 'six' else 3):
         raise ValueError
@@ -67,12 +67,12 @@ def _vector(spec: Spec, value: Any) -> NDArray[np.float64]:
 
 
 def _numbers(spec: Spec, value: Any) -> tuple[int, ...]:
-    """Return whole numbers within the bounds of `spec`."""
+    """Return integers within the bounds of `spec`."""
     return tuple(_count(spec, item) for item in value)
 
 
 def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
-    """Return one number, shape (), or one per joint, shape (n,); shape (0,) says nothing."""
+    """Return one number, shape (), or one per joint, shape (n,); shape (0,): not set."""
     if isinstance(value, (int, float)):
         return np.array(_number(spec, value))
     if not len(value) and np.size(spec.default):
@@ -93,15 +93,15 @@ def read(spec: Spec, value: Any) -> Any:
     Raises
     ------
     InputError
-        Names the parameter, the value, and what is valid.
+        The value is invalid.
 
     """
     try:
         return _READERS[spec.kind](spec, value)
     except (TypeError, ValueError):
         shown = value if isinstance(value, (str, int, float)) or value is None else list(value)
-        raise InputError(f"parameter '{spec.name}' is {shown!r}; "
-                         f'valid: {spec.constraint}') from None
+        raise InputError(f"parameter '{spec.name}': {shown!r}; "
+                         f'expected {spec.constraint}') from None
 
 
 def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
@@ -111,21 +111,22 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        A value given at start is not valid.
+        An initial value is invalid.
 
     """
     values = {}
     for spec in specs:
+        # Dynamic typing, because `read` checks the type with a clearer error.
         descriptor = ParameterDescriptor(
             description=spec.description, additional_constraints=spec.constraint,
-            read_only=spec.read_only, dynamic_typing=True)  # `read` refuses with better words
+            read_only=spec.read_only, dynamic_typing=True)
         value = node.declare_parameter(spec.name, spec.default, descriptor).value
         values[spec.name] = read(spec, spec.default if value is None else value)
     return values
 
 
-def in_messages(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values with `prefix` before the frames that they name, as messages have it."""
+def with_prefix(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values with parameter `prefix` added to the names of frames."""
     prefix = values['prefix']
     result = dict(values)
     for name in FRAMES:
@@ -136,46 +137,47 @@ def in_messages(values: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def misspelt(given: Sequence[str], known: Collection[str]) -> list[str]:
-    """Return a remark for every given parameter that is not known."""
-    remarks = []
+def unknown_parameters(given: Sequence[str], known: Collection[str]) -> list[str]:
+    """Return a warning for each given parameter that is unknown."""
+    warnings = []
     for name in given:
         if name in known or name.split('.')[0] in FOREIGN:
             continue
         near = difflib.get_close_matches(name, known, n=1)
-        remarks.append(f"parameter '{name}' does not exist and is ignored"
-                       + (f"; did you mean '{near[0]}'?" if near else ''))
-    return remarks
+        warnings.append(f"parameter '{name}': unknown and ignored"
+                        + (f"; did you mean '{near[0]}'?" if near else
+                           '; expected a parameter of the node'))
+    return warnings
 
 
 def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
               empty: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """
-    Return a per-joint parameter as an (n,) array; `empty` stands in where it says nothing.
+    Return a per-joint parameter as an (n,) array, or `empty` if the parameter is not set.
 
     Raises
     ------
     InputError
-        The list is neither empty nor as long as the list of joints.
+        The list is neither empty nor of the length of `joints`.
 
     """
     value = values[name]
     if value.shape == (0,):
         value = np.asarray(empty, dtype=np.float64)
     if value.shape not in ((), (len(joints),)):
-        raise InputError(f"parameter '{name}' has {value.size} entries for {len(joints)} joints "
-                         f"({', '.join(joints)}); valid: one number, or one per joint")
+        raise InputError(f"parameter '{name}': {value.size} entries; expected one number, or one "
+                         f"for each of the {len(joints)} joints ({', '.join(joints)})")
     return np.broadcast_to(value, (len(joints),)).copy()
 
 
 def terms(values: Mapping[str, Any]) -> Terms:
-    """Return the term switches that the compensate parameters set."""
+    """Return the term switches of the parameters compensate.*."""
     return Terms(**{name: values[f'compensate.{name}']
                     for name in ('gravity', 'coriolis', 'inertia', 'friction')})
 
 
 def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
-    """Return the settings of a Controller."""
+    """Return the settings of a Controller, as keyword arguments."""
     return {'mode': values['mode'], 'compensate': terms(values),
             'kp': per_joint(values, 'gains.kp', joints, 0.0),
             'kd': per_joint(values, 'gains.kd', joints, 0.0),

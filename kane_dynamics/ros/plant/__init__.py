@@ -1,1 +1,1 @@
-"""A simulated robot behind ROS topics, for controllers and people to try without hardware."""
+"""A simulated robot behind ROS topics, to test controllers without hardware."""

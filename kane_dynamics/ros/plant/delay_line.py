@@ -1,4 +1,4 @@
-"""A line of communication that delays and loses what goes through it, as it is told to."""
+"""A communication line with delay and dropouts."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -8,47 +8,49 @@ from kane_dynamics.ros.common.conversion import NANO
 import numpy as np
 
 T = TypeVar('T')
-MOST = 100_000  # on their way at once, ten seconds at 10 kHz; while time stands, none arrives
+MAX_ITEMS = 100_000  # in transit: ten seconds at 10 kHz; none arrives while time is paused
 
 
 class DelayLine(Generic[T]):
     """
-    First in, first out, after a delay, unless lost; of too many the newest stay.
+    A queue whose items arrive in order after a delay, or are dropped at random.
+
+    When the queue is full, the oldest item is dropped.
 
     Attributes
     ----------
-    lost : int
-        How many were lost.
+    dropped : int
+        Number of items dropped at random.
 
     """
 
     def __init__(self) -> None:
-        self.lost = 0
+        self.dropped = 0
         self._delay = 0
-        self._loss = 0.0
-        self._waiting: deque[tuple[int, T]] = deque(maxlen=MOST)
+        self._dropout = 0.0
+        self._waiting: deque[tuple[int, T]] = deque(maxlen=MAX_ITEMS)
         self._random = np.random.default_rng(0)
 
-    def settle(self, delay: float, loss: float) -> None:
-        """Delay by so many s, and lose with this probability, what is put in from now on."""
-        self._delay, self._loss = round(delay * NANO), loss
+    def configure(self, delay: float, dropout: float) -> None:
+        """Set the delay, s, and the probability of dropouts for further items."""
+        self._delay, self._dropout = round(delay * NANO), dropout
 
-    def draw_from(self, random: np.random.Generator) -> None:
-        """Let chance be these random numbers from now on."""
+    def set_generator(self, random: np.random.Generator) -> None:
+        """Draw dropouts from this generator."""
         self._random = random
 
     def clear(self) -> None:
-        """Forget what is on its way."""
+        """Remove all items in transit."""
         self._waiting.clear()
 
-    def put(self, now: int, item: T) -> None:
-        """Send at a time, ns."""
-        if self._loss > 0.0 and self._random.random() < self._loss:
-            self.lost += 1
+    def send(self, now: int, item: T) -> None:
+        """Send an item at a time, ns."""
+        if self._dropout > 0.0 and self._random.random() < self._dropout:
+            self.dropped += 1
         else:
             self._waiting.append((now + self._delay, item))
 
-    def take(self, now: int) -> Iterator[T]:
-        """Yield what has arrived by a time, ns; a shorter delay lets nothing overtake."""
+    def receive(self, now: int) -> Iterator[T]:
+        """Yield the items that have arrived at a time, ns, in the order of `send`."""
         while self._waiting and self._waiting[0][0] <= now:
             yield self._waiting.popleft()[1]

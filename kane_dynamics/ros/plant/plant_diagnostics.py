@@ -1,4 +1,4 @@
-"""What /diagnostics says about the plant: one status, in words and in figures."""
+"""The diagnostics of the plant node."""
 
 from collections import Counter
 from typing import Protocol
@@ -9,50 +9,50 @@ from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
 
 
-class Reporting(Protocol):
-    """What a report is made of."""
+class DiagnosedPlant(Protocol):
+    """The attributes of the node that its diagnostics use."""
 
     plant: PlantState
-    pace: TickSchedule
+    schedule: TickSchedule
     paused: bool
     failure: str
     received: int
     rejected: Counter[str]
 
     def get_fully_qualified_name(self) -> str:
-        """Return namespace and name."""
+        """Return the fully qualified name of the node."""
 
 
-def report(node: Reporting, speed: float) -> DiagnosticStatus:
-    """Return what to publish about a period at `speed` times real time."""
-    plant, pace = node.plant, node.pace
+def plant_status(node: DiagnosedPlant, speed: float) -> DiagnosticStatus:
+    """Return the diagnostic status of a period at `speed` times real time."""
+    plant, schedule = node.plant, node.schedule
     level, message = DiagnosticStatus.OK, f'running at {speed:.2f} times real time'
     if node.failure:
-        level, message = DiagnosticStatus.ERROR, f'it stands until ~/reset: {node.failure}'
+        level, message = DiagnosticStatus.ERROR, f'stopped until ~/reset: {node.failure}'
     elif node.paused:
         message = 'paused'
-    elif plant.held:
-        message += ', held by brakes until a command comes'
-    elif plant.late:
+    elif plant.braked:
+        message += ', brakes on until the first command'
+    elif plant.timed_out:
         level = DiagnosticStatus.WARN
-        message += f', no command for {plant.silence:.2f} s'
+        message += f', no command for {plant.command_age:.2f} s'
     elif plant.arm.energy.warning:
         level, message = DiagnosticStatus.WARN, f'{message}; {plant.arm.energy.warning}'
-    if not node.failure and pace.worst > pace.period:
+    if not node.failure and schedule.worst > schedule.period:
         level = max(level, DiagnosticStatus.WARN)
-        message += f', up to {pace.worst * 1e-6:.1f} ms late'
+        message += f', up to {schedule.worst * 1e-6:.1f} ms late'
     figures = {
         'joints': ', '.join(plant.arm.joint_names), 'speed': f'{speed:.3f}',
-        'joint states': str(plant.ticks), 'overruns': str(pace.overruns),
-        'largest delay of a tick': f'{pace.worst * 1e-6:.3f} ms',
-        'skipped to catch up': f'{pace.skipped:.3f} s', 'commands': str(node.received),
+        'joint states': str(plant.ticks), 'overruns': str(schedule.overruns),
+        'largest delay of a tick': f'{schedule.worst * 1e-6:.3f} ms',
+        'skipped to catch up': f'{schedule.skipped:.3f} s', 'commands': str(node.received),
         'command timeouts': str(plant.timeouts), 'steps clamped': str(plant.arm.clamped),
-        'steps at stops': str(plant.arm.blows),
+        'steps at stops': str(plant.arm.stop_contacts),
         'energy balance': plant.arm.energy.warning or 'closes',
         'at a stop': ', '.join(plant.arm.at_stops) or 'none',
-        'pushed': ', '.join(plant.arm.wrenches) or 'none',
-        'joint states lost on request': str(plant.states.lost),
-        'commands lost on request': str(plant.commands.lost)}
+        'wrenches at': ', '.join(plant.arm.wrenches) or 'none',
+        'joint states dropped': str(plant.states.dropped),
+        'commands dropped': str(plant.commands.dropped)}
     figures |= {f'rejected: {what}': str(count) for what, count in node.rejected.items()}
     return status(f'{node.get_fully_qualified_name()}: simulated robot', plant.robot.model.name,
                   level, message, figures)

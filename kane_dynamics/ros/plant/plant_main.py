@@ -1,4 +1,4 @@
-"""The process around the plant node: ticks by an absolute clock, callbacks in between."""
+"""The entry point of the plant node: ticks on an absolute schedule, callbacks in between."""
 
 from collections.abc import Sequence
 import gc
@@ -11,7 +11,7 @@ from kane_dynamics.ros.plant.plant_node import PlantNode
 from rclpy.exceptions import ParameterException
 from rclpy.task import Future
 
-SHORTEST = 1e-5  # s: with no time at all, the EventsExecutor would not wait but burn a processor
+MIN_TIMEOUT = 1e-5  # s; with a timeout of zero the EventsExecutor does not wait
 
 
 def run(stop: Future) -> int:
@@ -24,13 +24,13 @@ def run(stop: Future) -> int:
     executor = make_executor()
     executor.add_node(node)
     gc.collect()
-    gc.freeze()  # what is here stays: no collection need look through it
-    node.pace.start(time.monotonic_ns())
+    gc.freeze()  # exclude existing objects from garbage collections
+    node.schedule.start(time.monotonic_ns())
     while not stop.done():
         try:
-            executor.spin_until_future_complete(stop, max(node.poll(), SHORTEST))
+            executor.spin_until_future_complete(stop, max(node.poll(), MIN_TIMEOUT))
         except Exception as error:
-            node.get_logger().fatal(f'a callback failed: {type(error).__name__}: {error}')
+            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
     executor.shutdown()
     return 0
 

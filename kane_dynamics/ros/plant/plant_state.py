@@ -1,4 +1,4 @@
-"""What the plant node does in each of its ticks; it knows time, commands and states, no ROS."""
+"""The plant without ROS: arm, sensors, motors and communication delays, advanced by ticks."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -10,13 +10,13 @@ from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.plant.delay_line import DelayLine
 from kane_dynamics.ros.plant.simulated_arm import joint_count, SimulatedArm
-from kane_dynamics.ros.torque_path.gravity_payload import start_loads
+from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
 from kane_dynamics.ros.torque_path.wrench_input import check_frames
 import numpy as np
 
 
 class Measurement(NamedTuple):
-    """A state as sensors tell it: stamp in ns; position, velocity, effort, (n,) each."""
+    """A measured state: stamp in ns; position, velocity and effort, (n,) each."""
 
     stamp: int
     q: Array
@@ -26,10 +26,10 @@ class Measurement(NamedTuple):
 
 class PlantState:
     """
-    An arm with its sensors, its motors, and the lines to and from them.
+    An arm with sensors, motors and communication lines.
 
-    Its time goes on by one period a tick. In a tick the state is measured and sent, and then the
-    arm moves on for one period under the command that has arrived by then.
+    Each tick measures and sends the state, then advances the arm by one period under the command
+    that has arrived.
 
     Parameters
     ----------
@@ -39,14 +39,14 @@ class PlantState:
 
     Attributes
     ----------
-    held : bool
-        Whether brakes hold the arm, since no command has come yet.
-    late : bool
+    braked : bool
+        Whether brakes hold the arm, until the first command.
+    timed_out : bool
         Whether the last command is older than command_timeout.
     timeouts : int
-        How often that happened.
+        Number of command timeouts.
     ticks : int
-        Since the start.
+        Number of ticks since the start.
 
     Raises
     ------
@@ -65,32 +65,32 @@ class PlantState:
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0
         self._zero = np.zeros(len(self.arm.joint_names))
-        self._pushed_until: dict[str, int] = {}
+        self._wrench_until: dict[str, int] = {}
         self.update(values)
         self.reset()
 
     @staticmethod
     def check(robot: Robot, values: Mapping[str, Any]) -> None:
-        """Raise InputError if these parameters do not fit the robot or each other."""
+        """Raise InputError unless the parameters fit the robot and each other."""
         n, limits = joint_count(robot), robot.limits
         names = robot.joint_names[:n]
         for name in ('noise.position', 'noise.velocity', 'noise.effort', 'limits.effort'):
             per_joint(values, name, names, 0.0)
-        start_loads(robot.model, values)
+        parameter_loads(robot.model, values)
         check_frames(robot.model, values['wrench.frames'])
         if values['initial.position'].shape != (0,):
             initial = per_joint(values, 'initial.position', names, 0.0)
             for name, q, low, high in zip(names, initial, limits.lower[:n], limits.upper[:n],
                                           strict=True):
                 if not low <= q <= high:
-                    raise InputError(f"parameter 'initial.position' of joint '{name}' is {q:g}; "
-                                     f'valid: {low:g} to {high:g}')
+                    raise InputError(f"parameter 'initial.position' of joint '{name}': {q:g}; "
+                                     f'expected {low:g} to {high:g}')
         if values['rate_factor'] != 1.0 and not values['publish_clock']:
-            raise InputError(f"parameter 'rate_factor' is {values['rate_factor']:g}; valid: 1, "
-                             'unless publish_clock tells everyone the time')
+            raise InputError(f"parameter 'rate_factor': {values['rate_factor']:g}; expected 1 "
+                             'unless publish_clock is true')
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Use checked parameters from the next tick on; the initial position from a reset on."""
+        """Use checked parameters from the next tick on; initial.position from the next reset."""
         before, self._values = self._values, values
         names = self.arm.joint_names
         self._noise = [per_joint(values, f'noise.{what}', names, 0.0)
@@ -98,34 +98,34 @@ class PlantState:
         self._noisy = any(size.any() for size in self._noise)
         self.arm.limit[:] = np.minimum(self.robot.limits.effort[:len(names)],
                                        per_joint(values, 'limits.effort', names, np.inf))
-        for what, channel in (('states', self.states), ('commands', self.commands)):
-            channel.settle(values[f'delay.{what}'], values[f'dropout.{what}'])
+        for what, line in (('states', self.states), ('commands', self.commands)):
+            line.configure(values[f'delay.{what}'], values[f'dropout.{what}'])
         self._timeout = round(values['command_timeout'] * NANO)
-        start_loads(self.robot.model, values).apply(self.robot)
+        parameter_loads(self.robot.model, values).apply(self.robot)
         self.arm.use_parameters()
         if before['seed'] != values['seed']:
-            self._draw_anew()
+            self._reset_generators()
 
     def reset(self) -> None:
-        """Put the arm at rest at its initial position, as at the start; its time goes on."""
+        """Put the arm at rest at its initial position; keep the time."""
         arm = self.arm
         initial = per_joint(self._values, 'initial.position', arm.joint_names, 0.0)
-        arm.put(np.clip(initial, arm.lower, arm.upper))
-        self._pushed_until.clear()
+        arm.reset(np.clip(initial, arm.lower, arm.upper))
+        self._wrench_until.clear()
         self._torque = self._zero
-        self._heard: int | None = None
-        self.held, self.late = bool(self._values['hold_until_command']), False
+        self._last_command: int | None = None
+        self.braked, self.timed_out = bool(self._values['hold_until_command']), False
         self.states.clear()
         self.commands.clear()
-        self._draw_anew()
+        self._reset_generators()
 
-    def _draw_anew(self) -> None:
-        """Begin the random numbers again; each purpose has its own, so that none shifts others."""
-        draws = [np.random.default_rng(each) for each in np.random.SeedSequence(
+    def _reset_generators(self) -> None:
+        """Restart the random generators; noise and each line have independent ones."""
+        generators = [np.random.default_rng(each) for each in np.random.SeedSequence(
             self._values['seed']).spawn(3)]
-        self._random = draws[0]
-        self.states.draw_from(draws[1])
-        self.commands.draw_from(draws[2])
+        self._random = generators[0]
+        self.states.set_generator(generators[1])
+        self.commands.set_generator(generators[2])
 
     @property
     def time(self) -> int:
@@ -133,82 +133,85 @@ class PlantState:
         return round(self.ticks * self.period)
 
     @property
-    def silence(self) -> float:
+    def command_age(self) -> float:
         """Return the age of the last command, s; infinite before the first."""
-        return np.inf if self._heard is None else (self.time - self._heard) / NANO
+        return (np.inf if self._last_command is None
+                else (self.time - self._last_command) / NANO)
 
-    def rewind(self) -> None:
-        """Reset, and begin with time zero again."""
+    def reset_time(self) -> None:
+        """Reset arm and time."""
         self.ticks = 0
         self.reset()
 
     def command(self, tau: Array) -> None:
         """Send torques, (n,) N m or N, to the motors."""
-        self.commands.put(self.time, tau)
+        self.commands.send(self.time, tau)
 
-    def push(self, frame: str, wrench: Array) -> None:
+    def apply_wrench(self, frame: str, wrench: Array) -> None:
         """
-        Push on a frame for the time of wrench.timeout, or until the next push on it.
+        Apply a wrench at a frame for wrench.timeout, or until the next wrench at this frame.
 
         Parameters
         ----------
         frame : str
             One of parameter wrench.frames.
         wrench : (6,) array
-            Force, then moment at the frame's origin, in the frame's axes, N and N m, of the
-            environment on the arm.
+            Force, then moment of the environment on the arm, at the origin and in the axes of the
+            frame, N and N m.
 
         Raises
         ------
         InputError
-            Nothing can push there, or the wrench is not finite or too large.
+            The frame is not in wrench.frames, or the wrench is not finite or too large.
 
         """
         self.arm.frames.row(frame)
         most = np.repeat([self._values['wrench.max_force'], self._values['wrench.max_moment']], 3)
         if not (np.abs(wrench) <= most).all():
-            raise InputError(f'the wrench is {wrench.tolist()}; valid: finite numbers, at most '
+            raise InputError(f'wrench: {wrench.tolist()}; expected finite numbers, at most '
                              f'{most[0]:g} N and {most[3]:g} N m (parameters wrench.max_force and '
                              'wrench.max_moment)')
         self.arm.wrenches[frame] = wrench
-        self._pushed_until[frame] = self.time + round(self._values['wrench.timeout'] * NANO)
+        self._wrench_until[frame] = self.time + round(self._values['wrench.timeout'] * NANO)
 
     def tick(self, stamp: int) -> Iterator[Measurement]:
         """
-        Measure, and move on by one period; return the measurements that arrive now.
+        Measure the state, advance by one period, and return the measurements that arrive now.
 
         Parameters
         ----------
         stamp : int
-            Of this moment on the clock that everyone has, ns.
+            Present time of the published clock or the system clock, ns.
 
         Raises
         ------
         InputError
-            The motion would leave the finite numbers; the arm stays where it was.
+            The motion diverged (non-finite state); the arm keeps its last state.
 
         """
         now = self.time
-        self.states.put(now, self._measured(stamp))
-        torque = self._asked(now)
-        for frame in [frame for frame, end in self._pushed_until.items() if end <= now]:
-            del self.arm.wrenches[frame], self._pushed_until[frame]
-        if not self.held:
+        self.states.send(now, self._measured(stamp))
+        torque = self._commanded_torque(now)
+        for frame in [frame for frame, end in self._wrench_until.items() if end <= now]:
+            del self.arm.wrenches[frame], self._wrench_until[frame]
+        if not self.braked:
             for _ in range(self._values['substeps']):
                 self.arm.step(torque)
         self.ticks += 1
-        return self.states.take(now)
+        return self.states.receive(now)
 
-    def _asked(self, now: int) -> Array:
-        """Return the torque that the motors are asked for from now on, (n,)."""
-        for tau in self.commands.take(now):
-            self._torque, self._heard, self.held = tau, now, False
-        late = self._heard is not None and now - self._heard > self._timeout
-        self.timeouts += late and not self.late
-        self.late = late
-        return self._zero if late and self._values['after_timeout'] == 'zero' else self._torque
+    def _commanded_torque(self, now: int) -> Array:
+        """Return the commanded torque, (n,), after arrivals and timeout."""
+        for tau in self.commands.receive(now):
+            self._torque, self._last_command, self.braked = tau, now, False
+        timed_out = self._last_command is not None and now - self._last_command > self._timeout
+        self.timeouts += timed_out and not self.timed_out
+        self.timed_out = timed_out
+        zero = timed_out and self._values['after_timeout'] == 'zero'
+        return self._zero if zero else self._torque
 
     def _measured(self, stamp: int) -> Measurement:
+        """Return the present state with noise."""
         values = [self.arm.q.copy(), self.arm.u.copy(), self.arm.effort.copy()]
         if self._noisy:
             values = [value + size * self._random.standard_normal(len(value))

@@ -1,10 +1,10 @@
-"""The simulated arm: its equations of motion, its stops, its motors, and what pushes on it."""
+"""The simulated arm: equations of motion, joint stops, motors and external wrenches."""
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.plant.energy_check import EnergyCheck
-from kane_dynamics.ros.plant.joint_stops import pushed_back
+from kane_dynamics.ros.plant.joint_stops import resolve_stops
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import step_warning
@@ -12,55 +12,55 @@ import numpy as np
 
 
 def joint_count(robot: Robot) -> int:
-    """Return how many coordinates are joints'; those of beams' modes come after them."""
+    """Return the number of joint coordinates, which precede those of flexible modes."""
     return robot.n - len(robot.model.modal_coordinates)
 
 
 class SimulatedArm:
     """
-    One arm that moves by compiled integration steps under torques held for each of them.
+    An arm that is simulated with compiled integration steps, with constant torques in each step.
 
-    Its motors, sensors and stops are those of the joints, which come first among the coordinates;
-    beams' modes move with them, and nothing acts on them or tells of them.
+    Motors, sensors and stops act on the joints, which come first among the coordinates. Flexible
+    modes are simulated, but neither actuated nor measured.
 
-    The native step works on memory that stays where it is. The stops stand at the position
-    limits; speed limits are the business of whoever controls the arm and bind nothing here.
+    The native step uses fixed memory. The stops are at the position limits; velocity limits are
+    not enforced.
 
     Parameters
     ----------
     robot : Robot
-        The arm's own: its parameters are used as `use_parameters` finds them.
+        The robot of this arm; `use_parameters` reads its parameters.
     step : float
-        s.
+        Integration step, s.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `step_kernels.INTEGRATORS`.
 
     Attributes
     ----------
     joint_names : tuple of str
-        Of the n joints.
+        Names of the n joints.
     q, u : (n,) arrays
-        Their state, rad or m, and s; they stay where they are.
+        State of the joints, rad or m, and s; views of fixed memory.
     effort : (n,) array
-        What the motors gave in the last step, N m or N.
+        Effort of the motors in the last step, N m or N.
     limit : (n,) array
-        The most that they give.
+        Effort limit of the motors.
     lower, upper : (n,) arrays
-        Where the stops are.
+        Positions of the stops.
     wrenches : dict
-        Of frame name to (6,), force then moment at the frame's origin in the frame's axes, N and
-        N m, of the environment on the arm; held until changed. Of the robot's wrench frames.
-    blows : int
-        Steps in which a stop was hit or leant on.
+        Wrench of the environment on the arm by frame name, (6,): force then moment at the origin
+        and in the axes of the frame, N and N m. Constant until changed.
+    stop_contacts : int
+        Number of steps with a joint at a stop.
     clamped : int
-        Steps in which a motor was asked for more than its limit.
+        Number of steps with a command above the effort limit.
     energy : EnergyCheck
-        Of what happens between stops.
+        Check of the energy balance between contacts with stops.
 
     """
 
     def __init__(self, robot: Robot, step: float, integrator: str = 'rk4') -> None:
-        """Compile everything that a step may need."""
+        """Compile the kernels of a step."""
         self._integrator = integrator
         whole = robot.n
         n = joint_count(robot)
@@ -73,7 +73,7 @@ class SimulatedArm:
         self.effort = np.zeros(n)
         self.limit = robot.limits.effort[:n].copy()
         self.wrenches: dict[str, Array] = {}
-        self.blows = self.clamped = 0
+        self.stop_contacts = self.clamped = 0
         self.lower, self.upper = robot.limits.lower[:n], robot.limits.upper[:n]
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         kernel = step_kernel(robot, False, integrator)
@@ -89,24 +89,23 @@ class SimulatedArm:
 
     @property
     def at_stops(self) -> list[str]:
-        """Names of the joints that stand at a stop."""
-        there = (self.q <= self.lower) | (self.q >= self.upper)
-        return [self.joint_names[k] for k in np.flatnonzero(there)]
+        """Return the names of the joints at a stop."""
+        at_stop = (self.q <= self.lower) | (self.q >= self.upper)
+        return [self.joint_names[k] for k in np.flatnonzero(at_stop)]
 
-    @property
-    def doubt(self) -> str | None:
-        """Return what to say of a step that is too long for the arm where it is, else None."""
+    def step_warning(self) -> str | None:
+        """Return a warning if the step is too long at the present configuration, else None."""
         return step_warning(self.robot, self._q, float(self._constants[0]),
                             self._integrator)
 
     def use_parameters(self) -> None:
-        """Step from now on with gravity and payload as the robot's parameters are."""
+        """Use gravity and payload from the robot's parameters in further steps."""
         self.energy.close()
         self.energy.restart(self._state)
         self._constants[1:] = self.robot.parameters.block
 
-    def put(self, q: Array) -> None:
-        """Put the arm at rest at a position, with no torque and nothing that pushes."""
+    def reset(self, q: Array) -> None:
+        """Put the arm at rest at q, (n,), without torque and wrenches."""
         self.q[:], self._u[:], self.effort[:] = q, 0.0, 0.0
         if self._bending is not None:
             self._q[len(self.q):] = self._bending.modes(q, self.u, self.u)
@@ -120,12 +119,12 @@ class SimulatedArm:
         Parameters
         ----------
         torque : (n,) array
-            What the motors are asked for, N m or N.
+            Commanded torque, N m or N.
 
         Raises
         ------
         InputError
-            The motion would leave the finite numbers; the state stays as it was.
+            The motion diverged (non-finite state); the state is unchanged.
 
         """
         np.clip(torque, -self.limit, self.limit, out=self.effort)
@@ -139,29 +138,29 @@ class SimulatedArm:
         self._state[:] = self._next
         self.energy.add(self._total[0], self._state)
         if (self.q < self.lower).any() or (self.q > self.upper).any():
-            self._stop()
+            self._apply_stops()
 
     def _external(self) -> Array:
-        """Return what the wrenches do along each coordinate at the present position."""
+        """Return the generalized force of the wrenches at the present configuration."""
         world = self.frames.in_world(self._q, ((self.frames.row(frame), wrench)
                                                for frame, wrench in self.wrenches.items()))
         return self.robot.external_force(self._q, wrench=world)
 
-    def _stop(self) -> None:
+    def _apply_stops(self) -> None:
         """
-        Push back the joints that went past a stop, and take away their speed into it.
+        Move joints back to their stops and remove their speed into the stops.
 
-        Both through the mass matrix: a joint that is merely put back would have carried the
-        others along in a fall that never was.
+        Both corrections use the mass matrix. Moving only the joints past their stops would keep
+        displacements of the other joints that a stop prevents.
         """
         self.energy.close()
         q, W = self._q, self._inverse_mass()
         nearer = np.where(self._upper - q < q - self._lower, self._upper, self._lower)
         side = np.where(nearer == self._upper, 1.0, -1.0) * np.isfinite(nearer)
         past = np.where(np.isfinite(nearer), q - nearer, 0.0)
-        q += pushed_back(past, side, W) - past
+        q += resolve_stops(past, side, W) - past
         np.clip(q, self._lower, self._upper, out=q)
         side = np.where(q >= self._upper, 1.0, np.where(q <= self._lower, -1.0, 0.0))
-        self._u[:] = pushed_back(self._u, side, W)
+        self._u[:] = resolve_stops(self._u, side, W)
         self.energy.restart(self._state)
-        self.blows += 1
+        self.stop_contacts += 1

@@ -1,25 +1,25 @@
-"""Ticks by an absolute schedule: one that comes late does not make the next one late."""
+"""An absolute schedule of ticks, in which a late tick does not delay the next one."""
 
-MOST_LAG = 100_000_000  # ns behind the schedule from which on it is moved instead of caught up on
+MAX_LAG = 100_000_000  # ns; a larger lag shifts the schedule
 
 
 class TickSchedule:
     """
-    The schedule of ticks on a clock that only goes forward.
+    A schedule of ticks on a monotonic clock.
 
     Parameters
     ----------
     period : float
-        Between two ticks, ns.
+        Time between two ticks, ns.
 
     Attributes
     ----------
     overruns : int
-        Ticks that came later than the next one was due.
+        Number of ticks that started after the next one was due.
     skipped : float
-        s by which the schedule was moved, because it was too far behind to be caught up on.
+        Total shift of the schedule after large lags, s.
     worst : int
-        Largest delay of a tick since this was set to zero, ns.
+        Largest delay of a tick since the last reset of this attribute, ns.
 
     """
 
@@ -30,22 +30,22 @@ class TickSchedule:
         self._origin = self._ticks = 0
 
     def start(self, now: int, period: float | None = None) -> None:
-        """Let the next tick be due now, ns, and the others follow with this period."""
+        """Start the schedule now, ns, optionally with a new period."""
         self.period = self.period if period is None else period
         self._origin, self._ticks = now, 0
 
     @property
     def due(self) -> int:
-        """When the next tick is due, ns."""
+        """Return the time at which the next tick is due, ns."""
         return self._origin + round(self._ticks * self.period)
 
     def tick(self, now: int) -> None:
-        """Count one tick that begins now, ns; the schedule then says when the next is due."""
+        """Record a tick that starts now, ns, and schedule the next one."""
         late = now - self.due
         self.worst = max(self.worst, late)
         if late > self.period:
             self.overruns += 1
-        if late > max(MOST_LAG, 2.0 * self.period):
+        if late > max(MAX_LAG, 2.0 * self.period):
             self._origin += late
             self.skipped += late * 1e-9
         self._ticks += 1

@@ -1,1 +1,1 @@
-"""Services and the action of the node."""
+"""The services and the action of the dynamics node."""

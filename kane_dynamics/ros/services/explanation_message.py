@@ -1,4 +1,4 @@
-"""The message that takes torques apart, by source and by body."""
+"""The torque breakdown, by source and by body, as a message."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,20 +13,20 @@ import numpy as np
 def explanation_message(robot: Robot, state: Sequence[Array], wrench: Array | None,
                         names: Sequence[str], index: Index | None = None) -> TorqueExplanation:
     """
-    Return the torques of a motion, taken apart.
+    Return the torque breakdown of a motion.
 
     Parameters
     ----------
     robot : Robot
-        Belongs to the thread that calls.
+        A robot of the calling thread.
     state : three (n,) arrays
         q, u, udot in the robot's order.
     wrench : (k, 6) array or None
         As in `Robot.inverse_dynamics`.
     names : sequence of str
-        Of the joints, in the order of the answer.
+        Joint names in the order of the response.
     index : (n,) array of int, optional
-        Where each of the robot's joints stands among them.
+        Index of each of the robot's joints in `names`; default: the same order.
 
     """
     def table(rows: Array) -> Any:

@@ -1,4 +1,4 @@
-"""One thread that does long work in turn, so that the services' executor stays free."""
+"""A thread that runs simulations one after another, outside the services' executor."""
 
 from collections.abc import Callable
 import queue
@@ -14,13 +14,13 @@ class BusyError(KaneError):
 
 class Worker:
     """
-    A thread with a bounded queue.
+    A thread with a bounded work queue.
 
     Parameters
     ----------
     wake : callable
-        Called in the worker's thread after a piece of work is done; wakes the executor whose
-        coroutines wait for it.
+        Called in the worker's thread after each work item; wakes the executor of the coroutines
+        that await the item.
 
     """
 
@@ -34,29 +34,29 @@ class Worker:
 
     def submit(self, work: Callable[[], None], max_waiting: int) -> Future:
         """
-        Queue `work`; the future that is returned is done, or holds its exception, when it ends.
+        Queue `work`; return a future that completes, or gets the exception, when it ends.
 
         Raises
         ------
         BusyError
-            As many pieces of work are waiting as may wait.
+            The queue is full.
 
         """
         if self._queue.qsize() >= max_waiting:
-            raise BusyError(f'busy: {max_waiting} simulations are waiting (parameter '
-                            'simulation.max_waiting); try again later')
+            raise BusyError(f'busy: {max_waiting} simulations queued; expected fewer than '
+                            'parameter simulation.max_waiting; try again later')
         future = Future()
         self._queue.put((work, future))
         return future
 
     def stop(self, timeout: float) -> None:
-        """Let the running work end early (it asks `stopping`) and end the thread."""
+        """Set `stopping`, which running work polls, and end the thread."""
         self.stopping = True
         self._queue.put(None)
         self._thread.join(timeout)
 
     def _run(self) -> None:
-        """Do the work, one piece after another, until told to stop."""
+        """Run queued work until `stop`."""
         while (item := self._queue.get()) is not None and not self.stopping:
             work, future = item
             try:

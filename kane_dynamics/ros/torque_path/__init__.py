@@ -1,1 +1,1 @@
-"""From a joint state to a torque: the path that runs at every cycle."""
+"""The torque path: computes and publishes one command for each joint state."""

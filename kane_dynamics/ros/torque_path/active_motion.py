@@ -1,4 +1,4 @@
-"""The desired motion: the one that is followed, the one that comes after it, and their end."""
+"""The desired motion that the torque path follows, and the one scheduled after it."""
 
 import threading
 import time
@@ -6,51 +6,51 @@ import time
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import NANO
 
-BegunMotion = tuple[Motion, int]  # a motion, and the node's time at which it begins, ns
+ScheduledMotion = tuple[Motion, int]  # a motion and its start on the node's clock, ns
 
 
 class ActiveMotion:
     """
-    What the torque path follows.
+    The active motion and its successor.
 
-    Motions come from the services' thread, which reads and fits them; the torque path asks at
-    every state, and forgets all when it must not be followed any more. A motion that was received
-    before that, or whose reading had begun, is not followed either.
+    The services' thread reads motions and sets them. The torque path samples the active motion at
+    each state and clears both motions when it stops, times out, or changes clock or mode. A motion
+    that was received, or whose reading began, before `clear` is rejected.
 
     Attributes
     ----------
     generation : int
-        Raised whenever everything is forgotten.
-    forgotten : int
-        When that was, ns of the system's time.
+        Number of calls of `clear`.
+    cleared_at : int
+        System time of the last `clear`, ns.
 
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  # of those who write
-        self._motions: tuple[BegunMotion | None, BegunMotion | None] = None, None
-        self.generation, self.forgotten = 0, time.time_ns()
+        self._lock = threading.Lock()  # held by writers
+        self._motions: tuple[ScheduledMotion | None, ScheduledMotion | None] = None, None
+        self.generation, self.cleared_at = 0, time.time_ns()
 
     def at(self, stamp: int) -> tuple[Motion | None, float]:
-        """Return the motion in force at a time, ns, and the time since it began, s."""
+        """Return the motion that is active at a time, ns, and the time since its start, s."""
         motion, upcoming = self._motions
         if upcoming is not None and stamp >= upcoming[1]:
             motion = upcoming
         return (None, 0.0) if motion is None else (motion[0], (stamp - motion[1]) / NANO)
 
     def desired(self, stamp: int) -> State | None:
-        """Return q, u and udot that are desired at a time, ns; None if nothing is."""
+        """Return the desired q, u and udot at a time, ns; None without an active motion."""
         motion, moment = self.at(stamp)
         return None if motion is None else motion.sample(moment)
 
     def follow(self, motion: Motion, start: int, now: int, generation: int) -> bool:
         """
-        Follow `motion` from `start` on, and until then the one that is in force now, ns.
+        Schedule `motion` at time `start`, ns; until then the current motion stays active.
 
         Returns
         -------
         bool
-            False if all was forgotten since `generation`: the motion is then not followed.
+            False if `clear` was called since `generation`; the motion is then rejected.
 
         """
         with self._lock:
@@ -62,10 +62,10 @@ class ActiveMotion:
             self._motions = before, (motion, start)
             return True
 
-    def forget(self) -> bool:
-        """Follow nothing; return whether there was anything to follow."""
+    def clear(self) -> bool:
+        """Drop both motions; return whether there was one."""
         with self._lock:
             before, self._motions = self._motions, (None, None)
             self.generation += 1
-            self.forgotten = time.time_ns()
+            self.cleared_at = time.time_ns()
             return before != (None, None)

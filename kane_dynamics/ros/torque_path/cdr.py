@@ -1,11 +1,11 @@
 """
-Serialised messages, as far as the node reads and writes them itself: plain CDR, version 1.
+Read and write serialized messages: plain CDR, version 1.
 
-A message is four bytes of encapsulation and a body. Every number stands at a multiple of its own
-size from the beginning of the body; what lies between is padding and may be anything (Fast DDS
-leaves there what the memory held). A string is its length with the final NUL, then its bytes; a
-sequence is its count, then its elements, with no padding where there are none. Source: OMG
-DDSI-RTPS 2.5, chapter 10, and CORBA 3.3, section 9.3.
+A message is four bytes of encapsulation and a body. Each number is aligned to a multiple of its
+own size from the start of the body; the content of padding bytes is undefined (Fast DDS does not
+clear them). A string is its length including the final NUL, then its bytes. A sequence is its
+count, then its elements; an empty sequence has no padding. Source: OMG DDSI-RTPS 2.5, chapter 10,
+and CORBA 3.3, section 9.3.
 """
 
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ STAMP_AT = HEAD  # a Header begins with its stamp, and a JointState with its Hea
 
 
 class TooShortError(InputError):
-    """A message ends before what it announces."""
+    """A message is shorter than its contents require."""
 
 
 class Reader:
     """
-    Reads one serialised message from its beginning to its end.
+    Reads the fields of one serialized message in order.
 
     Parameters
     ----------
@@ -36,81 +36,82 @@ class Reader:
     Attributes
     ----------
     order : str
-        Byte order in the words of `struct`: '<' or '>'.
-    at : int
-        Where the next read begins.
+        Byte order as in `struct`: '<' or '>'.
+    offset : int
+        Offset of the next field, bytes.
 
     Raises
     ------
     InputError
-        From here and from every method: says what is not as it must be, and where.
+        Here and in every method: the message is not valid CDR.
 
     """
 
     def __init__(self, data: bytes) -> None:
         if len(data) < HEAD or data[0] != 0 or data[1] > 1:
-            raise InputError(f'the encapsulation is {data[:2].hex() or "absent"}; valid: 0000 or '
+            raise InputError(f'encapsulation: {data[:2].hex() or "absent"}; expected 0000 or '
                              '0001, plain CDR')
-        self._data, self.at = data, HEAD
+        self._data, self.offset = data, HEAD
         self.order = '<' if data[1] else '>'
         self._word, self._pair = struct.Struct(self.order + 'I'), struct.Struct(self.order + 'iI')
 
-    def take(self, size: int, count: int) -> int:
-        """Return where `count` numbers of `size` bytes begin, and go past them."""
-        begin = self.at + -(self.at - HEAD) % size
+    def advance(self, size: int, count: int) -> int:
+        """Skip `count` numbers of `size` bytes; return their offset."""
+        begin = self.offset + -(self.offset - HEAD) % size
         end = begin + size * count
         if end > len(self._data):
-            raise TooShortError(f'{count} elements of {size} bytes from byte {begin} on in a '
-                                f'message of {len(self._data)} bytes')
-        self.at = end
+            raise TooShortError(f'message: {len(self._data)} bytes; expected at least {end} for '
+                                f'{count} elements of {size} bytes')
+        self.offset = end
         return begin
 
     def word(self) -> int:
-        """Return an unsigned number of 32 bits."""
-        return int(self._word.unpack_from(self._data, self.take(4, 1))[0])
+        """Read an unsigned 32-bit integer."""
+        return int(self._word.unpack_from(self._data, self.advance(4, 1))[0])
 
     def pair(self) -> tuple[int, int]:
-        """Return the two numbers of a Time or a Duration: s, and ns on top."""
-        sec, nanosec = self._pair.unpack_from(self._data, self.take(4, 2))
+        """Read a Time or a Duration: seconds and nanoseconds."""
+        sec, nanosec = self._pair.unpack_from(self._data, self.advance(4, 2))
         return sec, nanosec
 
     def text(self) -> str:
-        """Return a string."""
+        """Read a string."""
         length = self.word()
-        begin = self.take(1, length)
-        body = self._data[begin:self.at]
+        begin = self.advance(1, length)
+        body = self._data[begin:self.offset]
         if not body.endswith(b'\0') or body.count(b'\0') > 1:
-            raise InputError(f'the string at byte {begin} does not end with its only NUL')
+            raise InputError(f'string at byte {begin}: {body[:40]!r}; expected a single NUL, at '
+                             'its end')
         try:
             return body[:-1].decode()
         except UnicodeDecodeError:
-            raise InputError(f'the string at byte {begin} is not UTF-8') from None
+            raise InputError(f'string at byte {begin}: {body[:40]!r}; expected UTF-8') from None
 
     def texts(self) -> list[str]:
-        """Return a sequence of strings."""
+        """Read a sequence of strings."""
         count = self.word()
-        if 4 * count > len(self._data) - self.at:  # each has its length
-            raise TooShortError(f'{count} strings from byte {self.at} on in a message of '
-                                f'{len(self._data)} bytes')
+        if 4 * count > len(self._data) - self.offset:  # each string has a 4-byte length
+            raise TooShortError(f'message: {len(self._data)} bytes; expected at least '
+                                f'{self.offset + 4 * count} for {count} strings')
         return [self.text() for _ in range(count)]
 
     def doubles(self) -> NDArray[np.float64]:
-        """Return a sequence of doubles, (count,)."""
+        """Read a sequence of doubles, (count,)."""
         count = self.word()
         if count == 0:
             return np.zeros(0)
-        begin = self.take(8, count)
+        begin = self.advance(8, count)
         return np.frombuffer(self._data, self.order + 'f8', count, begin)
 
 
 class Writer:
     """
-    Lays out one little-endian message; numbers are filled in later.
+    Builds the layout of one little-endian message; numbers are written later.
 
     Parameters
     ----------
     fill : int
-        The byte that stands wherever the layout says nothing: in numbers, stamps and padding.
+        Value of the bytes of numbers, stamps and padding.
 
     """
 
@@ -118,15 +119,15 @@ class Writer:
         self.data = bytearray((0, 1, fill, fill))
         self._fill = bytes([fill])
 
-    def take(self, size: int, count: int) -> int:
-        """Append `count` numbers of `size` bytes; return where they begin."""
+    def reserve(self, size: int, count: int) -> int:
+        """Append `count` numbers of `size` bytes; return their offset."""
         padding = -(len(self.data) - HEAD) % size
         self.data += self._fill * (padding + size * count)
         return len(self.data) - size * count
 
     def word(self, value: int) -> None:
-        """Append an unsigned number of 32 bits."""
-        struct.pack_into('<I', self.data, self.take(4, 1), value)
+        """Append an unsigned 32-bit integer."""
+        struct.pack_into('<I', self.data, self.reserve(4, 1), value)
 
     def text(self, value: str) -> None:
         """Append a string."""
@@ -141,22 +142,22 @@ class Writer:
             self.text(value)
 
     def doubles(self, count: int) -> int:
-        """Append a sequence of doubles; return where they begin, or end where there are none."""
+        """Append a sequence of doubles; return the offset of the first."""
         self.word(count)
-        return self.take(8, count) if count else len(self.data)
+        return self.reserve(8, count) if count else len(self.data)
 
 
 def write_joint_state(names: Sequence[str], frame_id: str, counts: Sequence[int],
                       fill: int = 0) -> tuple[Writer, list[int]]:
     """
-    Lay out a sensor_msgs/JointState.
+    Build the layout of a sensor_msgs/JointState.
 
     Parameters
     ----------
     names : sequence of str
-        Of the joints.
+        Names of the joints.
     frame_id : str
-        Of the header.
+        Frame of the header.
     counts : three int
         Numbers of positions, velocities and efforts.
     fill : int
@@ -166,21 +167,21 @@ def write_joint_state(names: Sequence[str], frame_id: str, counts: Sequence[int]
     -------
     writer : Writer
     offsets : list of int
-        Where positions, velocities and efforts begin.
+        Offsets of positions, velocities and efforts.
 
     """
     writer = Writer(fill)
-    writer.take(4, 2)
+    writer.reserve(4, 2)
     writer.text(frame_id)
     writer.texts(names)
     return writer, [writer.doubles(count) for count in counts]
 
 
-class Block:
-    """Bytes of one message that stay in place, with views of the doubles in it."""
+class MessageBuffer:
+    """The bytes of one message at a fixed address, with views of its doubles."""
 
     def __init__(self, size: int) -> None:
-        # The body begins at a multiple of 8, so that its doubles do.
+        # The body is aligned to 8 bytes, and so are its doubles.
         self.bytes = np.zeros(size + HEAD, dtype=np.uint8)[HEAD:]
 
     def doubles(self, offset: int, count: int) -> NDArray[np.float64]:
@@ -188,14 +189,14 @@ class Block:
         return self.bytes[offset:offset + 8 * count].view('<f8')
 
 
-class Prepared(Block):
+class PreparedMessage(MessageBuffer):
     """
-    A message to be sent again and again, in which only numbers and stamp change.
+    A serialized message with a fixed layout, of which numbers and stamp are rewritten.
 
     Attributes
     ----------
     numbers : (n,) array
-        The doubles of the message; write into them.
+        View of the doubles of the message; write into it.
 
     """
 
@@ -209,27 +210,27 @@ class Prepared(Block):
         STAMP.pack_into(self.bytes, STAMP_AT, sec, nanosec)
 
     def serialized(self) -> bytes:
-        """Return the message as it is now."""
+        """Return a copy of the message."""
         return self.bytes.tobytes()
 
 
-def joint_efforts(names: Sequence[str]) -> Prepared:
-    """Return a sensor_msgs/JointState that holds an effort for each name and nothing else."""
+def joint_state_of_efforts(names: Sequence[str]) -> PreparedMessage:
+    """Return a sensor_msgs/JointState with an effort for each name, and no other numbers."""
     writer, offsets = write_joint_state(names, '', (0, 0, len(names)))
-    return Prepared(writer, offsets[2], len(names))
+    return PreparedMessage(writer, offsets[2], len(names))
 
 
-def wrench_stamped(frame_id: str) -> Prepared:
-    """Return a geometry_msgs/WrenchStamped at a frame; its numbers are force, then torque."""
+def wrench_stamped(frame_id: str) -> PreparedMessage:
+    """Return a geometry_msgs/WrenchStamped at a frame, with the numbers force, then torque."""
     writer = Writer()
-    writer.take(4, 2)
+    writer.reserve(4, 2)
     writer.text(frame_id)
-    return Prepared(writer, writer.take(8, 6), 6)
+    return PreparedMessage(writer, writer.reserve(8, 6), 6)
 
 
-def numbers(count: int) -> Prepared:
-    """Return a std_msgs/Float64MultiArray of `count` numbers without a layout."""
+def float64_multi_array(count: int) -> PreparedMessage:
+    """Return a std_msgs/Float64MultiArray of `count` numbers with an empty layout."""
     writer = Writer()
     writer.word(0)  # dimensions
-    writer.word(0)  # offset of the data
-    return Prepared(writer, writer.doubles(count), count)
+    writer.word(0)  # data offset
+    return PreparedMessage(writer, writer.doubles(count), count)

@@ -1,4 +1,4 @@
-"""What looks on at the torque path: called after each command, in the path's thread."""
+"""The interface of observers, which the torque path calls after each command."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,22 +9,22 @@ from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 
 class Cycle(NamedTuple):
     """
-    One state and what came of it.
+    One joint state and the command computed from it.
 
     Attributes
     ----------
     stamp : int
-        Of the state, ns; that of its receipt where it has none.
+        Stamp of the state, ns; the time of its reception if it has no stamp.
     state : JointStateReader
-        Its arrays are overwritten by the next state.
+        The state; the next state overwrites its arrays.
     motion : Motion or None
-        The desired motion, if there is one.
+        The active motion, if there is one.
     moment : float
-        Time since the motion began, s.
+        Time since the start of the motion, s.
     tau : (n,) array
         The command, N m or N.
     external : (n,) array or None
-        What known wrenches do to the joints, N m or N.
+        Joint torques of the known wrenches, N m or N.
 
     """
 
@@ -37,16 +37,16 @@ class Cycle(NamedTuple):
 
 
 class CycleObserver(Protocol):
-    """Looks on at the torque path; every call must be short."""
+    """Observes the torque path in its thread; every call must be short."""
 
     def start(self) -> None:
-        """Begin anew: the path starts to answer states."""
+        """Reset, because the torque path starts."""
 
-    def take(self, cycle: Cycle) -> None:
-        """Look at a state that has been answered."""
+    def on_cycle(self, cycle: Cycle) -> None:
+        """Process one state and its command."""
 
-    def refresh(self) -> None:
-        """Take note that gravity or payload of the path's robot have changed."""
+    def on_loads_changed(self) -> None:
+        """Use the new gravity and payload of the robot."""
 
     def stop(self) -> None:
-        """End: the path answers no more states."""
+        """Stop, because the torque path stops."""

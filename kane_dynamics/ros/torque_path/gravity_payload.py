@@ -1,4 +1,4 @@
-"""What may change between two cycles: gravity, and what the arm carries."""
+"""Gravity and payload, which may change between two cycles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class GravityAndPayload:
-    """Gravity, (3,) m/s^2 in world axes, and the payload in axes of the payload frame."""
+    """Gravity, (3,) m/s^2 in world axes, and the payload in the axes of the payload frame."""
 
     gravity: Array
     payload: Inertial | None = None
 
     def apply(self, robot: Robot) -> None:
-        """Put both into the parameters of a robot's kernels."""
+        """Set the parameters of a robot's kernels."""
         robot.parameters.gravity = self.gravity
         if robot.equations.payload_frame is not None:
             robot.parameters.payload = self.payload
@@ -29,7 +29,7 @@ class GravityAndPayload:
 
 @dataclass(frozen=True)
 class PayloadBounds:
-    """Where payloads are given, and the largest that is accepted, kg and m."""
+    """The payload frame, and the largest accepted mass and distance, kg and m."""
 
     frame: str
     max_mass: float
@@ -37,7 +37,7 @@ class PayloadBounds:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> 'PayloadBounds':
-        """Take them from the node's parameters."""
+        """Return the bounds that the node's parameters give."""
         return cls(values['payload.frame'], values['payload.max_mass'],
                    values['payload.max_distance'])
 
@@ -45,48 +45,50 @@ class PayloadBounds:
 def checked_payload(model: Model, bounds: PayloadBounds, frame: str, mass: float,
                     com: Sequence[float], inertia: Sequence[float]) -> Inertial | None:
     """
-    Return a payload in axes of the payload frame; None for a mass of zero.
+    Check a payload and return it in the axes of the payload frame; None for zero mass.
 
     Parameters
     ----------
     model : Model
-        Of the robot that carries it.
+        Model of the robot that carries the payload.
     bounds : PayloadBounds
-        What is believed at most.
+        Largest accepted mass and distance.
     frame : str
-        Frame that com and inertia are given in, fixed to the same body as the payload frame;
-        empty: the payload frame.
+        Frame of com and inertia, fixed to the same body as the payload frame; empty: the payload
+        frame.
     mass : float
-        kg.
+        Mass, kg.
     com : three float
-        Mass centre from the frame's origin, m.
+        Center of mass relative to the origin of the frame, m.
     inertia : six float
-        xx, xy, xz, yy, yz, zz about the mass centre, kg m^2.
+        xx, xy, xz, yy, yz, zz about the center of mass, kg m^2.
 
     Raises
     ------
     InputError
-        Names the field, its value and what is valid.
+        A field is invalid, or the node has no payload frame.
 
     """
     if not bounds.frame:
-        raise InputError('this node carries no payload; set parameter payload.frame before it '
-                         'configures')
+        raise InputError('payload: parameter payload.frame is empty; expected a frame, set before '
+                         'the node configures')
     if not (math.isfinite(mass) and 0.0 <= mass <= bounds.max_mass):
-        raise InputError(f'the mass is {mass:g} kg; valid: 0 to {bounds.max_mass:g} kg (parameter '
+        raise InputError(f'mass: {mass:g} kg; expected 0 to {bounds.max_mass:g} kg (parameter '
                          'payload.max_mass)')
     distance = math.hypot(*com)
     if not distance <= bounds.max_distance:
-        raise InputError(f'the mass centre is at {list(com)} m; valid: finite numbers, at most '
-                         f'{bounds.max_distance:g} m away (parameter payload.max_distance)')
+        raise InputError(f'center of mass: {list(com)} m; expected finite numbers, at most '
+                         f'{bounds.max_distance:g} m from the frame (parameter '
+                         'payload.max_distance)')
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     _check_inertia(tensor, mass * bounds.max_distance ** 2)
     at, carrier = model.frame(frame or bounds.frame), model.frame(bounds.frame)
     if at.body != carrier.body:
-        valid = ', '.join(sorted(each.name for each in model.frames if each.body == carrier.body))
-        raise InputError(f"frame '{at.name}' is not fixed to that of parameter payload.frame, "
-                         f"'{carrier.name}'; valid: {valid}")
+        expected = ', '.join(sorted(each.name for each in model.frames
+                                    if each.body == carrier.body))
+        raise InputError(f"frame: '{at.name}', not fixed to the body of payload.frame "
+                         f"'{carrier.name}'; expected one of {expected}")
     if mass == 0.0:
         return None
     back = carrier.rotation.T
@@ -95,28 +97,28 @@ def checked_payload(model: Model, bounds: PayloadBounds, frame: str, mass: float
 
 
 def _check_inertia(tensor: Array, most: float) -> None:
-    """Raise unless matter within bounds can have this central inertia."""
+    """Raise InputError unless a body within the bounds can have this central inertia."""
     if not np.isfinite(tensor).all():
-        raise InputError(f'the inertia is {tensor.tolist()}; valid: finite numbers')
-    found = principal_moments(tensor, rounding=1e-6)  # of numbers that were printed and read
+        raise InputError(f'inertia: {tensor.tolist()}; expected finite numbers')
+    found = principal_moments(tensor, rounding=1e-6)  # rounding of numbers in text
     if not found.possible:
-        raise InputError(f'the inertia has the principal moments {found}; expected none '
-                         'negative, none larger than the sum of the other two')
+        raise InputError(f'inertia: principal moments {found}; expected none negative and none '
+                         'larger than the sum of the other two')
     largest = found.moments[2]
     if largest > most:
-        raise InputError(f'the inertia has the principal moment {largest:g} kg m^2; expected at '
-                         f'most {most:g} kg m^2, mass times the square of parameter '
+        raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at most '
+                         f'{most:g} kg m^2, the mass times the square of parameter '
                          'payload.max_distance')
 
 
-def start_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:
+def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:
     """
-    Return what the parameters gravity and payload.* say.
+    Return gravity and payload as the parameters gravity and payload.* give them.
 
     Raises
     ------
     InputError
-        The payload is not valid, or there is one but no frame for it.
+        The payload is invalid, or payload.frame is empty and the mass is not zero.
 
     """
     payload = None

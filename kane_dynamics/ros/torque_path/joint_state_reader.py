@@ -1,57 +1,57 @@
-"""Joint states as they come from the wire, into arrays in the node's order."""
+"""Read serialized joint states into arrays in the order of the node's joints."""
 
 from collections.abc import Sequence
 import math
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import Array, Index, NANO
-from kane_dynamics.ros.torque_path.cdr import (Block, Reader, STAMP, STAMP_AT, TooShortError,
-                                               write_joint_state)
+from kane_dynamics.ros.torque_path.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
+                                               TooShortError, write_joint_state)
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-# Why a joint state was dropped; the diagnostics count each of them.
-MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, GARBLED = (
+# Reasons to drop a joint state; the diagnostics count each.
+MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, MALFORMED = (
     'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite',
-    'not a joint state')
-OLD, FUTURE, DISORDER, NO_CLOCK = (
-    'older than state_timeout', 'stamp from the future', 'stamp before the last one',
-    'nothing on /clock')
-OTHERS = 'of other joints'  # such as a gripper's own: no fault, and counted by itself
-MOST_LAYOUTS = 8  # kept at a time: that many publishers may differ
+    'malformed message')
+STALE, FUTURE, OUT_OF_ORDER, NO_CLOCK = (
+    'stale (older than state_timeout)', 'stamp in the future', 'stamp before the latest one',
+    'no message on /clock')
+FOREIGN = 'other joints only'  # for example of a gripper: not a fault, counted separately
+MAX_LAYOUTS = 8  # cached layouts, one for each publisher
 
 
 def time_fault(stamp: int, now: int, last: int, timeout: int,
-               old: str = OLD) -> tuple[str, str] | None:
+               stale: str = STALE) -> tuple[str, str] | None:
     """
-    Return why a message of this stamp must not be used, and the details, if so.
+    Return the reason and the details for which a stamp is invalid; None if it is valid.
 
     Parameters
     ----------
     stamp, now, last : int
-        Of the message, of the node's clock, and of the last good message, ns.
+        Stamp of the message, time of the node's clock, stamp of the latest valid message, ns.
     timeout : int
-        Age from which on it is stale, and the most that clocks may differ, ns.
-    old : str
-        The reason to give for a stale one.
+        Age above which a message is stale, and largest difference of clocks, ns.
+    stale : str
+        Reason to return for a stale message.
 
     """
     if now - stamp > timeout:
-        return old, f'{(now - stamp) / NANO:.3f} s old'
+        return stale, f'{(now - stamp) / NANO:.3f} s old'
     if stamp - now > timeout:
         return FUTURE, f'{(stamp - now) / NANO:.3f} s ahead of the clock'
     if stamp < last:
-        return DISORDER, f'{(last - stamp) / NANO:.6f} s before'
+        return OUT_OF_ORDER, f'{(last - stamp) / NANO:.6f} s before it'
     return None
 
 
 class JointStateLayout:
     """
-    What the messages of one publisher have in common, and where their numbers stand.
+    The layout of the messages of one publisher: the constant bytes, and the offsets of numbers.
 
-    Two messages have the same layout if they are equal in every byte that is neither a number,
-    nor stamp, nor padding, nor after the end: encapsulation, frame, names, counts.
+    Two messages have the same layout if encapsulation, frame, names and counts are equal. Numbers,
+    stamp, padding and trailing bytes may differ.
 
     Parameters
     ----------
@@ -61,8 +61,7 @@ class JointStateLayout:
     Raises
     ------
     InputError
-        The message is big endian, has not a position for each name, or is not what CDR says it
-        must be.
+        The message is big endian, lacks a position for a name, or is not valid CDR.
 
     """
 
@@ -72,113 +71,113 @@ class JointStateLayout:
         frame_id, names = reader.text(), reader.texts()
         counts = [len(reader.doubles()) for _ in range(3)]
         if reader.order != '<' or counts[0] != len(names):
-            raise InputError('the message is big endian, or not a position for each name')
+            raise InputError('message: big endian or positions missing; expected little endian '
+                             'and a position for each name')
         writer, (positions, velocities, efforts) = write_joint_state(names, frame_id, counts)
         full, _ = write_joint_state(names, frame_id, counts, fill=0xff)
-        # Whole messages as numbers: the fastest masked comparison that the language has.
+        # Comparing whole messages as masked integers is the fastest comparison in Python.
         self.expected = int.from_bytes(writer.data, 'little')
         self.mask = int.from_bytes(b'\xff' * len(full.data), 'little') & ~(
             self.expected ^ int.from_bytes(full.data, 'little'))
-        block = Block(len(data))
-        self.landing = memoryview(block.bytes)
-        self.moving = counts[1] == len(names)  # whether each joint has a velocity
-        # Efforts, which lie apart: most nodes have no use for them.
+        block = MessageBuffer(len(data))
+        self.buffer = memoryview(block.bytes)
+        self.has_velocity = counts[1] == len(names)
         self.efforts = block.doubles(efforts, len(names)) if counts[2] == len(names) else None
-        # Eight bytes lie between positions and velocities, the count of these and padding: both
-        # are gathered from one row of doubles.
-        self.between = (velocities - positions) // 8
-        self.numbers = block.doubles(positions, self.between + len(names) if self.moving
-                                     else len(names))
+        # One view covers positions and velocities, so that one gather reads both.
+        self.velocity_offset = (velocities - positions) // 8
+        self.numbers = block.doubles(positions, self.velocity_offset + len(names)
+                                     if self.has_velocity else len(names))
         self.entry: Index = np.zeros(0, dtype=np.intp)
         self.index = self.entry
 
-    def choose(self, index: Index) -> None:
-        """Gather the joints that have these entries: their positions, then their velocities."""
+    def select(self, index: Index) -> None:
+        """Gather the joints with these indices: positions, then velocities."""
         self.entry = index
-        self.index = np.concatenate([index, index + self.between]) if self.moving else index
+        self.index = (np.concatenate([index, index + self.velocity_offset])
+                      if self.has_velocity else index)
 
 
 class JointStateReader:
     """
-    Reads serialised joint states into `q` and `u`, arrays that stay, in the order of `joints`.
+    Reads serialized joint states into the arrays `q` and `u`, in the order of `joints`.
 
-    A message laid out like an earlier one costs a comparison and two gathers. Any other takes the
-    normal road through rclpy, with the same result, and its layout is learned.
+    A message with a cached layout needs one comparison and two gathers. Any other message is
+    deserialized by rclpy, with the same result, and its layout is cached.
 
     Attributes
     ----------
     q, u : (n,) arrays
-        The last state; as good as meaningless after `read` has returned a reason.
+        The latest state; undefined after `read` returned a reason.
     sec, nanosec : int
-        Its stamp.
+        Stamp of the latest state.
     effort : (n,) array
-        The efforts of the last state, N m or N, if `measured`.
-    measured : bool
-        Whether that state had a finite effort for each joint.
-    moving : bool
-        Whether that state had velocities; else `u` is zero.
+        The efforts of the latest state, N m or N, if `has_effort`.
+    has_effort : bool
+        Whether the latest state has a finite effort for each joint.
+    has_velocity : bool
+        Whether the latest state has velocities; else `u` is zero.
     need_effort : bool
-        Whether efforts are read at all; False at first.
-    others : set
-        Names of the messages read that hold none of `joints`; whoever looks may empty it.
+        Whether efforts are read; initially False.
+    foreign_joints : set
+        Name lists of messages that contain none of `joints`; the caller may clear it.
     detail : str
-        What exactly was wrong with the last message that was not good.
-    normal : int
-        Messages that took the normal road.
+        Details of the latest reason to drop a message.
+    full_parses : int
+        Number of messages that rclpy deserialized.
 
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
         self.joints = tuple(joints)
-        self.need_effort, self.moving = False, False
-        self.others: set[tuple[str, ...]] = set()
+        self.need_effort, self.has_velocity = False, False
+        self.foreign_joints: set[tuple[str, ...]] = set()
         self._state = np.zeros(2 * len(self.joints))
         self.q, self.u = np.split(self._state, 2)
-        self.effort, self.measured = np.zeros(len(self.joints)), False
+        self.effort, self.has_effort = np.zeros(len(self.joints)), False
         self.sec = self.nanosec = 0
         self.detail = ''
-        self.normal = 0
+        self.full_parses = 0
         self._layouts: dict[int, JointStateLayout] = {}  # by length of the message
 
     @property
     def stamp(self) -> int:
-        """Return the stamp of the last state, ns."""
+        """Return the stamp of the latest state, ns."""
         return self.sec * NANO + self.nanosec
 
     def read(self, data: bytes, need_velocity: bool) -> str | None:
-        """Read one message; return None if it is good, else the reason to drop it."""
+        """Read one message; return None, or the reason to drop it."""
         layout = self._layouts.get(len(data))
         if layout is None or (int.from_bytes(data, 'little') & layout.mask) != layout.expected or (
-                need_velocity and not layout.moving):
-            return self._read_normally(data, need_velocity)
+                need_velocity and not layout.has_velocity):
+            return self._parse(data, need_velocity)
         self.sec, self.nanosec = STAMP.unpack_from(data, STAMP_AT)
-        layout.landing[:] = data
-        self.moving = layout.moving
-        if layout.moving:
+        layout.buffer[:] = data
+        self.has_velocity = layout.has_velocity
+        if layout.has_velocity:
             layout.numbers.take(layout.index, out=self._state, mode='clip')
         else:
             layout.numbers.take(layout.index, out=self.q, mode='clip')
             self.u.fill(0.0)
         if self.need_effort:
-            self._take_effort(layout.efforts, layout.entry)
+            self._gather_effort(layout.efforts, layout.entry)
         return self._finite()
 
-    def _read_normally(self, data: bytes, need_velocity: bool) -> str | None:
-        """Read a message as rclpy does; learn its layout if it is good."""
-        self.normal += 1
+    def _parse(self, data: bytes, need_velocity: bool) -> str | None:
+        """Deserialize a message with rclpy; cache its layout if it is valid."""
+        self.full_parses += 1
         layout = None
         try:
             layout = JointStateLayout(data)
-        except TooShortError as error:  # rclpy would refuse it too, but print that every time
+        except TooShortError as error:  # rclpy rejects it too, but prints an error each time
             self.detail = str(error)
-            return GARBLED
-        except InputError:  # rclpy reads more than plain CDR: such messages stay on its road
+            return MALFORMED
+        except InputError:  # rclpy reads more encodings than plain CDR
             pass
         try:
             message = deserialize_message(data, JointState)
         except (RuntimeError, MemoryError, ValueError) as error:  # RMWError is a RuntimeError
             self.detail = f'{len(data)} bytes: {str(error)[:100]}'
-            return GARBLED
+            return MALFORMED
         stamp = message.header.stamp
         self.sec, self.nanosec = stamp.sec, stamp.nanosec
         index = self._index(message.name)
@@ -186,8 +185,8 @@ class JointStateReader:
             return index
         fault = self._gather(message, index, need_velocity)
         if fault is None and layout is not None:
-            layout.choose(index)
-            self._learn(data, layout)
+            layout.select(index)
+            self._cache_layout(data, layout)
         return fault
 
     def _gather(self, message: JointState, index: Index, need_velocity: bool) -> str | None:
@@ -197,8 +196,8 @@ class JointStateReader:
             return SHORT
         np.frombuffer(message.position).take(index, out=self.q, mode='clip')
         speeds = len(message.velocity)
-        self.moving = speeds == count
-        if self.moving:
+        self.has_velocity = speeds == count
+        if self.has_velocity:
             np.frombuffer(message.velocity).take(index, out=self.u, mode='clip')
         elif need_velocity:
             self.detail = f'{speeds} velocities for {count} names'
@@ -206,26 +205,26 @@ class JointStateReader:
         else:
             self.u.fill(0.0)
         if self.need_effort:
-            self._take_effort(np.frombuffer(message.effort) if len(message.effort) == count
-                              else None, index)
+            complete = len(message.effort) == count
+            self._gather_effort(np.frombuffer(message.effort) if complete else None, index)
         return self._finite()
 
-    def _take_effort(self, efforts: Array | None, index: Index) -> None:
-        """Gather efforts, which a driver may leave out or fill with NaN: that is no fault."""
-        self.measured = efforts is not None
+    def _gather_effort(self, efforts: Array | None, index: Index) -> None:
+        """Gather efforts; a driver may omit them or send NaN."""
+        self.has_effort = efforts is not None
         if efforts is not None:
             efforts.take(index, out=self.effort, mode='clip')
-            self.measured = math.isfinite(sum(self.effort.tolist()))
+            self.has_effort = math.isfinite(sum(self.effort.tolist()))
 
     def _index(self, names: list[str]) -> Index | str:
-        """Return the entry of each joint, or why there is not one of each."""
+        """Return the index of each joint in `names`, or the reason to drop the message."""
         entry = {name: i for i, name in enumerate(names)}
         missing = [joint for joint in self.joints if joint not in entry]
         self.detail = ', '.join(missing)
         if names and len(missing) == len(self.joints):
-            if len(self.others) < MOST_LAYOUTS:
-                self.others.add(tuple(names))
-            return OTHERS
+            if len(self.foreign_joints) < MAX_LAYOUTS:
+                self.foreign_joints.add(tuple(names))
+            return FOREIGN
         twice = [joint for joint in self.joints if names.count(joint) > 1]
         if missing or twice:
             self.detail = ', '.join(missing or twice)
@@ -233,17 +232,18 @@ class JointStateReader:
         return np.array([entry[joint] for joint in self.joints], dtype=np.intp)
 
     def _finite(self) -> str | None:
-        if math.isfinite(sum(self._state.tolist())):  # short rows: faster than numpy
+        """Return None if the state is finite, else the reason to drop it."""
+        if math.isfinite(sum(self._state.tolist())):  # faster than numpy for short rows
             return None
         bad = ~(np.isfinite(self.q) & np.isfinite(self.u))
-        if not bad.any():  # the sum alone left the finite numbers
+        if not bad.any():  # only the sum overflowed
             return None
         self.detail = ', '.join(self.joints[i] for i in np.flatnonzero(bad))
         return NOT_FINITE
 
-    def _learn(self, data: bytes, layout: JointStateLayout) -> None:
-        """Keep the layout of a good message, in place of the oldest if there are many."""
+    def _cache_layout(self, data: bytes, layout: JointStateLayout) -> None:
+        """Cache the layout of a valid message; drop the oldest one if the cache is full."""
         self._layouts.pop(len(data), None)
-        if len(self._layouts) >= MOST_LAYOUTS:
+        if len(self._layouts) >= MAX_LAYOUTS:
             del self._layouts[next(iter(self._layouts))]
         self._layouts[len(data)] = layout

@@ -1,24 +1,24 @@
-"""Simulated time: whether it goes on, and whether anybody is there to let it go on."""
+"""A watchdog of simulated time."""
 
 import time
 
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.node import Node
 
-LOST = 1.0  # s that simulated time may stand when nobody publishes it
+LOST_CLOCK = 1.0  # s without progress of simulated time and without a publisher
 
 
 class SimTimeWatchdog:
     """
-    Looks at a node's clock from the outside, by the steady one.
+    Monitors simulated time with the steady clock.
 
-    A clock that stands is a pause, in which nothing grows older. One that nobody publishes any
-    more stands for ever, and no timeout by it would ever come.
+    While simulated time is paused, no message becomes stale. When its publisher disappears, no
+    timeout on simulated time would ever expire; the watchdog then commands zeros.
 
     Attributes
     ----------
-    remark : str
-        What to tell of the clock since the report before; empty: it goes on.
+    warning : str
+        Warning about the clock at the latest report; empty: the clock advances.
 
     """
 
@@ -26,23 +26,23 @@ class SimTimeWatchdog:
         self._node = node
         self._now, self._moved = 0, time.perf_counter()
         self._reported = 0
-        self.remark = ''
+        self.warning = ''
 
-    def look(self, path: TorquePath | None) -> None:
-        """Command zeros if the clock stands, nobody publishes it, and no states come."""
+    def check(self, path: TorquePath | None) -> None:
+        """Command zeros if the clock has stopped without a publisher and no states arrive."""
         now, steady = self._time(), time.perf_counter()
         if now != self._now:
             self._now, self._moved = now, steady
         elif path is not None and path.commanding and (
-                steady - max(self._moved, path.answered) > LOST) and (
+                steady - max(self._moved, path.last_update) > LOST_CLOCK) and (
                 self._node.count_publishers('/clock') == 0):
-            path.lose('nobody publishes /clock any more')
+            path.time_out('/clock has no publisher')
 
     def report(self) -> None:
-        """Renew the remark."""
+        """Update `warning`."""
         before, self._reported = self._reported, self._time()
-        self.remark = '' if before != self._reported else (
-            'the clock stands' if before else 'nothing has come on /clock')
+        self.warning = '' if before != self._reported else (
+            '/clock does not advance' if before else 'no message on /clock')
 
     def _time(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)

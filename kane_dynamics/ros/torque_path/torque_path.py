@@ -1,8 +1,8 @@
 """
-The torque path: one joint state in, one command out, and zeros whenever that must stop.
+The torque path: publishes one command for each joint state, and zeros when states stop.
 
-It runs in the main thread alone. Messages come and go as bytes: those that leave are laid out
-once, and each cycle writes numbers and stamp into them.
+It runs in the main thread only and works on serialized messages: the layout of its own messages is
+built once, and each cycle writes numbers and stamp.
 """
 
 from collections.abc import Callable
@@ -14,33 +14,33 @@ from kane_dynamics.motion.motion import State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.cdr import joint_efforts, numbers
+from kane_dynamics.ros.torque_path.cdr import float64_multi_array, joint_state_of_efforts
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader, MISSING, NO_CLOCK,
-                                                              OTHERS, time_fault)
+from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader, MISSING,
+                                                              NO_CLOCK, time_fault)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
-BEYOND = 'no finite torque'
+NO_TORQUE = 'no finite torque'
 
 
 class TorquePath:
     """
-    Answers joint states with torques while it is running.
+    Computes a command for each joint state while it is running.
 
     Parameters
     ----------
     controller : Controller
     commands, torques : Publisher
-        Of Float64MultiArray and of JointState; they are given serialised messages.
+        Publishers of Float64MultiArray and of JointState; they receive serialized messages.
     now : callable
         Returns the node's clock, ns.
     timeout : float
-        Age from which on a state is stale, s.
+        Age above which a state is stale, s.
     statistics : Statistics
     warn : callable
-        Takes the reason and the details of every state that was dropped.
+        Called with the reason and the details of each dropped state.
 
     """
 
@@ -50,89 +50,90 @@ class TorquePath:
         joints = controller.robot.joint_names
         self.controller, self.statistics = controller, statistics
         self.running = False
-        self.commanding = False  # whether torques other than our own zeros may be acting
+        self.commanding = False  # whether the last command may be non-zero
         self.timed_out = False
-        self.answered = 0.0  # when the last state was, s of `time.perf_counter`; 0: none yet
-        self.course = ActiveMotion()
+        self.last_update = 0.0  # time of the last command, s of `perf_counter`; 0: none yet
+        self.active_motion = ActiveMotion()
         self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
         self._reader = JointStateReader(joints)
-        self._command_message, self._torque_message = numbers(len(joints)), joint_efforts(joints)
+        self._command_message = float64_multi_array(len(joints))
+        self._torque_message = joint_state_of_efforts(joints)
         self.wrenches: WrenchInput | None = None
-        self._watches: list[CycleObserver] = []
+        self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
-        self._loads_in_force: GravityAndPayload | None = None
-        self._heard = self._last_now = self._last_stamp = 0
+        self._applied_loads: GravityAndPayload | None = None
+        self._last_good = self._last_now = self._last_stamp = 0
         self.set_timeout(timeout)
 
     def set_timeout(self, timeout: float) -> None:
-        """Change the age, s, from which on a state is stale."""
+        """Set the age, s, above which a state is stale."""
         self._timeout = round(timeout * NANO)
 
-    def add_watch(self, watch: CycleObserver, need_effort: bool) -> None:
-        """Let `watch` look on, at the efforts of the states too if it needs them."""
-        self._watches.append(watch)
+    def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
+        """Call `observer` after each command; read the efforts of states if it needs them."""
+        self._observers.append(observer)
         self._reader.need_effort |= need_effort
 
     def desired(self, stamp: int) -> State | None:
-        """Return q, u and udot from which a new motion may set out; None before any state."""
-        state = self.course.desired(stamp)
-        if state is None and self.answered:
+        """Return the initial q, u and udot of a new motion; None before the first state."""
+        state = self.active_motion.desired(stamp)
+        if state is None and self.last_update:
             pose = self.controller.pose
             q = (self._reader.q if pose is None else pose).copy()
             state = q, 0.0 * q, 0.0 * q
         return state
 
-    def take_others(self) -> set[tuple[str, ...]]:
-        """Return the names of states of other joints alone that came since this was asked."""
-        others, self._reader.others = self._reader.others, set()
-        return others
+    def take_foreign_joints(self) -> set[tuple[str, ...]]:
+        """Return and clear the name lists of states that contained other joints only."""
+        foreign, self._reader.foreign_joints = self._reader.foreign_joints, set()
+        return foreign
 
     def set_loads(self, loads: GravityAndPayload) -> None:
-        """Compute with `loads` from the next state on; safe from any thread."""
+        """Use gravity and payload from the next state on; callable from any thread."""
         self._loads = loads
 
     def start(self) -> None:
-        """Answer states from now on; nothing is commanded before the first."""
-        self.course.forget()
-        self.timed_out, self.answered = False, 0.0
-        self._last_now = self._heard = self._now()
+        """Start; the first command follows the first state."""
+        self.active_motion.clear()
+        self.timed_out, self.last_update = False, 0.0
+        self._last_now = self._last_good = self._now()
         self._last_stamp = 0
         self.controller.stop()
         if self.wrenches is not None:
-            self.wrenches.forget()
-        for watch in self._watches:
-            watch.start()
+            self.wrenches.clear()
+        for observer in self._observers:
+            observer.start()
         self.running = True
 
     def stop(self) -> None:
-        """Command zeros and answer no more states."""
+        """Command zeros and ignore further states."""
         self.running = False
-        self.course.forget()
-        self.zero()
-        for watch in self._watches:
-            watch.stop()
+        self.active_motion.clear()
+        self.command_zeros()
+        for observer in self._observers:
+            observer.stop()
 
-    def zero(self) -> None:
-        """Command zeros now, past every limit."""
+    def command_zeros(self) -> None:
+        """Command zeros immediately, without the rate limit."""
         self.commanding = False
         self._torque_message.stamp(*divmod(max(self._now(), 0), NANO))
         self._publish(self.controller.stop().tau)
 
-    def watch(self) -> None:
-        """Command zeros, once, if no good state has come for too long."""
+    def check_timeout(self) -> None:
+        """Command zeros, once, if the last valid state has timed out."""
         now = self._clock()
-        if self.running and now - self._heard > self._timeout and not self.timed_out:
-            self.lose(f'none for {(now - self._heard) / NANO:.3f} s')
+        if self.running and now - self._last_good > self._timeout and not self.timed_out:
+            self.time_out(f'none for {(now - self._last_good) / NANO:.3f} s')
 
-    def lose(self, why: str) -> None:
-        """Command zeros until a good state comes, and follow no motion that is on its way."""
+    def time_out(self, reason: str) -> None:
+        """Command zeros until the next valid state, and drop the desired motion."""
         self.timed_out = True
-        forgotten = self.course.forget()
+        dropped = self.active_motion.clear()
         if self.commanding:
-            self.zero()
+            self.command_zeros()
             self.statistics.timeouts += 1
-            self._warn('no joint state', f'{why}: zeros are commanded until one comes'
-                       + ', and the desired motion is forgotten' * forgotten)
+            self._warn('no joint state', f'{reason}; commanding zeros until the next one'
+                       + ', desired motion dropped' * dropped)
 
     @property
     def now(self) -> int:
@@ -140,12 +141,12 @@ class TorquePath:
         return self._now()
 
     @property
-    def silence(self) -> float:
-        """Seconds since the last good state, or since the start."""
-        return (self._now() - self._heard) / NANO
+    def state_age(self) -> float:
+        """Return the time since the last valid state, or since the start, s."""
+        return (self._now() - self._last_good) / NANO
 
     def on_state(self, data: bytes) -> None:
-        """Answer one serialised JointState with torques for the moment of its stamp."""
+        """Compute and publish the command for one serialized JointState, at its stamp."""
         if not self.running:
             return
         began = time.perf_counter()
@@ -154,76 +155,76 @@ class TorquePath:
         fault = reader.read(data, controller.mode is not Mode.GRAVITY_COMPENSATION)
         stamp = reader.stamp or now
         if fault is not None:
-            if fault is OTHERS and not self.timed_out:
-                self.statistics.others += 1
-            else:  # where no others come, names that are all strange are wrong
-                self._drop(MISSING if fault is OTHERS else fault, reader.detail)
+            if fault is FOREIGN and not self.timed_out:
+                self.statistics.foreign_states += 1
+            else:  # without other states, a state of other joints only is a fault
+                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
             return
-        if not now:  # nothing would ever grow old
-            self._drop(NO_CLOCK, 'use_sim_time is set, and no time has come yet')
+        if not now:  # no timeout would ever expire
+            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
             return
-        late = time_fault(stamp, now, self._last_stamp, self._timeout)
-        if late is not None:
-            self._drop(*late)
+        stamp_fault = time_fault(stamp, now, self._last_stamp, self._timeout)
+        if stamp_fault is not None:
+            self._drop(*stamp_fault)
             return
-        # Between two cycles, so that all of one command is computed with the same loads.
-        if self._loads is not self._loads_in_force:
-            self._take_loads()
-        motion, moment = self.course.at(stamp)
+        # Between two cycles, so that each command is computed with consistent loads.
+        if self._loads is not self._applied_loads:
+            self._apply_loads()
+        motion, moment = self.active_motion.at(stamp)
         try:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
             command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion, moment,
                                                  external)
-        except InputError as error:  # the state is finite, but its torques are not
-            self._drop(BEYOND, str(error))
+        except InputError as error:  # the torques of a finite state overflowed
+            self._drop(NO_TORQUE, str(error))
             return
-        self._heard, self._last_stamp = min(now, stamp), stamp
-        self.timed_out, self.commanding, self.answered = False, True, began
+        self._last_good, self._last_stamp = min(now, stamp), stamp
+        self.timed_out, self.commanding, self.last_update = False, True, began
         self._torque_message.stamp(reader.sec, reader.nanosec)
         self._publish(command.tau)
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
                                 command.limited)
-        self.statistics.normal_road = reader.normal
-        for watch in self._watches:  # last, so that no command waits for them
-            watch.take(Cycle(stamp, reader, motion, moment, command.tau, external))
+        self.statistics.full_parses = reader.full_parses
+        for observer in self._observers:  # after the command, which must not wait for them
+            observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau, external))
 
-    def _take_loads(self) -> None:
-        """Put gravity and payload into the kernels' parameters."""
+    def _apply_loads(self) -> None:
+        """Set gravity and payload as parameters of the kernels."""
         loads = self._loads
         if loads is not None:
             loads.apply(self.controller.robot)
             if self.controller.bending is not None:
                 loads.apply(self.controller.bending.robot)
-        self._loads_in_force = loads
-        for watch in self._watches:
-            watch.refresh()
+        self._applied_loads = loads
+        for observer in self._observers:
+            observer.on_loads_changed()
 
     def _publish(self, tau: Array) -> None:
-        """Send both messages, first the one that a controller waits for."""
+        """Publish both messages, first the command."""
         self._command_message.numbers[:] = tau
         self._commands.publish(self._command_message.serialized())
         self._torque_message.numbers[:] = tau
         self._torques.publish(self._torque_message.serialized())
 
     def _clock(self) -> int:
-        """Return the node's time, ns; a jump backwards forgets the motion and all stamps."""
+        """Return the node's time, ns; handle a backward jump."""
         now = self._now()
         if now < self._last_now:
-            self.clock_jumped()
+            self.on_clock_jump()
         self._last_now = now
         return now
 
-    def clock_jumped(self) -> None:
-        """Forget motions, wrenches and all stamps: they are of a time that is no more."""
-        self.course.forget()
-        self._heard = self._last_now = self._now()
+    def on_clock_jump(self) -> None:
+        """Drop motions, wrenches and stamps, which refer to the time before the jump."""
+        self.active_motion.clear()
+        self._last_good = self._last_now = self._now()
         self._last_stamp = 0
         self.controller.stop()
         if self.wrenches is not None:
-            self.wrenches.forget()
-        self._warn('clock', 'it jumped backwards, or is another one now: the desired motion is '
-                   'forgotten')
+            self.wrenches.clear()
+        self._warn('clock', 'jumped backward or replaced; desired motion dropped')
 
     def _drop(self, reason: str, detail: str) -> None:
+        """Count a dropped state and warn."""
         self.statistics.dropped[reason] += 1
         self._warn(reason, detail)

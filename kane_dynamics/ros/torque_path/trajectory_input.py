@@ -1,8 +1,8 @@
 """
-Joint trajectories as they come from the wire.
+Read serialized joint trajectories and schedule them as desired motions.
 
-rclpy would convert a whole message without letting go of the interpreter: tens of milliseconds for
-thousands of points, in which no joint state is answered. Here it is read point by point.
+rclpy converts a message without releasing the interpreter; for thousands of points this blocks the
+torque path for tens of milliseconds. This module reads the message point by point.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from kane_dynamics.ros.torque_path.cdr import Reader
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 
 
-class Time(NamedTuple):
+class CdrTime(NamedTuple):
     """A Time or a Duration."""
 
     sec: int
@@ -25,43 +25,43 @@ class Time(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Header:
-    """What is used of a Header."""
+class TrajectoryHeader:
+    """The part of a Header that is used."""
 
-    stamp: Time
+    stamp: CdrTime
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
-    """What is used of a JointTrajectoryPoint."""
+class ReceivedPoint:
+    """The part of a JointTrajectoryPoint that is used."""
 
     positions: Array
     velocities: Array
     accelerations: Array
-    time_from_start: Time
+    time_from_start: CdrTime
 
 
 @dataclass(frozen=True, eq=False)
 class ReceivedTrajectory:
-    """The fields of a JointTrajectory."""
+    """The part of a JointTrajectory that is used."""
 
-    header: Header
+    header: TrajectoryHeader
     joint_names: list[str]
-    points: list[Point]
+    points: list[ReceivedPoint]
 
 
 def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
     """
-    Read a serialised JointTrajectory.
+    Read a serialized JointTrajectory.
 
     Raises
     ------
     InputError
-        It is not what CDR says it must be, or has too many points; none is read then.
+        The message is not valid CDR or has too many points.
 
     """
     reader = Reader(data)
-    stamp = Time(*reader.pair())
+    stamp = CdrTime(*reader.pair())
     reader.text()  # frame
     names = reader.texts()
     count = reader.word()
@@ -71,64 +71,68 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
     for _ in range(count):
         positions, velocities, accelerations = (reader.doubles() for _ in range(3))
         reader.doubles()  # efforts
-        points.append(Point(positions, velocities, accelerations, Time(*reader.pair())))
-    return ReceivedTrajectory(Header(stamp), names, points)
+        points.append(ReceivedPoint(positions, velocities, accelerations,
+                                    CdrTime(*reader.pair())))
+    return ReceivedTrajectory(TrajectoryHeader(stamp), names, points)
 
 
-def take_trajectory(path: TorquePath, data: bytes, received: int, values: Mapping[str, Any]
-                    ) -> str:
+def follow_trajectory(path: TorquePath, data: bytes, received: int,
+                      values: Mapping[str, Any]) -> str:
     """
-    Let the torque path follow a serialised JointTrajectory; without points, nothing any more.
+    Make the torque path follow a serialized JointTrajectory; an empty one ends the motion.
 
-    A motion whose first point lies ahead begins where the arm is wanted to be when it starts: in
-    the motion before it, in the pose that is held, or where it was measured last.
+    If the first point is later than 0, the motion begins at the desired state at its start time:
+    that of the previous motion, the held pose, or the last measured state.
 
     Parameters
     ----------
     path : TorquePath
-        Running.
+        The running torque path.
     data : bytes
-        The message.
+        The serialized message.
     received : int
-        When the message came, ns of the system's time; 0 if that is not known.
+        System time of reception, ns; 0 if unknown.
     values : mapping
         The node's parameters.
 
     Returns
     -------
     str
-        What to remark on it; empty: nothing.
+        A warning about the motion; empty: none.
 
     Raises
     ------
     InputError
-        The message is not good, or nothing would follow it.
+        The message is invalid, or no motion can be followed now.
 
     """
-    course, now = path.course, path.now
-    generation = course.generation
-    if 0 < received < course.forgotten:
-        raise InputError('it came before the node was activated, ended its motion, lost its joint '
-                         'states, or changed clock or mode')
+    active_motion, now = path.active_motion, path.now
+    generation = active_motion.generation
+    if 0 < received < active_motion.cleared_at:
+        raise InputError('joint_trajectory: received before the node was activated, ended its '
+                         'motion, timed out, or changed clock or mode; expected a later one')
     message = read_trajectory(data, values['trajectory.max_points'])
     if not message.points:
-        course.forget()
-        return 'it has no points: no motion is followed any more'
+        active_motion.clear()
+        return 'no points; the desired motion ends'
     if path.controller.mode is Mode.GRAVITY_COMPENSATION:
-        raise InputError(f'the mode is {Mode.GRAVITY_COMPENSATION}, which follows no motion')
+        raise InputError(f'mode: {Mode.GRAVITY_COMPENSATION}; expected a mode that follows '
+                         'motions')
     if path.timed_out:
-        raise InputError(f'no joint state has come for {path.silence:.3f} s')
+        raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one within '
+                         'state_timeout')
     if not now:
-        raise InputError('use_sim_time is set, and nothing has come on /clock')
+        raise InputError('use_sim_time: true without a message on /clock; expected simulated time')
     start = nanoseconds(message.header.stamp) or now
     motion = motion_from_message(message, path.controller.robot.joint_names,
                                  values['trajectory.max_points'], path.desired(start))
     if start != now and start + motion.duration * NANO < now:
-        raise InputError(f'it ended {(now - start) / NANO - motion.duration:.3f} s ago')
-    if not course.follow(motion, start, now, generation):
-        raise InputError('while it was read the node was stopped, ended its motion, lost its '
-                         'joint states, or changed clock or mode')
+        raise InputError(f'end of the motion: {(now - start) / NANO - motion.duration:.3f} s ago; '
+                         'expected a time in the future')
+    if not active_motion.follow(motion, start, now, generation):
+        raise InputError('joint_trajectory: received while the node was stopped, ended its '
+                         'motion, timed out, or changed clock or mode; expected a later one')
     limits = path.controller.robot.limits
     outside = (motion.positions < limits.lower) | (motion.positions > limits.upper)
     beyond = [name for name, points in zip(motion.joint_names, outside.T) if points.any()]
-    return 'it goes beyond the position limits of ' + ', '.join(beyond) if beyond else ''
+    return 'exceeds the position limits of ' + ', '.join(beyond) if beyond else ''

@@ -1,9 +1,9 @@
 """
-Wrenches that the environment is known to exert on the robot: from messages to joint torques.
+Convert wrench messages to joint torques.
 
-A geometry_msgs/WrenchStamped says what the environment does to the robot (not the reaction to it):
-force and torque in the axes of the frame `header.frame_id`, the force acting at its origin. A
-force-torque sensor often reports the opposite; negate it then.
+A geometry_msgs/WrenchStamped is the wrench that the environment exerts on the robot: force and
+torque in the axes of the frame `header.frame_id`, with the force at its origin. Many force-torque
+sensors report the opposite sign; negate their wrenches.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,32 +15,32 @@ from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.torque_path.cdr import Reader, TooShortError
-from kane_dynamics.ros.torque_path.joint_state_reader import GARBLED, NOT_FINITE, time_fault
+from kane_dynamics.ros.torque_path.joint_state_reader import MALFORMED, NOT_FINITE, time_fault
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-OLD, FRAME, SILENT, LARGE = (
-    'older than wrench.timeout', 'frame not in wrench.frames',
-    'silent for longer than wrench.timeout', 'beyond wrench.max_force or wrench.max_moment')
+STALE, FRAME, TIMED_OUT, LARGE = (
+    'stale (older than wrench.timeout)', 'frame not in wrench.frames',
+    'timed out after wrench.timeout', 'above wrench.max_force or wrench.max_moment')
 
 
 def check_frames(model: Model, frames: Sequence[str], parameter: str = 'wrench.frames') -> None:
     """Raise InputError unless each of `frames` exists and moves."""
     for name in frames:
         if model.frame(name).body == WORLD:
-            valid = ', '.join(sorted(f.name for f in model.frames if f.body != WORLD))
-            raise InputError(f"parameter '{parameter}' holds '{name}', which does not move: what "
-                             f'is there loads no joint; valid: {valid}')
+            expected = ', '.join(sorted(f.name for f in model.frames if f.body != WORLD))
+            raise InputError(f"parameter '{parameter}': '{name}', a frame that does not move; "
+                             f'expected frames of {expected}')
 
 
 class WrenchFrames:
     """
-    Turns wrenches in the axes of their frames into those that a robot takes: in world axes.
+    Transforms wrenches from the axes of their frames to world axes.
 
     Parameters
     ----------
     robot : Robot
-        Belongs to the thread that calls.
+        A robot of the calling thread.
 
     """
 
@@ -50,14 +50,14 @@ class WrenchFrames:
         self._poses = [self._workspace.at_frame('frame_pose', name) for name in self.names]
 
     def row(self, name: str) -> int:
-        """Return the row of a frame; InputError where it may carry no wrench."""
+        """Return the row of a frame; raise InputError for a frame not in wrench.frames."""
         if name not in self.names:
-            valid = ', '.join(self.names) or 'none: set parameter wrench.frames'
-            raise InputError(f"frame_id is '{name}'; valid: {valid}")
+            expected = ', '.join(self.names) or 'no wrench: parameter wrench.frames is empty'
+            raise InputError(f"frame_id: '{name}'; expected {expected}")
         return self.names.index(name)
 
     def in_world(self, q: Array, wrenches: Iterable[tuple[int, Array]]) -> Array:
-        """Return (k, 6), world axes, from rows and their wrenches, (6,), in axes of the frame."""
+        """Return (k, 6) in world axes, from rows and wrenches, (6,), in the axes of the frames."""
         rows = np.zeros((len(self.names), 6))
         self._workspace.q[:] = q
         for row, wrench in wrenches:
@@ -68,22 +68,21 @@ class WrenchFrames:
 
 class WrenchInput:
     """
-    The last wrench of each frame that may carry one, as joint torques.
+    Converts the latest wrench of each frame to joint torques.
 
-    Messages and states come in the same thread. A frame whose last message has grown older than
-    the timeout counts as unloaded.
+    Messages and states are processed in the same thread. A frame whose latest message is stale is
+    unloaded.
 
     Parameters
     ----------
     robot : Robot
-        That of the torque path.
+        The robot of the torque path.
     now : callable
         Returns the node's clock, ns.
     values : mapping
-        The node's parameters, of which wrench.* are used.
+        The node's parameters; wrench.* are used.
     reject : callable
-        Takes the reason and the details of every message that was dropped, and of frames that
-        fall silent.
+        Called with the reason and the details of each dropped message and each timeout.
 
     """
 
@@ -91,28 +90,28 @@ class WrenchInput:
                  reject: Callable[[str, str], None]) -> None:
         self._frames, self._robot = WrenchFrames(robot), robot
         self._now, self._reject = now, reject
-        self.world = np.zeros((len(self._frames.names), 6))  # as of the last state
+        self.world = np.zeros((len(self._frames.names), 6))  # at the latest state
         self.update(values)
-        self.forget()
+        self.clear()
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next message on."""
         self._timeout = round(values['wrench.timeout'] * NANO)
         self._most = np.repeat([values['wrench.max_force'], values['wrench.max_moment']], 3)
 
-    def forget(self) -> None:
-        """Take all frames for unloaded, and the next stamps for the first."""
+    def clear(self) -> None:
+        """Unload all frames and forget the stamps."""
         self._last: dict[int, tuple[int, Array]] = {}
         self._stamps = [0] * len(self._frames.names)
         self.world[:] = 0.0
 
-    def take(self, data: bytes) -> None:
-        """Take one serialised WrenchStamped, or drop it and say why."""
+    def on_message(self, data: bytes) -> None:
+        """Store one serialized WrenchStamped, or reject it with the reason."""
         now = self._now()
         try:
             stamp, frame, wrench = _read(data)
         except InputError as error:
-            self._reject(GARBLED, str(error))
+            self._reject(MALFORMED, str(error))
             return
         try:
             row = self._frames.row(frame)
@@ -126,7 +125,7 @@ class WrenchInput:
             self._reject(LARGE, f"at frame '{frame}': {wrench.tolist()}")
             return
         stamp = stamp or now
-        fault = time_fault(stamp, now, self._stamps[row], self._timeout, OLD)
+        fault = time_fault(stamp, now, self._stamps[row], self._timeout, STALE)
         if fault is not None:
             self._reject(fault[0], f"at frame '{frame}': {fault[1]}")
             return
@@ -135,12 +134,12 @@ class WrenchInput:
 
     def torques(self, q: Array, now: int) -> Array | None:
         """
-        Return what the wrenches in force do to the joints, (n,) N m or N; None where none is.
+        Return the joint torques of the active wrenches, (n,) N m or N; None without any.
 
         Parameters
         ----------
         q : (n,) array
-            Measured positions, which turn the frames' axes into the world's.
+            Measured positions, which give the rotation of the frames.
         now : int
             The node's clock, ns.
 
@@ -155,24 +154,24 @@ class WrenchInput:
         for row, (stamp, _) in list(self._last.items()):
             if now - stamp > self._timeout:
                 del self._last[row]
-                self._reject(SILENT, f"'{self._frames.names[row]}': taken for unloaded until a "
-                             'wrench comes')
+                self._reject(TIMED_OUT, f"'{self._frames.names[row]}': unloaded until the next "
+                             'wrench')
         self.world[:] = self._frames.in_world(
             q, ((row, wrench) for row, (_, wrench) in self._last.items()))
         return self._robot.external_force(q, wrench=self.world) if self._last else None
 
 
 def _read(data: bytes) -> tuple[int, str, Array]:
-    """Return stamp, ns, frame and numbers of a WrenchStamped; InputError says what is wrong."""
+    """Return stamp, ns, frame and numbers of a WrenchStamped; raise InputError if malformed."""
     try:
         reader = Reader(data)
         sec, nanosec = reader.pair()
         frame = reader.text()
-        begin = reader.take(8, 6)
+        begin = reader.advance(8, 6)
         wrench = np.frombuffer(data, reader.order + 'f8', 6, begin).astype(np.float64)
-    except TooShortError:  # rclpy would refuse it too, but print that every time
+    except TooShortError:  # rclpy rejects it too, but prints an error each time
         raise
-    except InputError:  # rclpy reads more than plain CDR
+    except InputError:  # rclpy reads more encodings than plain CDR
         try:
             message = deserialize_message(data, WrenchStamped)
         except (RuntimeError, MemoryError, ValueError) as error:  # RMWError is a RuntimeError
@@ -191,21 +190,21 @@ def wrench_array(message: WrenchStamped) -> Array:
 def wrenches_of_request(frames: WrenchFrames, q: Array,
                         messages: Sequence[WrenchStamped]) -> Array | None:
     """
-    Return what a request says of wrenches, (k, 6) in world axes; None if nothing.
+    Return the wrenches of a request, (k, 6) in world axes; None without any.
 
     Raises
     ------
     InputError
-        A frame is unknown or named twice, or a number is not finite.
+        A frame is unknown or used twice, or a number is not finite.
 
     """
     given: dict[int, Array] = {}
     for message in messages:
         row, wrench = frames.row(message.header.frame_id), wrench_array(message)
         if row in given:
-            raise InputError(f"wrenches names frame '{message.header.frame_id}' twice")
+            raise InputError(f"wrenches: two at frame '{message.header.frame_id}'; expected one")
         if not np.isfinite(wrench).all():
-            raise InputError(f"the wrench at frame '{message.header.frame_id}' is "
-                             f'{wrench.tolist()}; valid: finite numbers')
+            raise InputError(f"wrench at frame '{message.header.frame_id}': {wrench.tolist()}; "
+                             'expected finite numbers')
         given[row] = wrench
     return frames.in_world(q, given.items()) if given else None

@@ -2,9 +2,12 @@
 
 from types import SimpleNamespace
 
-from kane_dynamics.control.controller import ComputedTorque, Controller, Mode, Terms
+from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.control.controller import Controller, Mode, Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.model import Body, Inertial, Joint, Limits, Model
+from kane_dynamics.model.primitive_inertias import point_mass
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -280,6 +283,10 @@ def test_bad_settings_are_refused_in_words(settings, words):
 
 
 def test_computed_torque_spreads_its_gains_over_the_joints_and_checks_them():
-    np.testing.assert_array_equal(ComputedTorque(MOTION, 4.0, [1.0, 2.0]).kp, [4.0, 4.0])
+    builder = ModelBuilder()
+    builder.body('lift', axis=(0, 1, 0), matter=point_mass(1.0, (1, 0, 0)))
+    builder.body('slide', 'lift', 'prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
+    robot = Robot(builder.model())
+    np.testing.assert_array_equal(ComputedTorque(robot, MOTION, 4.0, [1.0, 2.0]).kp, [4.0, 4.0])
     with pytest.raises(InputError, match=r"kd of joint 'slide' is -2\.0"):
-        ComputedTorque(MOTION, 4.0, [1.0, -2.0])
+        ComputedTorque(robot, MOTION, 4.0, [1.0, -2.0])

@@ -44,6 +44,6 @@ def test_it_succeeds_only_where_feedforward_did_what_it_must(capsys):
     assert 'busy' not in capsys.readouterr().out
     assert demo.verdict(ratios[1], late) == 1
     said = capsys.readouterr().out
-    for words in ('too busy', '1500 of 4000 states', '158 ms late', 'cut the error 5.0 times',
-                  'says nothing about the node'):
+    for words in ('too busy', '1500 of 4000 states', '158 ms late', 'errors: 5.0',
+                  'not valid'):
         assert words in said

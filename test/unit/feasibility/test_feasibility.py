@@ -1,4 +1,4 @@
-"""Promises of feasibility: peaks, the highest speed and the largest payload, by brute force."""
+"""Feasibility: peaks, highest speed and largest payload, compared with brute force."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,7 +8,7 @@ from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelErro
                            point_mass, Robot, simulate)
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
-from kane_dynamics.feasibility.time_scale import highest_free, positive
+from kane_dynamics.feasibility.time_scale import highest_free, positive_intervals
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
 import numpy as np
@@ -28,7 +28,7 @@ def arm():
 
 
 def limited(effort, velocity=math.inf, reach=math.inf):
-    """Give the arm other limits."""
+    """Return the arm with other limits."""
     robot = arm()
     robot.parameters.payload = None
     robot.limits = JointLimits(*(np.full(3, float(x)) for x in (-reach, reach)),
@@ -44,7 +44,7 @@ def motion(seed, duration=2.0):
 
 
 def allowed(robot, course, speeds, power=math.inf, step=0.02, more=()):
-    """Tell at which speeds the arm keeps its limits, by computing every torque anew."""
+    """Return the speeds at which the arm satisfies its limits, by computing all torques."""
     _, q, u, udot = sampled(robot, course, step, np.asarray(more, dtype=float))
     s = speeds[:, None, None]
     at = [np.broadcast_to(x, (len(speeds), *q.shape)).reshape(-1, 3)
@@ -67,7 +67,7 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
     if found is None:
         assert not len(kept)
         return
-    for speed in kept[kept > found.speed]:  # by the samples, but not between them
+    for speed in kept[kept > found.speed]:  # satisfied at the samples, but not between them
         assert not allowed(robot, course, np.array([speed]), power, 1e-4).any()
     asked = demand(robot, course, speed=found.speed, power=power, **STEPS)
     assert asked.fits
@@ -81,7 +81,7 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(seed, effort, v
 @pytest.mark.parametrize(('seed', 'effort'), [
     (1120, 27.4766038789267), (1140, 51.466192222681116), (1150, 189.33095944151347),
     (1339, 15.264592834744503), (1422, 47.19545903456095)])
-def test_speed_that_rounding_puts_a_hair_too_high_is_found_all_the_same(seed, effort):
+def test_speed_is_found_despite_rounding_at_the_limit(seed, effort):
     found = fastest(limited(effort), motion(seed), **STEPS)
     for factor, kept in ((1.0 - 1e-8, True), (1.0 + 1e-8, False)):
         assert allowed(limited(effort), motion(seed), np.array([found.speed * factor]),
@@ -100,7 +100,7 @@ def pendulum():
                                      joint_names=robot.joint_names)
 
 
-def test_free_swing_may_be_neither_slower_nor_faster_than_the_motor_makes_up_for():
+def test_free_swing_is_feasible_only_in_a_range_of_speeds():
     robot, turn = pendulum()  # tau = (1 - s^2) m g l sin q, which is largest at q = 90 degrees
     for effort in (3.0, 0.01):
         robot.limits = replace(robot.limits, effort=np.array([effort]))
@@ -112,7 +112,7 @@ def test_free_swing_may_be_neither_slower_nor_faster_than_the_motor_makes_up_for
         assert fastest(robot, turn, most=allowed_speed).speed == allowed_speed
 
 
-def test_motion_at_another_speed_asks_what_the_scaled_motion_asks():
+def test_demand_at_a_speed_equals_that_of_the_scaled_motion():
     robot, course = limited(100.0), motion(1)
     a = demand(robot, course, speed=1.7, step=0.0201)
     b = demand(robot, course.scaled(1.7), step=0.0201 / 1.7)
@@ -122,7 +122,7 @@ def test_motion_at_another_speed_asks_what_the_scaled_motion_asks():
     assert np.allclose(a.torque_rms, np.sqrt(np.mean(b.tau**2, axis=0)), rtol=0.05)
 
 
-def test_both_sides_of_a_jump_of_acceleration_are_judged():
+def test_both_sides_of_an_acceleration_jump_are_checked():
     corner = Motion.from_points([0.0, 1.0, 2.0], [[0.0] * 3, [1.0] * 3, [0.0] * 3],
                                 [[0.0] * 3, [0.5] * 3, [0.0] * 3],
                                 joint_names=arm().joint_names)
@@ -148,7 +148,7 @@ def test_largest_payload_fits_and_any_more_does_not(seed, power):
     worst = max(asked.excesses, key=lambda excess: abs(excess.value) / excess.bound)
     assert (worst.joint, worst.limit, worst.t) == (found.joint, found.limit,
                                                    pytest.approx(found.t, abs=STEPS['step']))
-    # An excess that the samples show is told at one of them; the limit is reached between.
+    # An excess is reported at a sample; the limit is reached between samples.
     robot.parameters.payload = Inertial(found.mass, np.array(com), found.mass * inertia)
     q, u, udot = course.sample(found.t)
     joint = robot.joint_names.index(found.joint)
@@ -157,19 +157,19 @@ def test_largest_payload_fits_and_any_more_does_not(seed, power):
     assert reached[found.limit] == pytest.approx(1.0, rel=1e-8)
 
 
-def test_an_excess_is_told_with_the_digits_that_show_it():
+def test_excess_text_has_enough_digits_to_differ_from_the_bound():
     assert str(Excess('j', 'power', 1.0, 100.0000321, 100.0)).endswith(
         'power 100.00003 at 1 s; power limit 100')
     assert str(Excess('j', 'effort', 1.0, 51.23456, 50.0)).endswith(
         'torque 51.23 at 1 s; effort limit 50')
 
 
-def test_payload_of_a_motion_that_does_not_fit_is_refused_by_name():
+def test_payload_of_an_infeasible_motion_is_rejected_by_name():
     with pytest.raises(InputError, match=r"without a payload: joint 'joint\d': torque .* at "):
         largest_payload(limited(1.0), motion(0), **STEPS)
 
 
-def test_payload_that_no_matter_can_be_is_refused():
+def test_payload_with_impossible_inertia_is_rejected():
     with pytest.raises(ModelError, match="'payload': principal moments of inertia are 1, 1, 5"):
         largest_payload(limited(math.inf), motion(0), inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
 
@@ -191,21 +191,21 @@ def test_motor_without_torque_fits_no_motion():
     assert fastest(limited(math.inf, velocity=0.0), motion(0), **STEPS) is None
 
 
-def test_posture_that_cannot_be_held_is_named_at_the_lowest_speed():
+def test_configuration_that_cannot_be_held_is_named_at_the_lowest_speed():
     robot = limited(float(np.abs(demand(limited(math.inf), motion(0), speed=1e-6,
                                         **STEPS).tau).max()) * 0.99)
     assert fastest(robot, motion(0), **STEPS) is None
     assert demand(robot, motion(0), speed=1e-6, **STEPS).excesses[0].limit == 'effort'
 
 
-def test_position_beyond_its_limit_is_mended_by_no_speed():
+def test_position_beyond_its_limit_is_infeasible_at_any_speed():
     robot = limited(math.inf, reach=0.1)
     assert fastest(robot, motion(0), **STEPS) is None
     assert {excess.limit for excess in demand(robot, motion(0), **STEPS).excesses} == {
         'lower', 'upper'}
 
 
-def test_motion_of_one_point_asks_to_hold_it():
+def test_motion_of_one_point_demands_the_holding_torque():
     point = Motion.from_points([0.0], [[0.1, 0.2, 0.3]], joint_names=arm().joint_names)
     robot = limited(1000.0)
     asked = demand(robot, point)
@@ -214,7 +214,7 @@ def test_motion_of_one_point_asks_to_hold_it():
     assert fastest(robot, point).speed == math.inf
 
 
-def test_every_motion_is_judged_with_friction_unless_the_robot_has_none():
+def test_demand_includes_friction_unless_the_robot_has_none():
     with_friction, without = arm(), Robot(arm().model, friction=False)
     difference = demand(with_friction, motion(2), step=0.5).tau - demand(
         without, motion(2), step=0.5).tau
@@ -223,25 +223,26 @@ def test_every_motion_is_judged_with_friction_unless_the_robot_has_none():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'step': 0.0}, 'step is 0.0 s'), ({'step': 1e-9}, 'samples of a motion'),
-    ({'speed': -1.0}, 'speed is -1.0'), ({'power': -1.0}, "power of joint 'joint0' is -1.0")])
-def test_what_cannot_be_judged_is_refused(change, words):
+    ({'step': 0.0}, 'step: 0.0 s; expected'), ({'step': 1e-9}, 'samples of a motion'),
+    ({'speed': -1.0}, 'speed: -1.0; expected'),
+    ({'power': -1.0}, "power of joint 'joint0' is -1.0")])
+def test_invalid_feasibility_arguments_are_rejected(change, words):
     with pytest.raises(InputError, match=words):
         demand(limited(1.0), motion(0), **{'step': STEP, **change})
-    with pytest.raises(InputError, match='most is 0'):
+    with pytest.raises(InputError, match=r'most: 0\.0; expected'):
         fastest(limited(1.0), motion(0), most=0.0)
 
 
-def test_robots_and_motions_of_another_kind_are_refused():
+def test_unsuitable_robots_and_motions_are_rejected():
     other = Motion.from_points([0.0], [[0.0]], joint_names=['other'])
-    with pytest.raises(InputError, match='the motion is of the joints'):
+    with pytest.raises(InputError, match=r"motion: joints \['other'\]; expected"):
         demand(arm(), other)
 
 
 def test_intervals_of_a_quadratic_are_where_it_is_positive():
     rng = np.random.default_rng(0)
     A, B, C = (rng.normal(size=(40, 25)) * rng.integers(0, 2, (40, 25)) for _ in range(3))
-    intervals = positive(A, B, C)
+    intervals = positive_intervals(A, B, C)
     for s in rng.uniform(-3.0, 3.0, 50):
         inside = ((intervals[..., 0] < s) & (s < intervals[..., 1])).any(axis=1)
         assert (inside == (A * s * s + B * s + C > 0.0)).all()

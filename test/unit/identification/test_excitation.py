@@ -92,7 +92,7 @@ def test_recording_of_the_motion_gives_the_parameters_within_three_deviations():
     robot, course = Robot(arm()), found().motion(200.0)
     q, u, _ = found().sample(np.zeros(1))
     run = simulate(robot, q[0], u[0], 10.0, step=1e-3, sample=5e-3,
-                   torque=ComputedTorque(course, 400.0, 40.0))
+                   torque=ComputedTorque(robot, course, 400.0, 40.0))
     noise = 0.5 * np.random.default_rng(3).normal(size=run.tau.shape)
     fit = fit_base(rows(arm(), Recording(run.t, run.q, run.u, run.udot, run.tau + noise)), arm(),
                    np.full(6, 0.05))

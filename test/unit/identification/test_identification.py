@@ -279,7 +279,7 @@ def test_friction_that_dissipates_beats_them_but_for_a_joint_that_needs_more(nam
 def test_friction_that_would_drive_a_joint_is_told_but_makes_no_model(name):
     found = with_friction_alone(name, False)
     assert found.losses[3, 0] < -5.0 * found.deviations[3, 0]
-    with pytest.raises(ModelError, match=r"joint '\w+': \w+ is -.*must not be negative"):
+    with pytest.raises(ModelError, match=r"joint '\w+': \w+ -.*; expected a nonneg"):
         _ = found.model
     with pytest.raises(InputError, match='friction_only alone'):
         identify(found.given, noisy(), bounded=False)

@@ -92,9 +92,9 @@ def test_payload_is_known_within_ten_seconds_of_motion_and_its_loss_is_noticed()
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'tau': np.array([np.nan, *np.zeros(5)])}, r"tau\[0\] \(joint 'shoulder_pan_joint'\) is nan"),
-    ({'tau': 3.0}, r'tau has shape \(\)'), ({'tau': np.zeros(5)}, r'tau has shape \(5,\)'),
-    ({'tau': ['a'] * 6}, 'tau has dtype'), ({'u': np.full(6, np.inf)}, r'u\[0\] .* is inf'),
+    ({'tau': np.array([np.nan, *np.zeros(5)])}, r"tau\[0\] \(joint 'shoulder_pan_joint'\): nan"),
+    ({'tau': 3.0}, r'tau: shape \(\)'), ({'tau': np.zeros(5)}, r'tau: shape \(5,\)'),
+    ({'tau': ['a'] * 6}, 'tau: dtype'), ({'u': np.full(6, np.inf)}, r'u\[0\] .*: inf'),
     ({'tau': np.full(6, 1e308)}, 'too large'),
     ({name: np.zeros((2, 6)) for name in ('q', 'u', 'udot', 'tau')}, 'expected one sample')])
 def test_sample_that_is_none_is_refused_and_leaves_the_estimate_as_it_was(change, words):

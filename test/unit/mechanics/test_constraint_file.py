@@ -13,12 +13,20 @@ constraints:
   wheel: {rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], height: 0.2}}
   drift: {point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
                            value: 0.5, angular: true}}
+  rod: {closure: {first: a, second: b, kind: distance, length: 0.5}}
+  cross: {closure: {first: a, second: b, kind: universal, axis: [1, 0, 0], second_axis: [0, 1, 0]}}
+  gear_rim: {rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], surface: cylinder,
+                       surface_frame: ring, surface_radius: 0.3, inside: true}}
 independent: [crank]
 """
 PYTHON = (Closure('end', 'ground', 'revolute', (0, 1, 0), 'pin'),
           Coupling('wrist', {'elbow': -1.5}, 0.1, 'gear'), knife_edge('skate', (0, 1, 0), 'blade'),
           Rolling('hub', 0.1, (0, 1, 0), height=0.2, name='wheel'),
-          PointVelocity('tool', (1, 0, 0), 'tool', 'base', 0.5, True, 'drift'))
+          PointVelocity('tool', (1, 0, 0), 'tool', 'base', 0.5, True, 'drift'),
+          Closure('a', 'b', 'distance', name='rod', length=0.5),
+          Closure('a', 'b', 'universal', (1, 0, 0), 'cross', (0, 1, 0)),
+          Rolling('planet', 0.1, (0, 0, 1), name='gear_rim', surface_frame='ring',
+                  surface='cylinder', surface_radius=0.3, inside=True))
 
 
 def plain(constraint):
@@ -39,7 +47,8 @@ def test_a_prefix_goes_before_every_joint_and_frame_but_not_before_forces(tmp_pa
     path.write_text(WHOLE)
     given = load_constraints(path, prefix='left_')
     assert given['independent'] == ('left_crank',)
-    pin, gear, blade, wheel, drift = given['constraints']
+    pin, gear, blade, wheel, drift, *_, rim = given['constraints']
+    assert (rim.frame, rim.surface_frame) == ('left_planet', 'left_ring')
     assert (pin.first, pin.second, pin.labels[0]) == ('left_end', 'left_ground', 'pin/x')
     assert (gear.joint, dict(gear.ratios)) == ('left_wrist', {'left_elbow': -1.5})
     assert (blade.frame, blade.axes, wheel.frame) == ('left_skate', 'left_skate', 'left_hub')

@@ -1,6 +1,6 @@
 """Every misuse of speeds and constraints is refused by name; small inverses are inverses."""
 
-from kane_dynamics import ConstraintError, InputError, ModelBuilder
+from kane_dynamics import ConstraintError, InputError, ModelBuilder, Robot
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.linear_solve import inverse
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, PointVelocity,
@@ -27,7 +27,8 @@ def arm(n=3):
 
 
 @pytest.mark.parametrize(('constraints', 'words'), [
-    ([PointVelocity('hand', (1, 0, 0))], "'velocity of hand': no frame 'hand'; valid: .*tip"),
+    ([PointVelocity('hand', (1, 0, 0))],
+     "'velocity of hand': no frame 'hand'; expected one of .*tip"),
     ([Closure('tip', 'moon')], "'closure of tip and moon': no frame 'moon'"),
     ([Coupling('joint0', {'elbow': 1.0})],
      "'coupling of joint0': no coordinate 'elbow'; valid: joint0, joint1, joint2"),
@@ -49,8 +50,9 @@ def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
 
 @pytest.mark.parametrize(('make', 'words'), [
     (lambda: PointVelocity('tip', (0, 0, 0)), r'direction is \[0.0, 0.0, 0.0\]'),
-    (lambda: Rolling('tip', -1.0), 'radius is -1.0; it must be positive'),
-    (lambda: Closure('tip', 'near', 'glue'), "kind is 'glue'; valid: weld, revolute, spherical")])
+    (lambda: Rolling('tip', -1.0), 'radius is -1.0; expected a positive number'),
+    (lambda: Closure('tip', 'near', 'glue'),
+     "kind is 'glue'; expected one of weld, revolute, prismatic")])
 def test_values_that_no_constraint_has_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()
@@ -122,3 +124,28 @@ def test_rates_follow_the_rules_of_differentiation():
     np.testing.assert_allclose(values(answer), f(t), rtol=1e-15)
     np.testing.assert_allclose(rates(answer), (f(t + h) - f(t - h)) / (2.0 * h), rtol=1e-8)
     assert rates(np.array([1.0, moving(2.0, 0.0)], dtype=object)).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ({'constraints': Coupling('joint1', {'joint0': 2.0})},
+     r'constraints is a Coupling; .*\[pin\]'),
+    ({'constraints': ['pin']}, r"constraints\[0\] is 'pin'; expected one of .*Closure"),
+    ({'constraints': 'pin'}, "constraints is 'pin'; expected a sequence"),
+    ({'constraints': 3}, r'constraints\[0\] is 3'),
+    ({'independent': 'joint0'}, r"independent is 'joint0'; .*such as \['joint0'\]"),
+    ({'independent': [3]}, r'independent is \[3\]'), ({'actuated': 'joint0'}, 'actuated is'),
+    ({'constraints': [Coupling('joint1', {'joint0': 2.0})], 'rank_tolerance': -1.0},
+     'rank_tolerance is -1.0; expected a positive')])
+def test_arguments_of_a_wrong_type_are_told_by_name(options, words):
+    with pytest.raises(ConstraintError, match=words):
+        Robot(arm(), **options)
+
+
+@pytest.mark.parametrize(('q', 'options', 'words'), [
+    ([1.0, 2.0], {}, r'q is \[1.0, 2.0\]'), ([np.nan, 1.0, 2.0], {}, 'expected 3 finite numbers'),
+    ('abc', {}, "q is 'abc'"), ([0.0, 1.0, 2.0], {'t': np.inf}, 't is inf'),
+    ([0.0, 1.0, 2.0], {'fixed': 'joint0'}, "fixed is 'joint0'; expected a sequence")])
+def test_what_no_loop_can_be_closed_from_is_told_by_name(q, options, words):
+    mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
+    with pytest.raises((ConstraintError, InputError), match=words):
+        closed_posture(mechanism, q, **options)

@@ -1,8 +1,10 @@
-"""Promises of `ModelBuilder`: what it builds is what a URDF or a hand-made Model says."""
+"""`ModelBuilder` builds the same models as a URDF or a manual `Model`."""
+
+from time import process_time
 
 from definition import Definition
-from kane_dynamics import (ball, box, disc, Inertial, load_urdf, ModelBuilder, ModelError,
-                           ModelWarning, point_mass, rod)
+from kane_dynamics import (ball, box, disc, FlexibleLink, Inertial, load_urdf, ModelBuilder,
+                           ModelError, ModelWarning, point_mass, Robot, rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_inertial, random_state
@@ -23,7 +25,7 @@ FLOATING = """<robot name="drone"><link name="world"/>
 
 
 def same(model, other):
-    """Check that two models move alike, coordinate for coordinate."""
+    """Check that two models have the same dynamics."""
     assert model.coordinate_names == other.coordinate_names
     one, two = Definition(model), Definition(other)
     for q, u, udot in random_state(model, 0, 30).reshape(10, 3, -1):
@@ -32,7 +34,7 @@ def same(model, other):
                                    atol=1e-12 * np.abs(expected).max())
 
 
-def test_joints_of_more_freedoms_are_those_of_a_urdf():
+def test_expanded_joints_match_those_of_a_urdf():
     b = ModelBuilder()
     hull = Inertial(2, (0.1, 0.2, -0.1), [[0.1, 0, 0], [0, 0.2, 0.01], [0, 0.01, 0.25]])
     b.body('hull', 'world', 'floating', joint='free', at=(1, 0, 0.5), rpy=(0.3, -0.2, 0.7),
@@ -54,7 +56,7 @@ def test_the_spring_mass_pendulum_is_the_shipped_urdf():
 
 
 @pytest.mark.parametrize('turns', ['zxy', 'zxz'])
-def test_turns_follow_one_another_about_the_axes_turned_before(turns):
+def test_rotations_are_about_successively_rotated_axes(turns):
     b = ModelBuilder()
     b.body('top', 'world', 'spherical', turns=turns, matter=ball(1, 0.1))
     b.body('fork', 'top', 'universal', turns='zx', matter=ball(1, 0.1))
@@ -85,16 +87,16 @@ def test_uniform_shapes_have_the_textbook_moments(matter, moments, com):
 
 
 @pytest.mark.parametrize(('shape', 'words'), [
-    (lambda: box(1, (-1, 1, 1)), r'size of a box is \[-1.0, 1.0, 1.0\] m'),
-    (lambda: disc(1, -1), 'radius of a disc is -1.0 m'),
-    (lambda: disc(1, 1, thickness=-2), 'thickness of a disc is -2.0 m'),
-    (lambda: ball(1, -3), 'radius of a ball is -3.0 m')])
+    (lambda: box(1, (-1, 1, 1)), r'size of a box: \[-1.0, 1.0, 1.0\] m'),
+    (lambda: disc(1, -1), 'radius of a disc: -1.0 m'),
+    (lambda: disc(1, 1, thickness=-2), 'thickness of a disc: -2.0 m'),
+    (lambda: ball(1, -3), 'radius of a ball: -3.0 m')])
 def test_a_negative_length_is_refused(shape, words):
     with pytest.raises(ModelError, match=words):
         shape()
 
 
-def test_matter_on_a_frame_rides_on_its_body():
+def test_inertia_on_a_frame_is_added_to_its_body():
     inertial = random_inertial(np.random.default_rng(3))
     b, direct = ModelBuilder(), ModelBuilder()
     for builder in (b, direct):
@@ -130,7 +132,7 @@ def test_a_mounted_arm_moves_with_its_carrier_and_as_itself():
                                    kane.partial_velocities(plain.model(), q, frame), atol=1e-14)
 
 
-def test_a_joint_of_more_freedoms_is_sprung_by_the_name_of_one():
+def test_expanded_joint_properties_are_set_by_joint_name():
     b = ModelBuilder()
     b.body('table', 'world', 'planar', matter=box(1, (1, 1, 0.1)))
     b.joint('table/y', stiffness=7, damping=2)
@@ -139,7 +141,7 @@ def test_a_joint_of_more_freedoms_is_sprung_by_the_name_of_one():
 
 
 def built(*steps):
-    """Return a builder after some steps on a first body."""
+    """Return a builder with a first body and some further steps."""
     b = ModelBuilder('rig')
     b.body('a')
     for name, arguments, options in steps:
@@ -148,21 +150,27 @@ def built(*steps):
 
 
 @pytest.mark.parametrize('name, arguments, options, words', [
-    ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; valid: world, a"),
-    ('body', ('a',), {}, "'a' exists"),
-    ('body', ('b',), {'joint': 'a'}, "joint 'a' exists"),
-    ('body', ('b', 'a', 'fixed'), {}, "kind is 'fixed'; valid: revolute, .*is a frame"),
+    ('body', ('b', 'nowhere'), {}, "'b'.*no body or frame 'nowhere'; expected one of world, a"),
+    ('body', ('a',), {}, "'a': exists already; expected a unique name"),
+    ('body', ('b',), {'joint': 'a'}, "joint 'a': exists already"),
+    ('body', ('b', 'a', 'glued'), {}, "kind 'glued'; expected one of revolute, .*fixed"),
+    ('body', ('b', 'a', 'fixed'), {'damping': 1.0}, 'damping of a fixed joint'),
+    ('body', ('b', 'a'), {'mimic': 'c'}, "mimic is 'c'; expected one of a"),
+    ('body', ('b', 'a', 'floating'), {'mimic': 'a'}, "a floating joint mimics 'a'"),
+    ('body', ('b', 'a'), {'mimic': 'a', 'multiplier': 0.0}, 'multiplier is 0'),
+    ('body', ('b', 'a'), {'multiplier': 2.0}, 'without mimic'),
     ('body', ('b',), {'axis': (0, 0, 0)}, "joint 'b': axis"),
-    ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns is 'xxy'"),
-    ('body', ('b',), {'stifness': 3}, "no property 'stifness'; valid: .*stiffness"),
-    ('body', ('b', 'a', 'planar'), {'damping': 3}, 'damping by joint\\(\\) to one of b/x, b/y'),
+    ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns 'xxy'; expected"),
+    ('body', ('b',), {'stifness': 3}, "no property 'stifness'; expected .*stiffness"),
+    ('body', ('b', 'a', 'planar'), {'damping': 3},
+     'damping of 3 degrees of freedom; expected joint\\(\\) for one of b/x, b/y'),
     ('body', ('b',), {'at': (0, 0)}, "joint 'b': at"),
     ('body', ('b',), {'matter': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
-    ('joint', ('c',), {'damping': 3}, "no joint 'c'; valid: a"),
+    ('joint', ('c',), {'damping': 3}, "no joint 'c'; expected one of a"),
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
     ('load', ('c', point_mass(1)), {}, "no body or frame 'c'"),
-    ('mount', (built().model(), 'a'), {}, "'a' exists")])
-def test_a_mistake_is_told_with_the_names(name, arguments, options, words):
+    ('mount', (built().model(), 'a'), {}, "'a': exists already")])
+def test_builder_error_names_the_fault(name, arguments, options, words):
     with pytest.raises(ModelError, match=words):
         built((name, arguments, options))
 
@@ -176,6 +184,72 @@ def test_a_refused_body_leaves_the_builder_as_it_was():
     assert [body.name for body in b.model().bodies] == ['a']
 
 
-def test_nothing_built_is_no_model():
-    with pytest.raises(ModelError, match="'empty' has no body"):
+def test_builder_without_body_is_rejected():
+    with pytest.raises(ModelError, match="'empty': no body; expected"):
         ModelBuilder('empty').model()
+
+
+def test_a_mimic_joint_follows_its_master_and_that_ones_master():
+    b = ModelBuilder('gripper')
+    b.body('left', kind='prismatic', axis=(1, 0, 0), matter=box(1.0, (0.1, 0.1, 0.1)))
+    b.body('right', kind='prismatic', axis=(1, 0, 0), matter=box(1.0, (0.1, 0.1, 0.1)),
+           mimic='left', multiplier=-2.0, offset=0.1)
+    b.body('third', 'right', kind='prismatic', axis=(1, 0, 0), mimic='right', multiplier=0.5,
+           offset=0.2, matter=box(1.0, (0.1, 0.1, 0.1)))
+    robot = Robot(b.model())
+    assert robot.joint_names == ('left',)
+    x = 0.3
+    assert robot.frame_pose('right', [x])[0, 3] == pytest.approx(-2.0 * x + 0.1)
+    assert robot.frame_pose('third', [x])[0, 3] == pytest.approx(
+        -2.0 * x + 0.1 + 0.5 * (-2.0 * x + 0.1) + 0.2)
+    assert robot.mass_matrix([x])[0, 0] == pytest.approx(1.0 + 2.0**2 + 3.0**2)
+    assert robot.verify() < 1e-13
+
+
+def test_a_fixed_body_is_part_of_its_carrier():
+    both = []
+    for kind in ('fixed', 'load'):
+        b = ModelBuilder('pair')
+        b.body('arm', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+        if kind == 'fixed':
+            b.body('tool', 'arm', 'fixed', at=(1, 0, 0), rpy=(0, 0.3, 0), matter=disc(0.5, 0.2))
+        else:
+            b.frame('tool', 'arm', at=(1, 0, 0), rpy=(0, 0.3, 0))
+            b.load('tool', disc(0.5, 0.2))
+        both.append(Robot(b.model()))
+    np.testing.assert_allclose(*(robot.mass_matrix([0.2]) for robot in both), rtol=1e-14)
+    np.testing.assert_array_equal(*(robot.frame_pose('tool', [0.2]) for robot in both))
+
+
+@pytest.mark.parametrize('on', ['world', 'arm'])
+def test_a_fixed_beam_is_a_cantilever(on):
+    b = ModelBuilder('cantilever', gravity=(0, 0, 0))
+    b.body('arm', kind='prismatic', axis=(0, 0, 1), matter=disc(1e9, 1.0))
+    b.beam('beam', on, FlexibleLink(1.0, 2.0, 50.0, modes=(3, 0)), 'fixed', at=(0.1, 0.2, 0.3))
+    robot = Robot(b.model())
+    assert robot.joint_names == ('arm', 'beam/mode_1', 'beam/mode_2', 'beam/mode_3')
+    none = np.zeros(4)
+    M = robot.mass_matrix(none)[1:, 1:]
+    K = np.array([robot.bias_force(1e-6 * unit, none) for unit in np.eye(4)[1:]])[:, 1:] / 1e-6
+    found = np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real))
+    waves = np.array([1.87510407, 4.69409113, 7.85475744])  # cos b cosh b = -1
+    np.testing.assert_allclose(found, waves**2 * np.sqrt(50.0 / 2.0), rtol=1e-6)
+    assert robot.verify() < 1e-12
+
+
+def test_impossible_inertias_stand_where_asked_for_with_a_warning_that_names_them():
+    matter = Inertial(1.0, np.zeros(3), np.diag([1.0, 1.0, 5.0]))
+    b = ModelBuilder('loose', strict=False)
+    b.body('a', matter=matter)
+    with pytest.warns(ModelWarning, match='strict=False: a$'):
+        assert b.model().bodies[0].inertial.inertia[2, 2] == 5.0
+    with pytest.raises(ModelError, match="'a': principal moments"):
+        ModelBuilder('tight').body('a', matter=matter)
+
+
+def test_a_beam_of_sixteen_modes_is_prepared_within_a_second():
+    start = process_time()
+    b = ModelBuilder('beam')
+    b.beam('beam', 'world', FlexibleLink(1.0, 2.0, 50.0, modes=(16, 0)))
+    b.model()
+    assert process_time() - start < 1.0

@@ -1,4 +1,4 @@
-"""Promises of Motion: joint_trajectory_controller's interpolation, and refusals in words."""
+"""Motion: interpolation as in joint_trajectory_controller, and its error messages."""
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
@@ -16,7 +16,7 @@ def points(seed=1, count=5):
 
 
 def motion(kind, times=TIMES, **options):
-    """Return a motion through random points with as many derivatives given as `kind` says."""
+    """Return a motion through random points with the derivatives of `kind`."""
     return Motion.from_points(times, *points(count=len(times))[:kind], joint_names=NAMES,
                               **options)
 
@@ -148,17 +148,17 @@ ZERO = [[0.0] * 3] * 2
     (([-1.0, 0.5], ZERO), {}, ['point 0', '-1.0', '>= 0']),
     (([0.0, np.inf], ZERO), {}, ['point 1', 'inf', 'finite']),
     (([], []), {}, ['times', 'at least one']),
-    ((['a', 'b'], ZERO), {}, ['times', 'one number a point']),
+    ((['a', 'b'], ZERO), {}, ['times', 'one number per point']),
     (([0.0, 1.0], NAN_ROW), {}, ['point 1', "'elbow'", 'nan', 'finite']),
     (([0.0, 1.0], [[0.0] * 3]), {}, ['positions', '1 rows', 'expected 2']),
     (([0.0, 1.0], [[], []]), {}, ['positions', 'shoulder']),
-    (([0.0, 1.0], [[0.0] * 3, [0.0]]), {}, ['point 1', 'positions', '3 numbers', 'wrist']),
+    (([0.0, 1.0], [[0.0] * 3, [0.0]]), {}, ['point 1', 'positions', 'expected (3,)', 'wrist']),
     (([0.0, 1.0], 5.0), {}, ['positions', '5.0', '3 numbers']),
     (([0.0, 1.0], ZERO, [[0.0] * 3, []]), {}, ['point 1', 'velocities']),
     (([0.0, 1.0], ZERO, None, ZERO), {}, ['accelerations', 'without velocities']),
     (([0.0, 1.0], ZERO, NAN_ROW), {}, ['point 1', 'velocities', "'elbow'"]),
     (([0.0, 1.0], ZERO), {'joint_names': ['a', 'a', 'b']}, ['joint_names', 'different']),
-    (([0.0, 1.0], ZERO), {'order': ['wrist', 'hand']}, ['lacks', 'hand', 'elbow']),
+    (([0.0, 1.0], ZERO), {'order': ['wrist', 'hand']}, ['expected', 'hand', 'elbow']),
     (([1.0, 2.0], ZERO), {'start': (['a', 'b', 'c'], None, None)}, ['start', "'a'", '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0, 0.0], None, None)}, ['start', 'positions', '3']),
     (([1.0, 2.0], ZERO), {'start': ([0.0] * 3, [0, 0, np.inf], None)},
@@ -178,7 +178,7 @@ def test_a_time_that_is_not_finite_is_refused(t):
 
 
 def test_points_too_far_apart_for_finite_numbers_are_refused():
-    with pytest.raises(InputError, match='leaves the finite numbers'):
+    with pytest.raises(InputError, match='overflow; expected a finite motion'):
         Motion.from_points([0.0, 1.0], [[1e308], [-1e308]], joint_names=['a'])
-    with pytest.raises(InputError, match='leaves the finite numbers'):
+    with pytest.raises(InputError, match='overflow; expected a finite motion'):
         Motion.from_points([0.0, 5e-324], [[0.0], [1.0]], joint_names=['a'])

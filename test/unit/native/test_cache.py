@@ -1,4 +1,4 @@
-"""Promises of the cache of machine code: safe to share, never trusted blindly."""
+"""Cache of machine code: safe for concurrent use, rebuilt when damaged or untrusted."""
 
 import multiprocessing
 import os
@@ -33,7 +33,7 @@ def torque(_=None):
     return Robot(MODEL).inverse_dynamics(*STATE)
 
 
-def test_a_hit_traces_nothing(place, monkeypatch):
+def test_cache_hit_traces_nothing(place, monkeypatch):
     expected = torque()
 
     def refuse(*arguments):
@@ -58,7 +58,7 @@ def test_a_damaged_file_is_rebuilt(place, damage):
     assert disk_cache.load(next(iter(os.listdir(place)))) is not None
 
 
-def test_a_file_under_anothers_name_is_not_trusted(place):
+def test_file_with_another_files_content_is_rebuilt(place):
     Robot(MODEL).compile()
     files = sorted(place.iterdir())
     contents = [file.read_bytes() for file in files]
@@ -74,20 +74,20 @@ def test_a_directory_that_others_may_write_to_is_not_used(place):
     assert not list(place.iterdir())
 
 
-def test_off_keeps_nothing(monkeypatch, tmp_path):
+def test_cache_off_stores_nothing(monkeypatch, tmp_path):
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', 'off')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     torque()
     assert not list(tmp_path.iterdir())
 
 
-def test_a_place_that_cannot_be_made_is_no_error(monkeypatch, tmp_path):
+def test_directory_that_cannot_be_created_is_no_error(monkeypatch, tmp_path):
     (tmp_path / 'file').write_text('')
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path / 'file' / 'below'))
     assert torque().shape == (3,)
 
 
-def test_every_option_has_code_of_its_own(place):
+def test_every_option_has_its_own_code(place):
     def files(robot):
         robot.inverse_dynamics(*STATE)
         return set(os.listdir(place))
@@ -115,7 +115,7 @@ def test_a_file_that_others_may_write_to_is_not_trusted(place):
     assert disk_cache.load('name') is None
 
 
-def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
+def test_least_recently_used_files_are_removed_first(place, monkeypatch):
     monkeypatch.setattr(disk_cache, 'MOST_BYTES', 10_000)
     body = bytes(900)
     for k in range(10):
@@ -129,7 +129,7 @@ def test_the_files_not_used_for_longest_go_first(place, monkeypatch):
     assert sum((place / name).stat().st_size for name in left) <= 7500
 
 
-def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch):
+def test_kernels_compile_again_after_their_files_were_removed(place, monkeypatch):
     expected = torque()
     monkeypatch.setattr(disk_cache, 'MOST_BYTES', 0)
     disk_cache.store('another', b'')
@@ -137,7 +137,7 @@ def test_kernels_are_made_anew_after_their_files_were_removed(place, monkeypatch
     assert np.array_equal(torque(), expected)
 
 
-def test_interpreters_that_start_together_on_nothing_agree_and_leave_whole_files(place):
+def test_concurrent_interpreters_with_an_empty_cache_agree_and_leave_complete_files(place):
     """Four interpreters race for an empty cache, while it is pruned to almost nothing."""
     program = """
 import sys

@@ -87,7 +87,7 @@ kernel(*STATE)
 
 @pytest.mark.parametrize('program', [ENTRY, METHOD, FIRST_TOGETHER],
                          ids=['entry', 'method', 'first together'])
-def test_nothing_is_read_or_run_after_it_was_freed(program):
+def test_freed_code_and_tables_are_never_used(program):
     environment = {**os.environ, 'PYTHONMALLOC': 'malloc', 'MALLOC_PERTURB_': '2',
                    'PYTHONFAULTHANDLER': '1', 'PYTHONPATH': os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, '-c', program], env=environment, timeout=120,

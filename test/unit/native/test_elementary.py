@@ -1,7 +1,7 @@
-"""Promises of sine, cosine and hyperbolic tangent in native code."""
+"""Accuracy and special values of sine, cosine and hyperbolic tangent in native code."""
 
 from kane_dynamics import InputError
-from kane_dynamics.native.backends.llvm_math import LARGEST
+from kane_dynamics.native.backends.llvm_math import POSITION_LIMIT
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm
@@ -51,8 +51,8 @@ def test_sine_and_cosine_err_by_two_ulp_at_most_and_tanh_by_three(functions, siz
             assert (error / ulp).max() <= (2.0 if k < 2 else 3.0)
 
 
-@pytest.mark.parametrize('size', [1e9, LARGEST, 1e3 * LARGEST])
-def test_sine_and_cosine_err_by_little_past_the_positions_that_are_taken(functions, size):
+@pytest.mark.parametrize('size', [1e9, POSITION_LIMIT, 1e3 * POSITION_LIMIT])
+def test_sine_and_cosine_are_accurate_beyond_the_position_limit(functions, size):
     x = np.random.default_rng(2).uniform(-size, size, N)
     got = functions(x)
     with mpmath.workprec(200):
@@ -84,7 +84,7 @@ def test_zero_and_saturation_are_exact(functions):
 
 
 @pytest.mark.parametrize('size', [3, 300])
-def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(size):
+def test_positions_beyond_the_limit_are_rejected_by_every_entry_point(size):
     kernel = Kernel('f', lambda: trace_program('f', lambda q, none: [np.sin(q[1])], [
         ('q', (size,)), ('none', (1,))]), None, [Argument('q', (size,))], np.zeros(1), (1,))
     q, result = np.full(size, -1e12), np.empty(1)
@@ -94,6 +94,57 @@ def test_positions_whose_sines_would_be_nonsense_are_refused_on_every_way_in(siz
         np.testing.assert_allclose(way(*arguments).ravel(), np.sin(-1e12), atol=1e-15)
     q[1] = given[2][0][1] = given[3][0][1, 1] = -1.001e12
     for way, arguments in zip(ways, given):
-        with pytest.raises(InputError, match=r'q\[(1|1, 1)\] is -1001000000000.0; expected a '
+        with pytest.raises(InputError, match=r'q\[(1|1, 1)\]: -1001000000000.0; expected a '
                            r'finite number of at most 1e\+12 rad or m'):
             way(*arguments)
+
+
+@pytest.fixture(scope='module', params=[1, 2, 4, 8])
+def further_functions(request):
+    """Evaluate exp, log, arctan, floor, a comparison and a choice, in lanes of every width."""
+    width = request.param
+
+    def f(x, none):
+        return [np.exp(x[0]), np.log(x[0]), np.arctan(x[0]), np.floor(x[0]),
+                (x[0] < x[1]) * 1.0, (x[0] < x[1]).select(x[0], 2.0 * x[1])]
+    program = trace_program('f', f, [('x', (2,)), ('none', (1,))])
+    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
+                                   else lane_text(program, 'f', width)))
+
+    def run(x):
+        x, none = np.ascontiguousarray(x, dtype=np.float64), np.zeros(1)
+        out = np.empty((len(x), 6))
+        rows = [Strided(x.ctypes.data, 16), Strided(none.ctypes.data),
+                Strided(out.ctypes.data, 48)]
+        if width == 1:
+            repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
+                   len(x))
+        else:
+            run_batch(code.address('f'), rows, len(x), width=width)
+        return out
+    return run
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e-8, 0.3, 1.0, 3.0, 100.0, 700.0])
+def test_exp_log_and_arctan_err_by_two_ulp_at_most(further_functions, size):
+    x = np.random.default_rng(4).uniform(-size, size, (N, 2))
+    got = further_functions(x)
+    with mpmath.workprec(200):
+        for k, exact in enumerate((mpmath.exp, mpmath.log, mpmath.atan)):
+            for value, of in zip(got[:, k], x[:, 0]):
+                if k == 1 and of < 0.0:
+                    assert np.isnan(value)
+                    continue
+                true = exact(mpmath.mpf(of))
+                assert abs(mpmath.mpf(value) - true) <= 2.0 * np.spacing(abs(float(true)))
+    np.testing.assert_array_equal(got[:, 3], np.floor(x[:, 0]))
+    np.testing.assert_array_equal(got[:, 4], x[:, 0] < x[:, 1])
+    np.testing.assert_array_equal(got[:, 5], np.where(x[:, 0] < x[:, 1], x[:, 0], 2.0 * x[:, 1]))
+
+
+def test_exp_log_and_arctan_are_numpys_at_the_edges(further_functions):
+    x = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, 709.7, 710.0, -745.0, -750.0, 5e-324])
+    got = further_functions(np.column_stack([x, x]))
+    with np.errstate(all='ignore'):
+        for k, exact in enumerate((np.exp, np.log, np.arctan, np.floor)):
+            np.testing.assert_allclose(got[:, k], exact(x), rtol=1e-15, atol=5e-324)

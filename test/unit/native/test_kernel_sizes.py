@@ -1,4 +1,4 @@
-"""No kernel of a shipped robot needs more arithmetic or code than was recorded."""
+"""Operation counts and code sizes of the kernels of shipped robots match the records."""
 
 from benchmarks import kernel_sizes
 import pytest
@@ -8,7 +8,7 @@ COMMAND = 'if that is meant, run `make kernel-sizes` and commit kernel_sizes.jso
 
 
 def changes(recorded, measured, columns):
-    """Return in words what differs; a smaller kernel is to be recorded too, lest it grow back."""
+    """Return the differences as text; a smaller kernel must be recorded too."""
     found = [f'{name}: only {where}' for name in sorted(recorded.keys() ^ measured.keys())
              for where in ['recorded' if name in recorded else 'measured']]
     for name in recorded.keys() & measured.keys():
@@ -34,7 +34,7 @@ def test_every_shipped_robot_is_recorded_and_no_other():
     assert RECORDED['cpu'] == kernel_sizes.llvm.REFERENCE_CPU
 
 
-def test_growth_of_one_operation_or_byte_is_found():
+def test_increase_by_one_operation_or_byte_is_detected():
     columns, before = kernel_sizes.COLUMNS, {'mass_matrix': [10, 9, 0, 2, 400]}
     assert changes(before, before, columns) == []
     for k, column in enumerate(columns):

@@ -1,4 +1,4 @@
-"""Promises of calling a compiled robot: what is accepted, what is refused, and how."""
+"""Calls of a compiled robot: accepted and rejected arguments, results, native entry points."""
 
 import gc
 import pickle
@@ -19,15 +19,15 @@ STATE = random_state(MODEL, 0)
 
 @pytest.fixture(scope='module')
 def robot():
-    """Return a robot to call."""
+    """Return a random robot."""
     return Robot(MODEL)
 
 
-def test_the_fast_entry_serves_this_interpreter():
+def test_native_entry_supports_this_interpreter():
     assert entry.supported()
 
 
-def test_fast_entry_and_checked_road_agree_to_the_last_bit(robot):
+def test_native_entry_and_fallback_agree_bit_for_bit(robot):
     fast = robot.inverse_dynamics
     assert type(fast).__name__ == 'builtin_function_or_method'
     assert np.array_equal(fast(*STATE), Robot.inverse_dynamics(robot, *STATE))
@@ -85,10 +85,10 @@ def test_a_bad_argument_is_named_with_what_is_expected(robot, arguments, words):
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize('argument', range(3))
 @pytest.mark.parametrize('place', range(5))
-def test_no_number_comes_from_a_state_that_is_not_finite(robot, value, argument, place):
+def test_non_finite_state_is_rejected(robot, value, argument, place):
     state = STATE.copy()
     state[argument, place] = value
-    with pytest.raises(InputError, match=r'is -?(nan|inf)'):
+    with pytest.raises(InputError, match=r': -?(nan|inf); expected'):
         robot.inverse_dynamics(*state)
 
 
@@ -153,7 +153,7 @@ def test_a_payload_without_its_frame_is_refused(robot):
 def test_an_unknown_frame_is_named_with_the_valid_ones(options):
     with pytest.raises(InputError, match='frame'):
         Robot(MODEL, **options)
-    with pytest.raises(InputError, match=r"'nowhere'; valid: .*frame0"):
+    with pytest.raises(InputError, match=r"'nowhere'; expected one of .*frame0"):
         Robot(MODEL).frame_pose('nowhere', STATE[0])
 
 
@@ -196,7 +196,7 @@ def test_calls_from_many_threads_do_not_mix(robot):
     assert not wrong
 
 
-def test_the_slow_road_alone_gives_the_same(monkeypatch):
+def test_fallback_alone_gives_the_same_results(monkeypatch):
     monkeypatch.setattr(entry, 'supported', lambda: False)
     robot = Robot(MODEL)
     assert type(robot.inverse_dynamics).__name__ == 'method'
@@ -210,7 +210,7 @@ def test_every_kernel_documents_itself(robot):
     assert 'Parameters' in Robot.inverse_dynamics.__doc__
 
 
-def test_a_result_that_somebody_holds_is_never_given_out_again(robot):
+def test_referenced_result_is_never_reused(robot):
     states = random_state(MODEL, 8, 3 * 20).reshape(20, 3, 5)
     kept = [robot.inverse_dynamics(*state) for state in states]
     view = robot.inverse_dynamics(*states[0])[1:]
@@ -224,7 +224,7 @@ def test_a_result_that_somebody_holds_is_never_given_out_again(robot):
 @pytest.mark.parametrize('alter', [
     lambda x: setattr(x, 'shape', (1, 5)), lambda x: setattr(x, 'dtype', np.int64),
     lambda x: x.setflags(write=False), lambda x: setattr(x, 'shape', (5, 1, 1))])
-def test_a_result_that_was_altered_comes_back_as_new(alter):
+def test_modified_result_array_is_not_reused(alter):
     robot = Robot(MODEL)
     expected = Robot.inverse_dynamics(robot, *STATE)
     for _ in range(6):
@@ -235,7 +235,7 @@ def test_a_result_that_was_altered_comes_back_as_new(alter):
         del tau
 
 
-def test_a_matrix_that_was_reshaped_comes_back_as_new():
+def test_reshaped_matrix_is_not_reused():
     robot = Robot(MODEL)
     for _ in range(6):
         M = robot.mass_matrix(STATE[0])
@@ -244,7 +244,7 @@ def test_a_matrix_that_was_reshaped_comes_back_as_new():
         del M
 
 
-def test_a_discarded_result_is_not_lost_nor_kept(robot):
+def test_discarded_result_has_correct_reference_counts(robot):
     many = [robot.inverse_dynamics(*STATE) for _ in range(3)]
     for _ in range(5):
         with pytest.raises(InputError, match='not finite'):
@@ -262,7 +262,7 @@ def test_results_are_freed_with_their_entry():
 
 
 @pytest.mark.parametrize('enabled', [True, False])
-def test_the_collector_rests_while_kernels_are_made_and_is_then_as_it_was(enabled):
+def test_garbage_collection_pauses_during_compilation_and_is_restored(enabled):
     was = gc.isenabled()
     (gc.enable if enabled else gc.disable)()
     try:

@@ -1,4 +1,4 @@
-"""Promises of batches: the numbers of single states, whatever batch, lanes and threads."""
+"""Batches: results equal those of single states for any batch, lanes and threads."""
 
 import os
 import re
@@ -29,7 +29,7 @@ COUNTS = (0, 1, W - 1, W, W + 1, 3 * W + 2, 1000)
 
 @pytest.fixture(scope='module')
 def robot():
-    """Return a robot that may be pushed at its last frame."""
+    """Return a robot with a wrench frame at its last link."""
     return Robot(MODEL, wrench_frames=(FRAME,))
 
 
@@ -68,7 +68,7 @@ def test_a_batch_of_frames_is_its_states_one_by_one(robot, name):
     close(method(FRAME, *given), [method(FRAME, *row) for row in given.transpose(1, 0, 2)])
 
 
-def test_a_wrench_may_be_each_states_own_or_none(robot):
+def test_wrench_may_differ_per_state_or_be_omitted(robot):
     q, u, udot = batch(W + 3)
     push = np.random.default_rng(2).normal(size=(W + 3, 1, 6))
     close(robot.inverse_dynamics(q, u, udot, wrench=push),
@@ -76,7 +76,7 @@ def test_a_wrench_may_be_each_states_own_or_none(robot):
     close(robot.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot, wrench=0 * push))
 
 
-def test_parameters_are_those_of_the_moment():
+def test_batch_uses_the_current_parameters():
     robot = Robot(MODEL, payload_frame=FRAME)
     q, u, udot = batch(W + 3)
     before = robot.inverse_dynamics(q, u, udot)
@@ -96,14 +96,14 @@ def test_anything_convertible_is_converted(robot, convert):
     assert np.array_equal(robot.inverse_dynamics(*given), expected)
 
 
-def test_an_answer_does_not_depend_on_its_place_its_batch_or_the_threads(robot, monkeypatch):
+def test_result_does_not_depend_on_batch_position_or_threads(robot, monkeypatch):
     q, u, udot = batch(20_000)
     monkeypatch.setenv(threads.VARIABLE, '1')
     whole = robot.forward_dynamics(q, u, udot)
     for first, last in ((0, 1), (1, W + 3), (777, 1800), (19_999, 20_000)):
         part = slice(first, last)
         assert np.array_equal(robot.forward_dynamics(q[part], u[part], udot[part]), whole[part])
-    monkeypatch.setattr(threads, 'WORTH', 1e-9)  # any work is worth a thread
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-9)  # any work is worth a thread
     for count in (2, 3, 7):
         monkeypatch.setenv(threads.VARIABLE, str(count))
         assert np.array_equal(robot.forward_dynamics(q, u, udot), whole)
@@ -142,12 +142,12 @@ def test_a_number_that_is_not_finite_is_named_with_row_and_joint(robot, place, v
     given = batch(3 * W + 1)
     given[argument, place, 2] = value
     name = ('q', 'u', 'udot')[argument]
-    words = re.escape(f"{name}[{place}, 2] (joint 'joint2') is {value}; expected a finite number")
+    words = re.escape(f"{name}[{place}, 2] (joint 'joint2'): {value}; expected a finite number")
     with pytest.raises(InputError, match=words):
         robot.inverse_dynamics(*given)
 
 
-def test_what_a_quantity_does_not_use_must_be_finite_as_well():
+def test_unused_arguments_must_be_finite_too():
     slide = Robot(random_model(0, 1, prismatic=1.0, passive=False))  # M does not depend on q
     with pytest.raises(InputError, match=re.escape('q[1, 0]')):
         slide.mass_matrix([[0.0], [np.nan]])
@@ -187,7 +187,7 @@ def test_lanes_of_every_width_compute_the_same(width):
     assert run_batch(code.address('f'), rows, 13, width=width) == BAD_RESULT
 
 
-def test_long_rows_that_fill_no_whole_tiles_arrive_in_order():
+def test_long_rows_with_partial_tiles_are_transposed_correctly():
     def square(x, block):
         return [[a * b + block[0] for a in x] for b in x]
     kernel = Kernel('square', lambda: trace_program('square', square,
@@ -198,7 +198,7 @@ def test_long_rows_that_fill_no_whole_tiles_arrive_in_order():
                                atol=1e-14)
 
 
-def test_batches_leave_the_interpreter_free(robot, monkeypatch):
+def test_batches_release_the_gil(robot, monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '1')
     q, u, udot = batch(400_000)
     robot.forward_dynamics(q[:1], u[:1], udot[:1])
@@ -223,28 +223,28 @@ def test_batches_leave_the_interpreter_free(robot, monkeypatch):
 @pytest.mark.parametrize('value', ['0', '-1', 'two', '1.5', '', '257'])
 def test_a_bad_number_of_threads_is_refused_by_name(robot, monkeypatch, value):
     monkeypatch.setenv(threads.VARIABLE, value)
-    words = re.escape(f'KANE_DYNAMICS_THREADS is {value!r}; expected a whole number from 1 to 256')
+    words = re.escape(f'KANE_DYNAMICS_THREADS: {value!r}; expected an integer from 1 to 256')
     with pytest.raises(InputError, match=words):
         robot.inverse_dynamics(*batch(2))
     assert robot.inverse_dynamics(*batch(2)[:, 0]).shape == (5,)
 
 
-def test_threads_share_every_state_once(monkeypatch):
+def test_threads_process_every_state_once(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '5')
-    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     for count in (1, 8, 9, 63, 64, 65, 1000):
         ranges = []
 
         def work(begin, end, ranges=ranges):
             ranges.append((begin, end))
             return 1 << (begin % 3)
-        flags = threads.shared(work, count, 8, 2)
+        flags = threads.run_in_threads(work, count, 8, 2)
         assert [k for begin, end in sorted(ranges) for k in range(begin, end)] == [*range(count)]
         assert all(begin % 8 == 0 and begin < end for begin, end in ranges)
         assert flags == np.bitwise_or.reduce([1 << (begin % 3) for begin, _ in ranges])
 
 
-def test_compile_leaves_nothing_for_the_first_batch(monkeypatch):
+def test_compile_includes_the_lane_kernels(monkeypatch):
     robot = Robot(random_model(21, 2))
     robot.compile(batches=True)
 
@@ -277,19 +277,19 @@ def test_first_batches_of_many_threads_at_once_are_right():
 FORK = """
 import os, time, warnings
 warnings.simplefilter('ignore')
-from kane_dynamics.native import threads
-threads.WORTH = 1e-12
+from kane_dynamics.native.runtime import threads
+threads.THREAD_WORK = 1e-12
 work = lambda begin, end: 1
-threads.shared(work, 100, 1, 1)
+threads.run_in_threads(work, 100, 1, 1)
 time.sleep(0.1)  # the threads wait for more
 child = os.fork()
 if not child:
-    os._exit(threads.shared(work, 100, 1, 1))
+    os._exit(threads.run_in_threads(work, 100, 1, 1))
 assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
 """
 
 
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
-def test_a_forked_process_has_threads_of_its_own():
+def test_forked_process_has_its_own_threads():
     subprocess.run([sys.executable, '-c', FORK], check=True, timeout=20,
                    env={**os.environ, threads.VARIABLE: '2'})

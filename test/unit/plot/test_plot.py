@@ -1,5 +1,6 @@
 """Promises of the pictures: labels with units, honest numbers, and no trace left in matplotlib."""
 
+import copy
 from functools import cache
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
 from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions, plot_replay,
                                 plot_torque_by_source, plot_tracking, plot_trajectory)
+from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.simulation.trajectory import Trajectory
 import matplotlib
 from mechanisms import random_model
@@ -198,3 +200,49 @@ def test_a_picture_of_an_unknown_format_is_refused():
 def test_pyplot_is_never_imported_so_no_backend_is_chosen():
     code = 'import sys, kane_dynamics.plot; sys.exit("matplotlib.pyplot" in sys.modules)'
     assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
+
+
+def test_titles_name_the_robot_unless_another_is_given():
+    name = arm().model.name
+    for what in ('sources', 'energy', 'reactions', 'phase'):
+        assert DRAWINGS[what]().get_suptitle().startswith(f'{name}: ')
+    assert plot_torque_by_source(arm(), push(), title='x').get_suptitle() == 'x'
+
+
+def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near_and_else_written():
+    limits = JointLimits(np.full(3, -3.0), np.full(3, 3.0), np.array([1.2, 5.0, np.inf]),
+                         np.array([0.9, np.inf, 40.0]))
+    figure = plot_trajectory(TRAJECTORY, limits=limits)
+    for axes, drawn, words in ((figure.axes[1], [1.2], '83.3 % of a limit (shoulder)'),
+                               (figure.axes[2], [0.9], '111 % of a limit (shoulder)')):
+        lines = [line for line in axes.lines if line.get_label() == 'limit']
+        assert [line.get_ydata()[0] for line in lines] == drawn
+        low, high = axes.get_ylim()
+        assert low <= drawn[0] <= high and words in axes.get_title(loc='right')
+    robot = copy.copy(arm())
+    most = np.abs(push().tau).max(axis=0)
+    robot.limits = JointLimits(*[np.full(3, np.inf)] * 3, most * [1.5, 30.0, np.inf])
+    panels = plot_torque_by_source(robot, push()).axes
+    near = [line.get_ydata()[0] for line in panels[0].lines if line.get_label() == 'limit']
+    assert np.abs(near).tolist() == pytest.approx([1.5 * most[0]] * len(near)) and near
+    assert [text.get_text() for text in panels[1].texts] == [f'limit ±{30.0 * most[1]:g}']
+    assert not panels[2].texts
+
+
+def test_rounding_errors_are_a_line_at_zero_not_data():
+    noise = 1e-17 * np.sin(50.0 * T)[:, None] * np.ones(3)
+    still = SimpleNamespace(**{**vars(TRAJECTORY), 'q': noise, 'u': noise, 'tau': noise})
+    figures = [plot_trajectory(still), plot_tracking({'run': (T, 0.0 * Q, noise)}, NAMES),
+               plot_replay(T, 5.0 * Q, 5.0 * Q + noise, NAMES)]
+    for axes in (*figures[0].axes[:3], *figures[1].axes, *figures[2].axes[1::2]):
+        low, high = axes.get_ylim()
+        assert low < -1e-4 and high > 1e-4
+    assert [text.get_text() for text in figures[1].axes[1].texts] == ['RMS', '0 mrad']
+    small = plot_tracking({'run': (T, 0.0 * Q, 1e-7 * Q)}, NAMES)
+    assert small.axes[1].get_ylim()[1] < 2e-4, 'but what is small and no rounding is shown'
+
+
+def test_joints_that_move_alike_are_all_seen():
+    same = SimpleNamespace(**{**vars(TRAJECTORY), 'q': Q[:, :1] * np.ones(3)})
+    widths = [line.get_linewidth() for line in plot_trajectory(same).axes[0].lines]
+    assert len(set(widths)) == 3 and widths == sorted(widths, reverse=True)

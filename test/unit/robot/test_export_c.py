@@ -9,6 +9,9 @@ import sys
 
 from kane_dynamics import Inertial, InputError, load_urdf, Model, Robot
 from kane_dynamics._util.resources import package_version, resource_path
+from kane_dynamics.native.backends.c99 import c_functions, prototype
+from kane_dynamics.native.backends.c99_math import elementary_functions, PRECISIONS
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS
 from kane_dynamics.robot.quantities import QUANTITIES
 from mechanisms import random_model
@@ -311,3 +314,20 @@ def test_the_self_test_can_be_left_out_when_writing_and_when_compiling(tmp_path)
     assert not hasattr(library, 'arm_self_test')
     with pytest.raises(InputError, match=r"scalar is 'half'; expected float64 or float32"):
         robot.export_c(tmp_path / 'arm.c', scalar='half')
+def test_every_operation_that_is_traced_is_written(tmp_path):
+    def f(x):
+        return np.array([np.exp(-x[0]) * np.log(2.0 + x[0] ** 2) + np.arctan(x[0]),
+                         np.floor(3.0 * x[0]), (x[0] < 0.5).select(x[0] ** 1.5, 2.0),
+                         np.tanh(x[0]) - np.sqrt(x[0])])
+    program = trace_program('f', f, [('x', (1,))])
+    source = tmp_path / 'f.c'
+    double = PRECISIONS['float64']
+    source.write_text('\n'.join([
+        *(f'#include <{name}.h>' for name in ('math', 'stddef', 'stdint', 'string')),
+        elementary_functions('F', double, {'tanh_each'}), f'{prototype(program, "f", double)};',
+        c_functions(program, 'f', {}, double, ''), '']))
+    function = built(source, tmp_path).f
+    for x in (0.3, 0.7, 2.4):
+        want = [np.exp(-x) * np.log(2.0 + x * x) + np.arctan(x), np.floor(3.0 * x),
+                x**1.5 if x < 0.5 else 2.0, np.tanh(x) - np.sqrt(x)]
+        np.testing.assert_allclose(called(function, [np.array([x])], 4), want, rtol=1e-14)

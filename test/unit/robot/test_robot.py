@@ -101,7 +101,7 @@ def test_wrenches_act_where_they_are_declared(count):
     batch = np.stack([wrench, 2.0 * wrench])
     two = robot.inverse_dynamics(*(np.stack([x, x]) for x in (q, u, udot)), wrench=batch)
     assert_equal(two[0], reference)
-    with pytest.raises(InputError, match='wrench has shape'):
+    with pytest.raises(InputError, match='wrench: shape'):
         robot.inverse_dynamics(q, u, udot, wrench=wrench[:, :5])
 
 
@@ -149,7 +149,7 @@ def test_a_joint_that_moves_no_mass_has_no_forward_dynamics():
     assert robot.inverse_dynamics([0.0], [0.0], [1.0]) == 0.0
 
 
-def test_a_posture_with_a_singular_mass_matrix_is_reported():
+def test_configuration_with_a_singular_mass_matrix_is_reported():
     point = Inertial(1.0, [0.0, 0.0, 0.0], np.zeros((3, 3)))
     hinge = Joint('a', 'revolute', [0, 0, 1])
     slide = Joint('b', 'prismatic', [1, 0, 0], coordinate=1)  # at 0 the point is on the hinge

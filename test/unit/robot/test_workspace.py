@@ -117,7 +117,7 @@ def test_arguments_and_unknown_names_are_refused(robot):
         _ = workspace.torque
     with pytest.raises(InputError, match="'pose'; valid: frame_pose"):
         workspace.at_frame('pose', 'frame1')
-    with pytest.raises(InputError, match=r"'nowhere'; valid: .*frame0"):
+    with pytest.raises(InputError, match=r"'nowhere'; expected one of .*frame0"):
         workspace.at_frame('frame_pose', 'nowhere')
     with pytest.raises(TypeError, match='bind'):
         copy.copy(workspace)

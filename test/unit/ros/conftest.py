@@ -1,4 +1,4 @@
-"""Tests of the ROS side are left out where there is no ROS."""
+"""Skip the tests of the ROS side if rclpy is not installed."""
 
 from importlib.util import find_spec
 

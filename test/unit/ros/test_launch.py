@@ -1,4 +1,4 @@
-"""The launch file: what it starts, and with which parameters."""
+"""The launch file: the nodes that it starts, and their parameters."""
 
 import importlib.util
 from pathlib import Path
@@ -13,14 +13,14 @@ LAUNCH = ROOT / 'launch' / 'kane_dynamics.launch.py'
 
 
 class Recorder:
-    """Stands in for a class of launch: keeps its arguments."""
+    """A replacement of a launch class that keeps its arguments."""
 
     def __init__(self, *arguments, **keywords):
         self.arguments, self.keywords = arguments, keywords
 
 
 class Configuration(Recorder):
-    """Stands in for LaunchConfiguration; the context is a dict."""
+    """A replacement of LaunchConfiguration with a dict as context."""
 
     def perform(self, context):
         return context[self.arguments[0]]
@@ -35,7 +35,7 @@ def load():
 
 @pytest.fixture
 def launch_file(monkeypatch):
-    """Return the launch file as loaded where small recorders stand in for launch."""
+    """Return the launch file, loaded with recorders instead of launch."""
     made = {'launch': {'LaunchDescription': Recorder},
             'launch.actions': {'DeclareLaunchArgument': Recorder, 'OpaqueFunction': Recorder},
             'launch.substitutions': {'LaunchConfiguration': Configuration},
@@ -51,7 +51,7 @@ def launch_file(monkeypatch):
 
 
 def start(launch_file, **arguments):
-    """Return what starts with some arguments."""
+    """Return the nodes that start with some arguments."""
     description = launch_file.generate_launch_description().arguments[0]
     context = {each.arguments[0]: each.keywords['default_value'] for each in description[:-1]}
     assert set(arguments) <= set(context)
@@ -59,7 +59,7 @@ def start(launch_file, **arguments):
     return [SimpleNamespace(**each.keywords) for each in started]
 
 
-def test_alone_it_starts_the_node_and_nothing_else(launch_file):
+def test_by_default_it_starts_the_dynamics_node_only(launch_file):
     node, = start(launch_file)
     assert (node.package, node.executable) == ('kane_dynamics', 'dynamics_node')
     assert node.parameters == []
@@ -68,12 +68,12 @@ def test_alone_it_starts_the_node_and_nothing_else(launch_file):
 
 @pytest.mark.parametrize('path', sorted(set((ROOT / 'config').glob('*.yaml')) - {PLANT}),
                          ids=lambda path: path.stem)
-def test_every_shipped_configuration_is_found_by_its_name(launch_file, path):
+def test_shipped_configurations_are_found_by_name(launch_file, path):
     node, = start(launch_file, config=path.name)
     assert Path(node.parameters[0]) == path
 
 
-def test_a_urdf_wins_over_the_configuration(launch_file):
+def test_urdf_overrides_the_configuration(launch_file):
     node, = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
     assert node.parameters[1:] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
 
@@ -95,8 +95,7 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 
 
 @pytest.mark.parametrize('sim_time', ['true', 'false'])
-def test_a_simulated_robot_shares_names_and_keeps_the_clock_that_is_asked_for(launch_file,
-                                                                              sim_time):
+def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file, sim_time):
     node, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
                         commands='effort/commands', use_sim_time=sim_time, prefix='left_')
     assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
@@ -108,7 +107,7 @@ def test_a_simulated_robot_shares_names_and_keeps_the_clock_that_is_asked_for(la
     assert clock == {'publish_clock': sim_time == 'true'}
 
 
-def test_what_is_not_given_is_left_to_the_parameter_files(launch_file):
+def test_defaults_do_not_override_parameter_files(launch_file):
     node, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
                                    urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
                                    state_publisher='true')
@@ -118,16 +117,16 @@ def test_what_is_not_given_is_left_to_the_parameter_files(launch_file):
                        for name in given)
 
 
-def test_what_cannot_be_started_is_refused_in_words(launch_file):
+def test_invalid_arguments_are_refused(launch_file):
     with pytest.raises(FileNotFoundError, match=r'nowhere\.yaml'):
         start(launch_file, config='nowhere.yaml')
-    with pytest.raises(FileNotFoundError, match=r"plant is '/nowhere/p\.yaml'"):
+    with pytest.raises(FileNotFoundError, match=r"plant: no file '/nowhere/p\.yaml'; expected"):
         start(launch_file, plant='/nowhere/p.yaml')
-    with pytest.raises(ValueError, match="use_sim_time is 'maybe'; valid: true or false"):
+    with pytest.raises(ValueError, match="use_sim_time: 'maybe'; expected true or false"):
         start(launch_file, use_sim_time='maybe')
-    with pytest.raises(ValueError, match='needs urdf'):
+    with pytest.raises(ValueError, match='expected urdf:='):
         start(launch_file, state_publisher='true')
-    with pytest.raises(ValueError, match='knows no prefix'):
+    with pytest.raises(ValueError, match='no prefix:='):
         start(launch_file, state_publisher='true', urdf='arm.urdf', prefix='left_')
 
 

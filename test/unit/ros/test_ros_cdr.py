@@ -1,11 +1,12 @@
-"""The codec writes what rclpy reads and reads what rclpy writes, and stays within the message."""
+"""CDR reading and writing agree with rclpy, and malformed messages are rejected."""
 
 import math
 import struct
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import motion_from_message
-from kane_dynamics.ros.torque_path.cdr import joint_efforts, numbers, Reader
+from kane_dynamics.ros.torque_path.cdr import (float64_multi_array,
+                                               joint_state_of_efforts, Reader)
 from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
 import numpy as np
 import pytest
@@ -18,8 +19,8 @@ VALUES = [0.1, -1e308, 5e-324, -0.0, math.pi, 1e22, 7.0]
 
 
 @pytest.mark.parametrize('n', [1, 2, 3, 7])
-def test_rclpy_reads_the_prepared_torques(n):
-    message = numbers(n)
+def test_rclpy_reads_a_float64_multi_array(n):
+    message = float64_multi_array(n)
     message.numbers[:] = VALUES[:n]
     assert list(deserialize_message(message.serialized(), Float64MultiArray).data) == VALUES[:n]
     message.numbers[:] = 1.0
@@ -27,8 +28,8 @@ def test_rclpy_reads_the_prepared_torques(n):
 
 
 @pytest.mark.parametrize('names', [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
-def test_rclpy_reads_the_prepared_named_torques_and_their_stamp(names):
-    message = joint_efforts(names)
+def test_rclpy_reads_a_joint_state_of_efforts_and_its_stamp(names):
+    message = joint_state_of_efforts(names)
     message.numbers[:] = VALUES[:len(names)]
     message.stamp(-3, 4_000_000_000)
     read = deserialize_message(message.serialized(), JointState)
@@ -39,7 +40,8 @@ def test_rclpy_reads_the_prepared_named_torques_and_their_stamp(names):
 
 
 def test_the_doubles_of_a_prepared_message_are_aligned():
-    assert numbers(3).numbers.flags.aligned and joint_efforts(['abc']).numbers.flags.aligned
+    for message in (float64_multi_array(3), joint_state_of_efforts(['abc'])):
+        assert message.numbers.flags.aligned
 
 
 def trajectory(points=3, n=2):
@@ -66,7 +68,7 @@ def test_a_trajectory_is_read_as_rclpy_reads_it(points):
         assert mine.time_from_start == (theirs.time_from_start.sec, 5)
 
 
-def test_a_motion_is_the_same_by_either_road():
+def test_a_motion_is_the_same_when_rclpy_reads_the_message():
     message = trajectory(5)
     for k, point in enumerate(message.points):
         point.velocities = [0.1 * k, -0.2]
@@ -77,29 +79,31 @@ def test_a_motion_is_the_same_by_either_road():
             assert (a == b).all()
 
 
-def test_too_many_points_are_refused_before_any_is_read():
+def test_too_many_points_are_refused_before_reading_them():
     data = bytearray(serialize_message(trajectory(11)))
-    with pytest.raises(InputError, match=r'has 11 points; valid: 1 to 10 .*trajectory.max_points'):
+    with pytest.raises(InputError, match=r': 11 points; expected 1 to 10 .*trajectory.max_points'):
         read_trajectory(bytes(data), 10)
     at = data.index(struct.pack('<I', 11))
     data[at:at + 4] = b'\xff\xff\xff\x7f'
-    with pytest.raises(InputError, match='has 2147483647 points'):
+    with pytest.raises(InputError, match='trajectory: 2147483647 points'):
         read_trajectory(bytes(data), 10)
 
 
 @pytest.mark.parametrize(('words', 'body', 'call'), [
-    ('encapsulation is 0003', b'\0\3\0\0', None),
-    ('encapsulation is absent', b'', None),
-    ('1 elements of 4 bytes from byte 4 on', b'\0\1\0\0\1\2\3', Reader.word),
+    ('encapsulation: 0003', b'\0\3\0\0', None),
+    ('encapsulation: absent', b'', None),
+    ('message: 7 bytes; expected at least 8 for 1 elements of 4 bytes',
+     b'\0\1\0\0\1\2\3', Reader.word),
     ('4294967295 elements of 8 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.doubles),
     ('4294967295 elements of 1 bytes', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.text),
-    ('4294967295 strings', b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.texts),
-    ('does not end', b'\0\1\0\0\2\0\0\0ab', Reader.text),
-    ('does not end', b'\0\1\0\0\3\0\0\0a\0\0', Reader.text),
-    ('does not end', bytes([0, 1, 0, 0, 0, 0, 0, 0]), Reader.text),
-    ('not UTF-8', b'\0\1\0\0\2\0\0\0\xff\0', Reader.text),
+    ('at least 17179869188 for 4294967295 strings',
+     b'\0\1\0\0\xff\xff\xff\xff' + bytes(32), Reader.texts),
+    ('expected a single NUL, at its end', b'\0\1\0\0\2\0\0\0ab', Reader.text),
+    ('expected a single NUL, at its end', b'\0\1\0\0\3\0\0\0a\0\0', Reader.text),
+    ('expected a single NUL, at its end', bytes([0, 1, 0, 0, 0, 0, 0, 0]), Reader.text),
+    ('expected UTF-8', b'\0\1\0\0\2\0\0\0\xff\0', Reader.text),
 ])
-def test_what_is_not_plain_cdr_is_refused_with_the_place(words, body, call):
+def test_malformed_messages_are_refused_with_the_fault(words, body, call):
     with pytest.raises(InputError, match=words):
         call(Reader(body))
 

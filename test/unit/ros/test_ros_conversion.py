@@ -1,4 +1,4 @@
-"""Messages to arrays and back, and the counts that diagnostics report."""
+"""Conversion of messages and arrays, and the statistics of a node."""
 
 from types import SimpleNamespace
 
@@ -13,12 +13,13 @@ import pytest
 JOINTS = ('a', 'b', 'c')
 
 
-def test_an_order_is_none_where_nothing_changes():
+def test_the_order_of_equal_lists_is_none():
     assert order([], JOINTS, 'names') is None
     assert order(JOINTS, JOINTS, 'names') is None
     assert order(['c', 'a', 'b'], JOINTS, 'names').tolist() == [1, 2, 0]
     for names in (['a', 'b'], ['a', 'b', 'c', 'd'], ['a', 'b', 'c', 'c']):
-        with pytest.raises(InputError, match=r'names .*; valid: each of a, b, c once, or empty'):
+        with pytest.raises(InputError,
+                           match=r'names: .*; expected each of a, b, c once, or an empty list'):
             order(names, JOINTS, 'names')
 
 
@@ -28,7 +29,7 @@ def test_durations_are_rounded_to_the_nanosecond(seconds, expected):
     assert duration(seconds) == Duration(sec=expected[0], nanosec=expected[1])
 
 
-def test_a_trajectory_becomes_a_message_in_the_order_asked_for():
+def test_a_trajectory_message_follows_the_given_order():
     rows = np.arange(6.0).reshape(2, 3)
     trajectory = Trajectory(t=np.array([0.0, 0.25]), q=rows, u=rows + 10, udot=rows + 20,
                             tau=rows + 30, energy=np.zeros((2, 2)), joint_names=JOINTS)
@@ -43,7 +44,7 @@ def test_a_trajectory_becomes_a_message_in_the_order_asked_for():
     assert last.time_from_start == Duration(nanosec=250_000_000)
 
 
-def test_a_report_counts_its_own_period():
+def test_statistics_count_one_period():
     statistics = Statistics()
     for k in range(200):
         statistics.command(1e-6 * (k + 1), 1e-3, k % 2 == 0)

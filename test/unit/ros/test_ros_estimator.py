@@ -1,4 +1,4 @@
-"""The payload of the demo's arm, found by the watch on the torque path while the arm moves."""
+"""Payload estimation of the demo's arm in motion."""
 
 from types import SimpleNamespace
 
@@ -42,13 +42,13 @@ def settings(**changes):
 
 
 class Rig:
-    """The demo's arm, carrying, under a servo of its own; the node's path looks on."""
+    """The demo's arm with payload and servo, and the torque path with the payload monitor."""
 
     def __init__(self, carrying=True, **changes):
         with open(URDF, encoding='utf-8') as file:
             text = file.read()
         self.arm = MujocoArm(text.replace('</robot>', CARRIED) if carrying else text)
-        self.heard, self.rejected, self.time = [], [], 100 * NANO
+        self.published, self.rejected, self.time = [], [], 100 * NANO
         self.chance = np.random.default_rng(0)
         self.robot = Robot(MODEL, payload_frame=FRAME)
         silent = SimpleNamespace(publish=lambda message: None)
@@ -56,16 +56,16 @@ class Rig:
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
         timers = SimpleNamespace(create_timer=self.timer)
         self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
-                                        SimpleNamespace(publish=self.heard.append),
+                                        SimpleNamespace(publish=self.published.append),
                                         lambda *words: self.rejected.append(words))
-        self.path.add_watch(self.estimator, need_effort=True)
+        self.path.add_observer(self.estimator, need_effort=True)
         self.path.start()
 
     def timer(self, period, callback, clock):
         self.period, self.publish = period, callback
 
     def run(self, seconds, motion=None, effort=True):
-        """Let time pass; the servo holds or follows the motion."""
+        """Simulate; the servo holds the arm or follows the motion."""
         for k in range(round(seconds * RATE)):
             q, u = self.arm.state
             t = k / RATE
@@ -83,14 +83,14 @@ class Rig:
                 self.publish()
 
 
-@pytest.mark.parametrize('told', [None, Inertial(MASS, COM, 0.01 * np.eye(3))],
-                         ids=['not told', 'told to carry it'])
-def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(told):
+@pytest.mark.parametrize('loads', [None, Inertial(MASS, COM, 0.01 * np.eye(3))],
+                         ids=['no payload parameter', 'payload parameter'])
+def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(loads):
     rig = Rig()
-    rig.path.set_loads(GravityAndPayload(MODEL.gravity, told))
+    rig.path.set_loads(GravityAndPayload(MODEL.gravity, loads))
     rig.run(8.0, desired_motion())
-    found = rig.heard[-1]
-    assert len(rig.heard) == 16
+    found = rig.published[-1]
+    assert len(rig.published) == 16
     assert found.header.frame_id == FRAME
     assert abs(found.mass - MASS) < min(0.02 * MASS, 3.0 * found.mass_deviation)
     off = np.array([found.com.x, found.com.y, found.com.z]) - COM
@@ -98,29 +98,30 @@ def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_mot
     deviation = found.com_deviation
     assert (np.abs(off) < 3.0 * np.array([deviation.x, deviation.y, deviation.z])).all()
     assert rig.rejected == []
-    assert [message.mass_deviation for message in rig.heard] == sorted(
-        (message.mass_deviation for message in rig.heard), reverse=True), 'confidence grows'
+    assert [message.mass_deviation for message in rig.published] == sorted(
+        (message.mass_deviation for message in rig.published), reverse=True), 'confidence grows'
 
 
-def test_an_empty_hand_is_found_empty_and_its_mass_centre_unknown():
+def test_without_payload_the_mass_is_zero_and_its_center_unknown():
     rig = Rig(carrying=False)
     rig.run(4.0, desired_motion())
-    assert abs(rig.heard[-1].mass) < 0.1
-    assert np.isnan(rig.heard[-1].com.x)
+    assert abs(rig.published[-1].mass) < 0.1
+    assert np.isnan(rig.published[-1].com.x)
 
 
-def test_without_efforts_where_they_are_asked_for_nothing_is_estimated():
+def test_without_the_required_efforts_there_is_no_estimate():
     rig = Rig()
-    rig.estimator._acting._source = 'effort'
+    rig.estimator._applied_torque._source = 'effort'
     rig.run(0.1, effort=False)
     rig.publish()
-    assert rig.heard == []
+    assert rig.published == []
     assert rig.rejected[0][0] == 'no effort'
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
-    ({'payload.frame': ''}, 'payload.frame is empty'),
-    ({'estimator.torque_deviation': np.array([1.0, 2.0])}, 'has 2 entries for 7 joints')])
-def test_settings_that_do_not_fit_are_refused_by_name(changes, words):
+    ({'payload.frame': ''}, "'payload.frame': empty; expected"),
+    ({'estimator.torque_deviation': np.array([1.0, 2.0])},
+     '2 entries; expected one number, or one for each of the 7 joints')])
+def test_invalid_settings_are_refused_by_name(changes, words):
     with pytest.raises(InputError, match=words):
         estimator_settings(settings() | changes, Robot(MODEL))

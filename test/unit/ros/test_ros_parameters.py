@@ -1,4 +1,4 @@
-"""The node's parameters: what is accepted, what is refused, and what the shipped files say."""
+"""The parameters of the nodes: valid and invalid values, and the shipped files."""
 
 import math
 from pathlib import Path
@@ -6,8 +6,8 @@ import re
 
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.common.configuration_files import located
-from kane_dynamics.ros.parameters.parameter_checks import misspelt, per_joint, read
+from kane_dynamics.ros.common.configuration_files import resolve_path
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, read, unknown_parameters
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import numpy as np
@@ -18,7 +18,7 @@ import yaml
 FOLDER = Path(__file__).parents[3] / 'config'
 TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
-# What a file says about its own arm; everything else stands there with its default.
+# Parameters that a file sets for its arm; all others have their defaults.
 OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
        'wrench.frames', 'compensate.gravity', 'limits.rate'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
@@ -33,7 +33,7 @@ def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
     specs = {spec.name: spec for spec in TABLES[path]}
     values = {name: read(specs[name], value) for name, value in given(path).items()}
     assert set(values) == set(specs) - {'robot_description'}
-    model = load_urdf(located('urdf', values['urdf']), joints=list(values['joints']))
+    model = load_urdf(resolve_path('urdf', values['urdf']), joints=list(values['joints']))
     assert model.joint_names == values['joints']
     for name, value in values.items():
         if specs[name].kind == 'per_joint':
@@ -43,7 +43,7 @@ def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
 
 
 @FILES
-def test_a_shipped_file_says_of_every_parameter_what_its_table_says(path):
+def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     text = path.read_text().replace('# robot_description:', 'robot_description:')
     said = [' '.join(block.replace('# ', '').split())
             for block in re.findall(r'(?:^ +# .*\n)+', text, re.MULTILINE)]
@@ -61,8 +61,8 @@ def test_a_shipped_file_says_of_every_parameter_what_its_table_says(path):
     ('joints', ['']), ('joints', [1]), ('simulation.max_steps', 0),
     ('simulation.max_steps', 1.5), ('simulation.max_points', 10**9),
 ])
-def test_a_bad_value_is_refused_by_name(name, value):
-    with pytest.raises(InputError, match=rf"parameter '{name}' is .*; valid: "):
+def test_an_invalid_value_is_refused_by_name(name, value):
+    with pytest.raises(InputError, match=rf"parameter '{name}': .*; expected "):
         read(BY_NAME[name], value)
 
 
@@ -71,27 +71,28 @@ def test_a_bad_value_is_refused_by_name(name, value):
     ('limits.rate', math.inf, np.array(math.inf)), ('joints', ['b', 'a'], ('b', 'a')),
     ('joints', [], ()), ('gravity', [0, 0, -1], np.array([0.0, 0.0, -1.0])),
 ])
-def test_whole_numbers_and_single_numbers_do(name, value, expected):
+def test_integers_and_single_numbers_are_valid_for_numbers_and_lists(name, value, expected):
     result = read(BY_NAME[name], value)
     assert np.array_equal(result, expected)
     assert type(result) is type(expected)
 
 
 def test_a_list_of_the_wrong_length_names_the_joints():
-    with pytest.raises(InputError, match=r'has 2 entries for 3 joints \(a, b, c\)'):
+    with pytest.raises(InputError, match=r'2 entries; expected .* the 3 joints \(a, b, c\)'):
         per_joint({'gains.kp': np.ones(2)}, 'gains.kp', ('a', 'b', 'c'), 0.0)
 
 
-def test_a_misspelt_name_is_told_its_neighbour():
-    assert misspelt(['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth'], BY_NAME) == []
-    remark, = misspelt(['gains.pk'], BY_NAME)
-    assert "did you mean 'gains.kp'" in remark
+def test_an_unknown_parameter_gives_the_most_similar_name():
+    known = ['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth']
+    assert unknown_parameters(known, BY_NAME) == []
+    warning, = unknown_parameters(['gains.pk'], BY_NAME)
+    assert "did you mean 'gains.kp'" in warning
 
 
 def test_a_package_that_is_not_installed_is_named():
-    with pytest.raises(InputError, match="package 'no_such_package' is not installed"):
-        located('urdf', 'package://no_such_package/a.urdf')
+    with pytest.raises(InputError, match=r"package 'no_such_package' .*is not installed"):
+        resolve_path('urdf', 'package://no_such_package/a.urdf')
     with pytest.raises(InputError, match=r"no file 'nothing\.urdf' in urdf"):
-        located('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
-    with pytest.raises(InputError, match="parameter 'urdf' is '/no/file'"):
-        located('urdf', '/no/file')
+        resolve_path('urdf', 'package://kane_dynamics/urdf/nothing.urdf')
+    with pytest.raises(InputError, match="parameter 'urdf': no file '/no/file'; expected"):
+        resolve_path('urdf', '/no/file')

@@ -1,4 +1,4 @@
-"""Real-time settings: asked for, made or refused in one line, and never for the other threads."""
+"""Real-time settings: applied or refused with one warning, for the torque path only."""
 
 import gc
 import os
@@ -23,40 +23,41 @@ def refuse(*arguments):
     raise PermissionError(1, 'Operation not permitted')
 
 
-def test_nothing_is_touched_unless_it_is_asked_for(monkeypatch):
+def test_default_parameters_change_nothing(monkeypatch):
     for name in ('sched_setscheduler', 'sched_setaffinity'):
         monkeypatch.setattr(os, name, refuse)
     monkeypatch.setattr(realtime, 'lock_memory', refuse)
     warnings = []
-    realtime.apply(OFF, warnings.append)
+    realtime.apply_realtime_settings(OFF, warnings.append)
     assert not warnings
     assert gc.isenabled()
 
 
-def test_each_refusal_is_one_warning_that_says_what_would_help(monkeypatch):
+def test_each_refusal_is_one_warning_with_the_remedy(monkeypatch):
     for name in ('sched_setscheduler', 'sched_setaffinity'):
         monkeypatch.setattr(os, name, refuse)
     monkeypatch.setattr(realtime, '_capable', lambda number: False)
     monkeypatch.setattr(resource, 'getrlimit', lambda kind: (65536, 65536))
     warnings = []
-    realtime.apply({'realtime.priority': 40, 'realtime.cpus': (0,), 'realtime.lock_memory': True,
-                    'realtime.collect_rarely': True}, warnings.append)
+    realtime.apply_realtime_settings(
+        {'realtime.priority': 40, 'realtime.cpus': (0,), 'realtime.lock_memory': True,
+         'realtime.collect_rarely': True}, warnings.append)
     assert len(warnings) == 3
-    for words, warning in zip(('realtime.priority 40 .*rtprio', 'realtime.cpus', 'only 65536'),
-                              warnings):
-        assert 'goes on without it' in warning
+    for words, warning in zip(('realtime.priority 40: .*rtprio', 'realtime.cpus',
+                               'the limit is 65536 bytes'), warnings):
+        assert 'the node runs without it' in warning
         assert re.search(words, warning)
     assert not gc.isenabled()
 
 
-def test_a_processor_that_is_not_there_is_refused_with_those_that_are():
+def test_an_unavailable_processor_is_refused_with_the_available_ones():
     warnings = []
-    realtime.apply({**OFF, 'realtime.cpus': (4000,)}, warnings.append)
+    realtime.apply_realtime_settings({**OFF, 'realtime.cpus': (4000,)}, warnings.append)
     assert len(warnings) == 1
     assert str(sorted(os.sched_getaffinity(0))) in warnings[0]
 
 
-def test_only_the_main_thread_and_those_of_dds_are_scheduled():
+def test_only_the_main_thread_and_dds_threads_are_scheduled():
     release = threading.Event()
     thread = threading.Thread(target=release.wait)
     thread.start()
@@ -68,13 +69,13 @@ def test_only_the_main_thread_and_those_of_dds_are_scheduled():
         thread.join()
 
 
-def test_garbage_is_collected_by_hand_only_while_the_interpreter_does_not(monkeypatch):
+def test_garbage_is_collected_explicitly_only_while_automatic_collection_is_disabled(monkeypatch):
     collected = []
     monkeypatch.setattr(gc, 'collect', lambda: collected.append(True))
-    realtime.collect()
+    realtime.collect_if_disabled()
     assert not collected
-    realtime.collect_when_asked(True)
-    realtime.collect()
+    realtime.disable_automatic_collection(True)
+    realtime.collect_if_disabled()
     assert collected
-    realtime.collect_when_asked(False)
+    realtime.disable_automatic_collection(False)
     assert gc.isenabled()

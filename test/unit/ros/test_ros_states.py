@@ -1,12 +1,13 @@
-"""Joint states from the wire: the fast road and rclpy's give the same, and nothing bad passes."""
+"""The joint state reader: cached layouts agree with rclpy, and invalid states are dropped."""
 
 from array import array
 import math
 import struct
 
-from kane_dynamics.ros.torque_path.joint_state_reader import (GARBLED, JointStateReader, MISSING,
-                                                              MOST_LAYOUTS, NO_VELOCITY,
-                                                              NOT_FINITE, SHORT, TWICE)
+from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader, MALFORMED,
+                                                              MAX_LAYOUTS, MISSING,
+                                                              NO_VELOCITY, NOT_FINITE, SHORT,
+                                                              TWICE)
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -44,21 +45,21 @@ def test_a_state_is_read_by_name_into_the_same_arrays():
     (NOT_FINITE, 'c', state('abc', [1, 2, 3], [1, 2, math.inf])),
     (SHORT, '0 positions', state('abc', [])),
 ])
-def test_a_bad_state_is_told_its_reason_and_a_good_one_still_goes(reason, detail, message):
+def test_an_invalid_state_gives_its_reason_and_the_next_is_read(reason, detail, message):
     reader = JointStateReader(JOINTS)
     assert reader.read(serialize_message(message), True) == reason
     assert detail in reader.detail
     assert reader.read(wire('abc', [1, 2, 3], [1, 2, 3]), True) is None
 
 
-def test_without_need_of_velocity_a_missing_one_is_rest():
+def test_a_missing_velocity_is_zero_if_it_is_not_needed():
     reader = JointStateReader(JOINTS)
     reader.u[:] = 5.0
     assert reader.read(wire('abc', [1, 2, 3]), False) is None
     assert not reader.u.any()
 
 
-def test_only_the_first_message_of_a_layout_takes_the_normal_road():
+def test_only_the_first_message_of_a_layout_is_fully_parsed():
     reader, generator = JointStateReader(JOINTS), np.random.default_rng(3)
     for _ in range(50):
         q, u = generator.normal(size=(2, 3))
@@ -67,32 +68,32 @@ def test_only_the_first_message_of_a_layout_takes_the_normal_road():
         assert reader.read(serialize_message(message), True) is None
         assert (reader.sec, reader.nanosec, reader.stamp) == (7, 9, 7_000_000_009)
         assert (reader.q == q[[1, 2, 0]]).all() and (reader.u == u[[1, 2, 0]]).all()
-    assert reader.normal == 1
+    assert reader.full_parses == 1
 
 
-def test_padding_and_what_follows_the_end_may_be_anything():
+def test_padding_and_trailing_bytes_are_ignored():
     reader = JointStateReader(JOINTS)
     data = bytearray(wire('abc', [1, 2, 3], [4, 5, 6]))
     assert reader.read(bytes(data), True) is None
     data[17:20] = b'\xaa\xbb\xcc'  # after the empty frame
     data[-1] = 0x55
     assert reader.read(bytes(data), True) is None
-    assert reader.normal == 1
+    assert reader.full_parses == 1
 
 
 @pytest.mark.parametrize('other', [
     wire('acb', [1, 2, 3], [4, 5, 6]),           # other order, same length
     wire('abc', [1, 2, 3], [], ) + bytes(24),    # same length, other counts
 ])
-def test_another_layout_of_the_same_length_is_not_taken_for_the_first(other):
+def test_another_layout_of_the_same_length_is_recognized(other):
     reader, fresh = JointStateReader(JOINTS), JointStateReader(JOINTS)
     assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), False) is None
     assert reader.read(other, False) is fresh.read(other, False) is None
     assert (reader.q == fresh.q).all() and (reader.u == fresh.u).all()
-    assert reader.normal == 2
+    assert reader.full_parses == 2
 
 
-def test_big_endian_messages_are_read_by_the_normal_road_or_not_at_all():
+def test_big_endian_messages_are_fully_parsed_or_dropped():
     body = b''.join([struct.pack('>iI', 1, 2), struct.pack('>I', 1), bytes(4),
                      struct.pack('>I', 3)] + [struct.pack('>I', 2) + name + bytes(3)
                                               for name in (b'a', b'b', b'c')])
@@ -103,24 +104,24 @@ def test_big_endian_messages_are_read_by_the_normal_road_or_not_at_all():
     data = bytes(4) + body + bytes(4)
     reader = JointStateReader(JOINTS)
     fault = reader.read(data, True)
-    assert fault == GARBLED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
+    assert fault == MALFORMED or (reader.q.tolist(), reader.stamp) == ([1, 2, 3], 1_000_000_002)
     assert not reader._layouts
 
 
-def test_publishers_with_layouts_of_their_own_are_all_remembered_up_to_a_bound():
+def test_the_layout_cache_is_bounded():
     reader = JointStateReader(JOINTS)
-    extra = ['x' * (8 * k + 1) for k in range(MOST_LAYOUTS + 1)]
+    extra = ['x' * (8 * k + 1) for k in range(MAX_LAYOUTS + 1)]
     messages = [wire([*JOINTS, name], [1, 2, 3, 4], [1, 2, 3, 4]) for name in extra]
     for _ in range(3):
-        for message in messages[:MOST_LAYOUTS]:
+        for message in messages[:MAX_LAYOUTS]:
             assert reader.read(message, True) is None
-    assert reader.normal == MOST_LAYOUTS
+    assert reader.full_parses == MAX_LAYOUTS
     assert reader.read(messages[-1], True) is None
-    assert len(reader._layouts) == MOST_LAYOUTS
+    assert len(reader._layouts) == MAX_LAYOUTS
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1', b'\0\1\0\0', bytes(100), b'\xff' * 200])
-def test_what_is_no_joint_state_is_dropped_and_the_next_one_read(data):
+def test_a_malformed_message_is_dropped_and_the_next_one_is_read(data):
     reader = JointStateReader(JOINTS)
     assert reader.read(data, True) is not None
     assert reader.read(wire('abc', [1, 2, 3], [4, 5, 6]), True) is None

@@ -1,4 +1,4 @@
-"""Promises of the torque path that need no graph: its clock, its stamps, its zeros."""
+"""The torque path without a ROS graph: clock, stamps, timeouts, motions."""
 
 import math
 
@@ -15,10 +15,11 @@ from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E40
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.torque_path import trajectory_input  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
-                                                              FUTURE, MISSING, NO_CLOCK, OLD)
+from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
+                                                              MISSING, NO_CLOCK,
+                                                              OUT_OF_ORDER, STALE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
-from kane_dynamics.ros.torque_path.trajectory_input import take_trajectory  # noqa: E402
+from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -32,7 +33,7 @@ NANO = 10**9
 
 
 class Publisher:
-    """Keeps what is published."""
+    """Keeps the published messages."""
 
     def __init__(self, kind, field):
         self.sent, self.kind, self.field = [], kind, field
@@ -42,7 +43,7 @@ class Publisher:
 
 
 class Rig:
-    """A torque path with a clock to set by hand."""
+    """A torque path with a manual clock."""
 
     def __init__(self, **settings):
         self.time = 100 * NANO
@@ -55,7 +56,7 @@ class Rig:
         self.path.start()
 
     def state(self, q=(0.3, -0.2), u=(0.0, 0.0), *, after=0.0, age=0.0):
-        """Advance the clock, give the path a state of some age, return the command if any."""
+        """Advance the clock, pass a state of some age to the path, return the command if any."""
         self.time += round(after * NANO)
         message = JointState(name=list(ROBOT.joint_names), position=list(q), velocity=list(u))
         stamp = message.header.stamp
@@ -65,16 +66,16 @@ class Rig:
         return self.commands.sent[-1] if len(self.commands.sent) > before else None
 
     def follow(self, start, motion=MOTION):
-        """Let the path follow a motion from a time on, ns."""
-        course = self.path.course
-        assert course.follow(motion, start, self.time, course.generation)
+        """Schedule a motion at a time, ns."""
+        active = self.path.active_motion
+        assert active.follow(motion, start, self.time, active.generation)
 
 
 def gravity(q=(0.3, -0.2)):
     return ROBOT.gravity_force(np.array(q))
 
 
-def test_without_a_motion_gravity_is_held():
+def test_without_a_motion_the_command_is_gravity():
     rig = Rig()
     np.testing.assert_array_equal(rig.state(), gravity())
     np.testing.assert_array_equal(rig.torques.sent[-1], gravity())
@@ -87,7 +88,7 @@ def test_the_motion_is_sampled_at_the_stamp_of_the_state():
     np.testing.assert_allclose(rig.state(after=0.75, age=0.02), expected, rtol=1e-12)
 
 
-def test_a_clock_that_jumps_back_forgets_the_motion_and_goes_on():
+def test_a_backward_clock_jump_drops_the_motion_and_commands_continue():
     rig = Rig()
     rig.follow(rig.time)
     rig.state(after=0.5)
@@ -96,44 +97,44 @@ def test_a_clock_that_jumps_back_forgets_the_motion_and_goes_on():
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
-def test_a_clock_set_back_a_little_between_two_looks_at_it_forgets_the_motion_too():
+def test_a_backward_clock_jump_between_two_states_drops_the_motion():
     rig = Rig()
     rig.state()
     rig.time += 2 * NANO
     rig.follow(rig.time - NANO)
-    rig.time -= NANO  # still ahead of the last look
-    rig.path.clock_jumped()
+    rig.time -= NANO  # still after the last state
+    rig.path.on_clock_jump()
     np.testing.assert_array_equal(rig.state(), gravity())
 
 
-def test_a_paused_clock_neither_times_out_nor_stops_the_answers():
+def test_a_paused_clock_neither_times_out_nor_stops_the_commands():
     rig = Rig()
     for _ in range(3):
         np.testing.assert_array_equal(rig.state(), gravity())
-        rig.path.watch()
+        rig.path.check_timeout()
     assert not rig.path.timed_out
 
 
-@pytest.mark.parametrize(('age', 'reason'), [(0.2, OLD), (-0.2, FUTURE)])
-def test_a_state_too_old_or_from_the_future_gives_no_torque(age, reason):
+@pytest.mark.parametrize(('age', 'reason'), [(0.2, STALE), (-0.2, FUTURE)])
+def test_a_stale_or_future_state_gives_no_command(age, reason):
     rig = Rig()
     assert rig.state(age=age) is None
     assert rig.statistics.dropped[reason] == 1
 
 
-def test_states_out_of_order_give_no_torque():
+def test_states_out_of_order_give_no_command():
     rig = Rig()
     assert rig.state(after=0.05) is not None
     assert rig.state(age=0.03) is None
-    assert rig.statistics.dropped[DISORDER] == 1
+    assert rig.statistics.dropped[OUT_OF_ORDER] == 1
 
 
-def test_loads_are_put_into_the_kernels_between_two_cycles_and_not_before():
+def test_loads_are_applied_between_two_cycles():
     rig, before = Rig(), ROBOT.parameters.gravity
     try:
         rig.state()
         rig.path.set_loads(GravityAndPayload(np.array([1.0, 0.0, -3.0])))
-        assert (ROBOT.parameters.gravity == before).all(), 'not from another thread'
+        assert (ROBOT.parameters.gravity == before).all(), 'not before the next cycle'
         command = rig.state(after=0.01)
         assert ROBOT.parameters.gravity.tolist() == [1.0, 0.0, -3.0]
         np.testing.assert_array_equal(command, gravity())
@@ -141,12 +142,12 @@ def test_loads_are_put_into_the_kernels_between_two_cycles_and_not_before():
         ROBOT.parameters.gravity = before
 
 
-def test_silence_brings_zeros_once_and_the_next_state_torques_again():
+def test_a_timeout_commands_zeros_once_and_the_next_state_ends_it():
     rig = Rig()
     rig.state()
     for _ in range(3):
         rig.time += round(0.2 * NANO)
-        rig.path.watch()
+        rig.path.check_timeout()
     assert [command.any() for command in rig.commands.sent] == [True, False]
     assert rig.path.timed_out
     assert rig.statistics.timeouts == 1
@@ -154,14 +155,14 @@ def test_silence_brings_zeros_once_and_the_next_state_torques_again():
     assert not rig.path.timed_out
 
 
-def test_nothing_is_commanded_before_the_first_state():
+def test_there_is_no_command_before_the_first_state():
     rig = Rig()
     rig.time += NANO
-    rig.path.watch()
+    rig.path.check_timeout()
     assert not rig.commands.sent
 
 
-def test_the_rate_limit_counts_the_time_between_stamps_and_zeros_bypass_it():
+def test_the_rate_limit_uses_the_time_between_stamps_and_zeros_bypass_it():
     rig = Rig(rate_limit=2.0)
     assert not rig.state().any()
     second = rig.state(after=0.05)
@@ -170,7 +171,7 @@ def test_the_rate_limit_counts_the_time_between_stamps_and_zeros_bypass_it():
     assert not rig.commands.sent[-1].any()
 
 
-def test_stopping_commands_zeros_and_ends_the_answers():
+def test_stopping_commands_zeros_and_ends_the_commands():
     rig = Rig()
     rig.state()
     rig.path.stop()
@@ -179,14 +180,14 @@ def test_stopping_commands_zeros_and_ends_the_answers():
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, 1e308])
-def test_no_torque_comes_from_numbers_that_are_none(bad):
+def test_non_finite_or_overflowing_states_give_no_command(bad):
     rig = Rig(mode='computed_torque')
     assert rig.state(u=(bad, 0.0)) is None
     assert rig.statistics.dropped.total() == 1
 
 
 def trajectory(*points, stamp=0, names=ROBOT.joint_names):
-    """Return a serialised JointTrajectory of (time, positions)."""
+    """Return a serialized JointTrajectory of (time, positions)."""
     message = JointTrajectory(joint_names=list(names))
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANO)
     for t, q in points:
@@ -200,97 +201,97 @@ VALUES = {'trajectory.max_points': 100}
 POINTS = (0.0, (0.3, -0.2)), (2.0, (1.0, -1.0))
 
 
-def test_a_motion_is_forgotten_with_its_states_and_none_is_taken_until_they_come_again():
+def test_a_timeout_drops_the_motion_and_rejects_others_until_the_next_state():
     rig = Rig(mode='computed_torque')
     rig.state()
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     rig.state(after=0.05)
     rig.time += NANO
-    rig.path.watch()
+    rig.path.check_timeout()
     assert (rig.commands.sent[-1] == 0.0).all()
-    with pytest.raises(InputError, match=r'no joint state has come for 1\.0'):
-        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
-    np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)  # held where it is
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    with pytest.raises(InputError, match=r'joint states: none for 1\.0\d* s; expected one within'):
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)  # holds the pose
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
 
 
-def test_a_motion_received_or_begun_to_be_read_before_all_was_forgotten_is_not_followed(
-        monkeypatch):
+def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(monkeypatch):
     rig = Rig()
     rig.state()
-    with pytest.raises(InputError, match='it came before'):
-        take_trajectory(rig.path, trajectory(*POINTS), rig.path.course.forgotten - 1, VALUES)
+    with pytest.raises(InputError, match='received before the node was activated'):
+        follow_trajectory(rig.path, trajectory(*POINTS), rig.path.active_motion.cleared_at - 1,
+                          VALUES)
 
-    def read(*arguments):  # and meanwhile the node is deactivated and activated
+    def read(*arguments):  # the node is deactivated and activated during the call
         rig.path.stop()
         rig.path.start()
         return motion_from_message(*arguments)
     monkeypatch.setattr(trajectory_input, 'motion_from_message', read)
-    with pytest.raises(InputError, match='while it was read'):
-        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    with pytest.raises(InputError, match='received while the node was stopped'):
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
-def test_a_motion_ahead_leaves_the_one_before_it_until_it_begins_and_sets_out_from_there():
+def test_a_scheduled_motion_starts_from_the_active_one_which_continues_until_then():
     rig = Rig()
     rig.state()
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
-    first, begun = rig.path.course.at(rig.time)[0], rig.time
-    take_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    first, begun = rig.path.active_motion.at(rig.time)[0], rig.time
+    follow_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES)
     np.testing.assert_array_equal(rig.state(after=0.9), ROBOT.inverse_dynamics(*first.sample(0.9)))
     q, u, _ = first.sample(1.0)
-    second, moment = rig.path.course.at(begun + NANO)
+    second, moment = rig.path.active_motion.at(begun + NANO)
     assert second is not first and moment == 0.0
     np.testing.assert_allclose(second.sample(0.0)[:2], [q, u], rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(rig.state(after=0.3),
                                   ROBOT.inverse_dynamics(*second.sample(0.2)))
 
 
-def test_a_first_point_that_lies_ahead_is_approached_from_the_pose_that_is_held():
+def test_a_motion_with_a_later_first_point_starts_from_the_held_pose():
     rig = Rig(mode='computed_torque')
     rig.state()
     rig.state(q=(0.31, -0.2), after=0.01)
-    take_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES)
-    motion, _ = rig.path.course.at(rig.time)
+    follow_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES)
+    motion, _ = rig.path.active_motion.at(rig.time)
     np.testing.assert_allclose(motion.sample(0.0)[0], (0.3, -0.2), rtol=1e-12)
     assert motion.duration == 2.0
 
 
-def test_a_trajectory_without_points_ends_the_motion_where_the_arm_is():
+def test_a_trajectory_without_points_ends_the_motion_at_the_measured_pose():
     rig = Rig(mode='computed_torque')
     rig.state()
-    take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
     rig.state(after=0.05)
-    assert 'no points' in take_trajectory(rig.path, trajectory(names=()), 0, VALUES)
+    assert 'no points' in follow_trajectory(rig.path, trajectory(names=()), 0, VALUES)
     np.testing.assert_allclose(rig.state(q=(0.5, 0.1), after=0.05), gravity((0.5, 0.1)),
                                rtol=1e-12)
 
 
-def test_a_motion_beyond_the_position_limits_is_remarked_on():
+def test_a_motion_beyond_the_position_limits_gives_a_warning():
     rig = Rig()
     rig.state()
-    assert take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES) == ''
+    assert follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES) == ''
     far = trajectory((1.0, (0.0, 50.0)))
-    assert take_trajectory(rig.path, far, 0, VALUES).endswith('position limits of joint2')
+    assert follow_trajectory(rig.path, far, 0, VALUES).endswith('position limits of joint2')
 
 
-def test_gravity_compensation_takes_no_motion():
+def test_gravity_compensation_rejects_motions():
     rig = Rig(mode='gravity_compensation')
     rig.state()
-    with pytest.raises(InputError, match='gravity_compensation, which follows no motion'):
-        take_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    with pytest.raises(InputError, match='gravity_compensation; expected a mode that follows'):
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
 
 
-def test_zeros_come_when_the_state_is_too_old_not_when_its_message_is():
+def test_the_timeout_refers_to_the_stamp_of_the_state():
     rig = Rig()
     rig.state(age=0.09)
     rig.time += round(0.02 * NANO)
-    rig.path.watch()
+    rig.path.check_timeout()
     assert rig.path.timed_out and (rig.commands.sent[-1] == 0.0).all()
 
 
-def test_without_a_time_no_state_is_answered():
+def test_without_simulated_time_states_are_dropped():
     rig = Rig()
     rig.time = 0
     rig.path.start()
@@ -298,15 +299,15 @@ def test_without_a_time_no_state_is_answered():
     assert rig.statistics.dropped[NO_CLOCK] == 1
 
 
-def test_states_of_other_joints_alone_are_no_fault():
+def test_states_of_other_joints_only_are_not_dropped_states():
     rig = Rig()
     for name in ('left_finger', 'right_finger'):
         rig.path.on_state(serialize_message(JointState(name=[name], position=[0.0])))
-    assert (rig.statistics.dropped.total(), rig.statistics.others) == (0, 2)
-    assert rig.path.take_others() == {('left_finger',), ('right_finger',)}
-    assert rig.path.take_others() == set()
+    assert (rig.statistics.dropped.total(), rig.statistics.foreign_states) == (0, 2)
+    assert rig.path.take_foreign_joints() == {('left_finger',), ('right_finger',)}
+    assert rig.path.take_foreign_joints() == set()
     rig.time += NANO
-    rig.path.watch()  # but if nothing else comes, the names are wrong
+    rig.path.check_timeout()  # without other states the names are a fault
     rig.path.on_state(serialize_message(JointState(name=['left_joint1'], position=[0.0])))
     assert rig.statistics.dropped == {MISSING: 1}
     assert rig.warnings[-1] == MISSING
@@ -320,7 +321,7 @@ def test_a_wrench_does_not_outlive_deactivation():
                                                        'wrench.max_moment': 10.0}, print)
     push = WrenchStamped()
     push.header.frame_id, push.wrench.force.x = 'tip', 50.0
-    rig.path.wrenches.take(serialize_message(push))
+    rig.path.wrenches.on_message(serialize_message(push))
     assert np.abs(rig.state() - gravity()).max() > 1.0
     rig.path.stop()
     rig.path.start()

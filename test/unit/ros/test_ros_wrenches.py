@@ -1,4 +1,4 @@
-"""Wrenches on a topic: sign, axes, what is dropped and why; and the observer beside them."""
+"""Wrench input (sign, axes, rejected messages), contact monitor and torque breakdown."""
 
 import math
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
-                                                        Outputs, settings)
+                                                        ContactPublishers, observer_settings)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
@@ -22,11 +22,12 @@ from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa:
 from kane_dynamics.ros.torque_path import wrench_input  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.joint_state_reader import (DISORDER,  # noqa: E402
-                                                              FUTURE, GARBLED, NOT_FINITE)
+from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
+                                                              MALFORMED, NOT_FINITE,
+                                                              OUT_OF_ORDER)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import (FRAME, LARGE,  # noqa: E402
-                                                        OLD, SILENT, WrenchInput)
+                                                        STALE, TIMED_OUT, WrenchInput)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -39,7 +40,7 @@ NANO = 10**9
 
 
 class Sink:
-    """Keeps what is published."""
+    """Keeps the published messages."""
 
     def __init__(self, kind):
         self.sent, self.kind = [], kind
@@ -50,7 +51,7 @@ class Sink:
 
 
 class Log:
-    """Keeps what is logged."""
+    """Keeps the log lines."""
 
     def __init__(self):
         self.lines = []
@@ -58,7 +59,7 @@ class Log:
 
 
 class Rig:
-    """A torque path with wrenches and observer, and a clock to set by hand."""
+    """A torque path with wrench input, contact monitor and a manual clock."""
 
     def __init__(self, mode='inverse_dynamics', compensate_gravity=True, **changes):
         self.time, self.rejected, self.log = 100 * NANO, [], Log()
@@ -67,13 +68,13 @@ class Rig:
             f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
             for name, value in changes.items()}
         self.commands = Sink(Float64MultiArray)
-        self.outputs = Outputs(Sink(JointState), Sink(WrenchStamped), Sink(None))
+        self.outputs = ContactPublishers(Sink(JointState), Sink(WrenchStamped), Sink(None))
         self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
                                lambda: self.time, 0.1, Statistics(), lambda *words: None)
         self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
                                                          self.reject)
         self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)
-        self.path.add_watch(self.contact, need_effort=True)
+        self.path.add_observer(self.contact, need_effort=True)
         self.path.start()
 
     def reject(self, reason, detail):
@@ -86,10 +87,10 @@ class Rig:
         stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
         force, torque = message.wrench.force, message.wrench.torque
         force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, numbers)
-        self.wrenches.take(serialize_message(message))
+        self.wrenches.on_message(serialize_message(message))
 
     def state(self, effort=(), after=0.01, q=Q):
-        """Advance the clock and give the path a state; return the command."""
+        """Advance the clock, pass a state to the path, return the command."""
         self.time += round(after * NANO)
         message = JointState(name=list(ROBOT.joint_names), position=list(q), velocity=[0.0, 0.0],
                              effort=list(effort))
@@ -99,7 +100,7 @@ class Rig:
 
 
 def load(numbers, frame=TIP):
-    """Return the joint torques of a wrench in axes of its frame, by partial velocities."""
+    """Return the joint torques of a wrench in axes of its frame, by the Jacobian."""
     R = ROBOT.frame_pose(frame, Q)[:3, :3]
     world = np.concatenate([R @ numbers[:3], R @ numbers[3:]])
     return ROBOT.partial_velocities(frame, Q).T @ world
@@ -109,7 +110,7 @@ PUSH = np.array([3.0, -2.0, 5.0, 0.5, 1.5, -0.2])
 
 
 @pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
-def test_the_command_makes_up_for_what_the_environment_exerts(mode):
+def test_the_command_compensates_known_wrenches(mode):
     rig = Rig(mode)
     gravity = rig.state()
     rig.wrench(PUSH)
@@ -118,32 +119,32 @@ def test_the_command_makes_up_for_what_the_environment_exerts(mode):
                                rtol=1e-12)
 
 
-def test_gravity_compensation_does_not_resist_the_hand_that_guides():
+def test_gravity_compensation_does_not_compensate_wrenches():
     rig = Rig('gravity_compensation')
     gravity = rig.state()
     rig.wrench(PUSH)
     np.testing.assert_array_equal(rig.state(), gravity)
 
 
-def test_a_frame_that_falls_silent_counts_as_unloaded_and_the_other_stays():
+def test_a_timeout_unloads_its_frame_only():
     rig = Rig()
     gravity = rig.state()
     rig.wrench(PUSH, FIRST)
     rig.state(after=0.06)
     rig.wrench(PUSH)
     np.testing.assert_allclose(rig.state(after=0.06), gravity - load(PUSH), rtol=1e-12)
-    assert rig.rejected == [SILENT]
+    assert rig.rejected == [TIMED_OUT]
     np.testing.assert_array_equal(rig.state(after=0.06), gravity)
-    assert rig.rejected == [SILENT, SILENT]
+    assert rig.rejected == [TIMED_OUT, TIMED_OUT]
 
 
 @pytest.mark.parametrize(('reason', 'given'), [
-    (OLD, {'age': 0.2}), (FUTURE, {'age': -0.2}), (DISORDER, {'age': 0.05}),
+    (STALE, {'age': 0.2}), (FUTURE, {'age': -0.2}), (OUT_OF_ORDER, {'age': 0.05}),
     (FRAME, {'frame': 'claw'}), (FRAME, {'frame': ''}),
     (NOT_FINITE, {'numbers': [0, 0, 0, 0, math.nan, 0]}),
     (NOT_FINITE, {'numbers': [math.inf, 0, 0, 0, 0, 0]}),
     (LARGE, {'numbers': [0, 0, 1e308, 0, 0, 0]}), (LARGE, {'numbers': [0, 0, 0, -301, 0, 0]})])
-def test_a_bad_wrench_is_dropped_with_the_reason_and_the_last_one_stays(reason, given):
+def test_an_invalid_wrench_is_rejected_with_the_reason_and_the_last_one_stays(reason, given):
     rig = Rig()
     rig.wrench(PUSH)
     before = rig.state(after=0.0)
@@ -152,21 +153,21 @@ def test_a_bad_wrench_is_dropped_with_the_reason_and_the_last_one_stays(reason, 
     np.testing.assert_array_equal(rig.state(after=0.001), before)
 
 
-def test_cut_and_foreign_bytes_are_dropped_and_what_rclpy_reads_is_read():
+def test_malformed_messages_are_rejected_and_what_rclpy_reads_is_accepted():
     rig = Rig()
     gravity = rig.state()
     message = WrenchStamped()
     message.header.frame_id, message.wrench.force.x = TIP, 4.0
     data = serialize_message(message)
     for end in range(len(data)):
-        rig.wrenches.take(data[:end])
-    assert set(rig.rejected) == {GARBLED}
+        rig.wrenches.on_message(data[:end])
+    assert set(rig.rejected) == {MALFORMED}
     np.testing.assert_array_equal(rig.state(), gravity)
-    rig.wrenches.take(data)  # without a stamp: that of its receipt
+    rig.wrenches.on_message(data)  # without a stamp: time of reception
     np.testing.assert_allclose(rig.state(), gravity - load(np.eye(6)[0] * 4.0), rtol=1e-12)
 
 
-def test_frames_that_cannot_carry_a_wrench_are_refused_by_name():
+def test_fixed_and_unknown_frames_are_refused_by_name():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     for name, words in (('claw', "no frame 'claw'"), (MODEL.base_name, 'does not move')):
         with pytest.raises(InputError, match=words):
@@ -179,7 +180,7 @@ def gravity():
     return ROBOT.gravity_force(Q)
 
 
-def test_measured_efforts_betray_a_push_its_wrench_and_its_end():
+def test_measured_efforts_give_external_torques_wrench_and_collision():
     rig, push = Rig(threshold=[1.0, 0.5], rate=1e4), np.array([2.5, -0.8])
     assert [flag.data for flag in rig.outputs.collision.sent] == [False]
     for _ in range(50):
@@ -200,7 +201,7 @@ def test_measured_efforts_betray_a_push_its_wrench_and_its_end():
     assert rig.contact.figures()['collision'] == 'none'
 
 
-def test_a_wrench_that_is_announced_is_no_collision():
+def test_a_known_wrench_is_not_a_collision():
     rig = Rig(threshold=0.1)
     for _ in range(100):
         rig.wrench(PUSH)
@@ -210,17 +211,17 @@ def test_a_wrench_that_is_announced_is_no_collision():
 
 
 @pytest.mark.parametrize('gravity_by_arm', [False, True])
-def test_without_efforts_the_own_command_counts_with_what_the_arm_adds(gravity_by_arm):
+def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(gravity_by_arm):
     rig = Rig(compensate_gravity=not gravity_by_arm, threshold=0.1)
     if gravity_by_arm:
         rig.path.controller.update(compensate=rig.path.controller.compensate.__class__(
             gravity=False))
     for _ in range(100):
-        rig.state(effort=(math.nan, math.nan))  # as drivers without torque sensors have it
+        rig.state(effort=(math.nan, math.nan))  # as of drivers without torque sensors
     assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
 
 
-def test_a_source_that_is_asked_for_but_missing_gives_no_estimate_but_a_reason():
+def test_a_missing_torque_source_gives_a_reason_and_no_estimate():
     rig = Rig(torque='effort')
     rig.state(gravity())
     sent = len(rig.outputs.torques.sent)
@@ -229,20 +230,20 @@ def test_a_source_that_is_asked_for_but_missing_gives_no_estimate_but_a_reason()
     assert len(rig.outputs.torques.sent) == sent
 
 
-def test_a_change_of_source_does_not_look_like_a_push():
+def test_a_change_of_the_torque_source_resets_the_observer():
     rig = Rig(threshold=0.1)
     for k in range(60):
         rig.state(gravity() if k < 30 else ())
         assert not rig.contact.detector.beyond
-    # The command said nothing of the push; the efforts do, and only from now on.
+    # Only the efforts contain the external torque, from this state on.
     rig.state(gravity() - 5.0)
     assert not rig.contact.detector.beyond
 
 
-def test_a_change_of_gravity_is_handed_to_the_observer_before_the_next_state():
+def test_the_observer_gets_new_gravity_before_the_next_state():
     rig, before = Rig(), ROBOT.parameters.gravity
     seen = []
-    rig.contact.refresh = lambda: seen.append((ROBOT.parameters.gravity[2], rig.time))
+    rig.contact.on_loads_changed = lambda: seen.append((ROBOT.parameters.gravity[2], rig.time))
     try:
         rig.state()
         rig.path.set_loads(GravityAndPayload(np.array([0.0, 0.0, -3.0])))
@@ -253,12 +254,12 @@ def test_a_change_of_gravity_is_handed_to_the_observer_before_the_next_state():
     assert seen == [(-3.0, 100 * NANO + 2 * NANO // 100)]
 
 
-def test_a_clock_that_jumps_back_forgets_the_wrenches():
+def test_a_backward_clock_jump_drops_the_wrenches():
     rig = Rig()
     unloaded = rig.state()
     rig.wrench(PUSH)
     np.testing.assert_array_equal(rig.state(after=-50.0), unloaded)
-    rig.wrench(PUSH)  # and takes the next, whose stamp lies before the last
+    rig.wrench(PUSH)  # accepted, although its stamp precedes the last one
     np.testing.assert_allclose(rig.state(), unloaded - load(PUSH), rtol=1e-12)
     assert rig.rejected == []
 
@@ -272,7 +273,7 @@ U = np.array([0.3, -0.5])
     ('inverse_dynamics', MOTION, DESIRED), ('inverse_dynamics', None, (Q, 0.0 * U, 0.0 * U)),
     ('computed_torque', MOTION, (Q, U, DESIRED[2])), ('computed_torque', None, (Q, U, 0.0 * U)),
     ('gravity_compensation', MOTION, (Q, 0.0 * U, 0.0 * U))])
-def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, motion, point):
+def test_the_breakdown_is_of_the_documented_state(mode, motion, point):
     served = SimpleNamespace(robot=ROBOT, loads=GravityAndPayload(ROBOT.parameters.gravity))
     publish, sent = [], []
     server = SimpleNamespace(served=served, create_timer=lambda period, call, clock:
@@ -283,7 +284,7 @@ def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, mot
     rig.wrench(PUSH)
     state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
     external = rig.wrenches.torques(Q, rig.time)
-    explainer.take(Cycle(0, state, motion, 0.8, Q, external))
+    explainer.on_cycle(Cycle(0, state, motion, 0.8, Q, external))
     state.q[:], state.u[:] = 9.0, 9.0  # the next state overwrites them
     publish[0]()
     publish[0]()
@@ -294,7 +295,7 @@ def test_what_the_topic_explains_is_the_torque_of_the_documented_point(mode, mot
         total, ROBOT.inverse_dynamics(*point, wrench=rig.wrenches.world), rtol=1e-12)
 
 
-def test_the_rate_bounds_the_messages_but_not_the_flag():
+def test_the_rate_limits_the_messages_but_not_the_flag():
     rig = Rig(threshold=[0.1, 0.1], rate=10.0, confirm=0.0)
     for k in range(101):
         rig.state(gravity() - (1.0 if k == 55 else 0.0), after=0.01)
@@ -303,13 +304,13 @@ def test_the_rate_bounds_the_messages_but_not_the_flag():
     assert [flag.data for flag in rig.outputs.collision.sent] == [False, True, False]
 
 
-def test_thresholds_come_from_the_effort_limits_or_must_be_given():
+def test_default_thresholds_need_effort_limits():
     rig = Rig()
     robot = SimpleNamespace(joint_names=('a', 'b'), limits=SimpleNamespace(
         effort=np.array([100.0, math.inf])))
-    with pytest.raises(InputError, match="joint 'b' has no effort limit"):
-        settings(rig.values, robot)
-    limited = settings(rig.values | {'limits.effort': np.array([50.0, 10.0])}, robot)
+    with pytest.raises(InputError, match="joint 'b' has no effort limit; expected one number"):
+        observer_settings(rig.values, robot)
+    limited = observer_settings(rig.values | {'limits.effort': np.array([50.0, 10.0])}, robot)
     assert limited['threshold'].tolist() == [1.0, 0.2]
-    given = settings(rig.values | {'observer.threshold': np.array(3.0)}, robot)
+    given = observer_settings(rig.values | {'observer.threshold': np.array(3.0)}, robot)
     assert given['threshold'].tolist() == [3.0, 3.0]

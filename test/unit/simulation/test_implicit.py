@@ -133,7 +133,7 @@ def test_computed_torque_moves_the_arm_in_spite_of_its_friction(arm):
     motion = Motion.from_points([0.0, 1.0, 2.0], [POSTURE, POSTURE + 0.3, POSTURE],
                                 joint_names=arm.joint_names)
     run = simulate(arm, POSTURE, np.zeros(6), 2.0, integrator='implicit',
-                   torque=ComputedTorque(motion, 400.0, 40.0))
+                   torque=ComputedTorque(arm, motion, 400.0, 40.0))
     assert np.abs(run.q - motion.sample(run.t)[0]).max() < 2e-2
 
 

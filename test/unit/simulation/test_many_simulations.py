@@ -29,7 +29,7 @@ def law(robot):
     """Return computed torque on some motion."""
     motion = Motion.from_points([0.0, 0.02, 0.04], np.cumsum(rng.normal(size=(3, 4)), axis=0),
                                 joint_names=robot.joint_names)
-    return ComputedTorque(motion, 300.0, 30.0)
+    return ComputedTorque(robot, motion, 300.0, 30.0)
 
 
 TORQUES = {
@@ -66,7 +66,7 @@ def test_a_simulation_does_not_depend_on_the_others_or_on_threads(robot, monkeyp
     whole = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
     part = simulate(robot, Q0[5:W + 6], U0[5:W + 6], STEPS * 1e-3, torque=torque[5:W + 6])
     monkeypatch.setenv(threads.VARIABLE, '3')
-    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     threaded = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[5:W + 6])
@@ -184,5 +184,5 @@ def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypat
     monkeypatch.setattr('kane_dynamics.native.machine_code.llvm.Code', refuse)
     motion = Motion.from_points([0.0, 0.1], [[0.0, 0.0], [0.1, 0.1]],
                                 joint_names=robot.joint_names)
-    for torque in (None, ComputedTorque(motion, 1.0, 1.0)):
+    for torque in (None, ComputedTorque(robot, motion, 1.0, 1.0)):
         simulate(robot, [0.1, 0.2], [0.0, 0.0], 0.01, torque=torque)

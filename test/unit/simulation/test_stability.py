@@ -121,15 +121,15 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
     from kane_dynamics.ros.parameters.parameter_checks import read
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-    from kane_dynamics.ros.services.simulation_request import (Bounds, ServedRobot,
-                                                               SimulationRequest)
+    from kane_dynamics.ros.services.served_robot import RequestLimits, ServedRobot
+    from kane_dynamics.ros.services.simulation_request import SimulationRequest
     from kane_dynamics.ros.parameters.parameter_table import SPECS
     from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
     from kane_dynamics_interfaces.srv import Simulate
     robot = wheel(**RUB)
-    assert SimulatedArm(robot, 0.05).doubt is None
-    assert "'wheel'" in SimulatedArm(robot, 0.06).doubt
-    assert SimulatedArm(robot, 0.06, 'implicit').doubt is None
+    assert SimulatedArm(robot, 0.05).step_warning() is None
+    assert "'wheel'" in SimulatedArm(robot, 0.06).step_warning()
+    assert SimulatedArm(robot, 0.06, 'implicit').step_warning() is None
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
     for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
@@ -145,8 +145,8 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     assert answers[0] == answers[2] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
     stiff = wheel(stiffness=1e6)
-    served = replace(served, robot=stiff, simulated=stiff, bounds=Bounds(10.0, 200, 200, 20),
-                     integrator='rk4')
+    served = replace(served, robot=stiff, simulated=stiff, integrator='rk4',
+                     bounds=RequestLimits(10.0, 200, 200, 20))
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'leaves the finite numbers.*: a step of 0.1 s is too long'):

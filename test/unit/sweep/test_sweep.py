@@ -1,4 +1,4 @@
-"""Promises of sweeps: rows that depend on seed and number alone, right physics, a safe table."""
+"""Sweeps: rows depend only on seed and index, match a reference, and are stored safely."""
 
 from dataclasses import replace
 from functools import cache
@@ -32,13 +32,13 @@ KINDS = ('computed_torque', 'gravity_compensation', 'none')
 
 @cache
 def motion():
-    """Return some motion."""
+    """Return a desired motion."""
     points = np.cumsum(np.random.default_rng(1).normal(size=(3, 3)) * 0.1, axis=0)
     return Motion.from_points([0.0, 0.02, 0.05], points, joint_names=JOINTS)
 
 
 def sweep(**changes):
-    """Return a sweep in which everything varies."""
+    """Return a sweep with random and grid values for all parameters."""
     return Sweep(MODEL, **{
         'samples': 30, 'seed': 7, 'duration': 0.04, 'step': 2e-3, 'payload': PAYLOAD,
         'q0': {'each': {'uniform': [-0.5, 0.5]}}, 'u0': {JOINTS[1]: {'normal': [0.0, 0.3]}},
@@ -57,13 +57,13 @@ def columns(given):
 
 
 def same(a, b):
-    """Tell whether two sets of columns hold the same bits."""
+    """Return whether two sets of columns are equal bit for bit."""
     assert list(a) == list(b)
     return all((a[name] == b[name]).all() for name in a)
 
 
 def reference(given, row):
-    """Return a trial's numbers by Python, its payload and friction being part of the model."""
+    """Return the outcomes of a trial simulated in Python, with its payload in the model."""
     values = {name: x[0] for name, x in drawn(given, [row]).items()}
     at = {name: of_joints({k: np.array([v]) for k, v in values.items()}, name, JOINTS)[0]
           for name in ('q0', 'u0', 'friction', 'kp', 'kd')}
@@ -109,7 +109,7 @@ def reference(given, row):
 
 
 def implicit(plant, law, x, moments, h):
-    """Return a trial's numbers one implicit step later."""
+    """Return the state of a trial after one implicit step."""
     method, n, block = ImplicitStep(plant.equations), plant.n, plant.parameters.block
     q, u, sums = np.split(x, [n, 2 * n])
     ends = (moments[0], moments[2])
@@ -126,7 +126,7 @@ def implicit(plant, law, x, moments, h):
 
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_a_row_is_the_simulation_of_its_own_payload_friction_start_and_controller(integrator):
+def test_row_is_the_simulation_with_its_payload_friction_start_and_controller(integrator):
     given = sweep(integrator=integrator)
     rows = columns(given)
     assert rows['ok'].all() and rows['index'].tolist() == list(range(30))
@@ -141,19 +141,19 @@ def test_a_row_is_the_simulation_of_its_own_payload_friction_start_and_controlle
             map(abs, energies))
 
 
-def test_a_row_depends_on_seed_and_number_alone(monkeypatch):
+def test_row_depends_only_on_seed_and_index(monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '1')
     whole = columns(sweep())
     assert same(columns(sweep(chunk=7)), whole)
     assert same({name: x[:10] for name, x in whole.items()}, columns(sweep(samples=10)))
     monkeypatch.setenv(threads.VARIABLE, '3')
-    monkeypatch.setattr(threads, 'WORTH', 1e-12)
+    monkeypatch.setattr(threads, 'THREAD_WORK', 1e-12)
     assert same(columns(sweep()), whole)
     other = columns(sweep(seed=8))
     assert not (other['payload.mass'] == whole['payload.mass']).any()
 
 
-def test_draws_keep_to_their_laws():
+def test_draws_follow_their_distributions():
     many = sweep(samples=4000, chunk=4000)
     values = drawn(many, range(4000))
     mass, com, k = (values[f'payload.{x}'] for x in ('mass', 'com_y', 'gyration'))
@@ -167,24 +167,24 @@ def test_draws_keep_to_their_laws():
                                   motion().sample(0.0)[1][::2])
 
 
-def test_grids_meet_in_every_combination_equally_often():
+def test_all_grid_combinations_occur_equally_often():
     values = drawn(sweep(samples=24, friction={'grid': [1.0, 2.0, 3.0]}), range(24))
     pairs = list(zip(values['friction'].tolist(), values['known_payload'].tolist()))
     assert {pairs.count(pair) for pair in pairs} == {4} and len(set(pairs)) == 6
 
 
-def test_a_trial_that_diverges_is_a_row_with_its_error_and_harms_no_other():
+def test_diverged_trial_has_an_error_and_does_not_affect_others():
     calm, wild = (columns(sweep(controller={'kind': 'computed_torque', 'kd': [
         kd, {'uniform': [10.0, 30.0]}, 20.0]})) for kd in (10.0, {'grid': [10.0, 1e9]}))
     lost = wild[f'kd.{JOINTS[0]}'] > 10.0
     assert lost.sum() == 15 and (wild['ok'] == ~lost).all()
-    assert all('finite numbers before 0.0' in text for text in wild['error'][lost])
+    assert all('diverged (non-finite state) before 0.0' in text for text in wild['error'][lost])
     assert np.isnan(wild['energy_drift'][lost].astype(float)).all()
     assert same({name: x[~lost] for name, x in wild.items()},
                 {name: x[~lost] for name, x in calm.items()})
 
 
-def test_limits_that_were_passed_are_told():
+def test_exceeded_limits_are_reported():
     still = sweep(samples=1, chunk=1, controller='none', motion=None, payload=None, duration=2e-3,
                   u0=None, q0=[joint.limits.upper + 0.1 for joint in MODEL.coordinate_joints])
     row = Simulator(still).columns(0)
@@ -198,11 +198,11 @@ def test_limits_that_were_passed_are_told():
 
 
 def parts(folder):
-    """Return the part files, in order."""
+    """Return the part files in order."""
     return sorted(folder.glob('part-*.parquet'))
 
 
-def test_a_run_makes_what_is_missing_or_torn_and_nothing_twice(tmp_path):
+def test_run_computes_missing_and_damaged_parts_only(tmp_path):
     given, folder = sweep(chunk=7), tmp_path / 'table'
     done = run_sweep(given, folder, workers=1)
     assert (done.found, done.made, done.failed) == (0, 30, 0)
@@ -222,7 +222,7 @@ def test_a_run_makes_what_is_missing_or_torn_and_nothing_twice(tmp_path):
     assert run_sweep(given, folder, workers=1).made == 0
 
 
-def test_a_part_that_is_of_another_chunk_is_made_anew(tmp_path):
+def test_part_of_another_chunk_is_computed_again(tmp_path):
     given = sweep(chunk=10)
     run_sweep(given, tmp_path, workers=1)
     first, second, _ = parts(tmp_path)
@@ -244,21 +244,21 @@ def test_a_folder_of_another_sweep_is_refused_by_name(tmp_path, change, word):
     assert mine.digest[:12] in str(caught.value)
 
 
-def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
+def test_folder_with_other_content_is_rejected_and_unchanged(tmp_path):
     (tmp_path / 'thesis.tex').write_text('...')
-    with pytest.raises(InputError, match=r"holds 'thesis\.tex' and no sweep"):
+    with pytest.raises(InputError, match=r": holds 'thesis\.tex' and no sweep; expected"):
         run_sweep(sweep(), tmp_path, workers=1)
     with pytest.raises(InputError, match='expected the folder of a sweep'):
         read_table(tmp_path)
 
 
-def test_two_runs_do_not_write_one_folder_at_once(tmp_path):
+def test_second_writer_of_a_folder_is_rejected(tmp_path):
     with (SweepTable(sweep(), tmp_path).opened(),
           pytest.raises(SweepError, match='another process is writing')):
         run_sweep(sweep(), tmp_path, workers=1)
 
 
-def test_what_failed_is_null_in_the_table(tmp_path):
+def test_outcomes_of_failed_trials_are_null(tmp_path):
     given = sweep(samples=2, chunk=2, controller={
         'kind': 'computed_torque', 'kp': 100.0, 'kd': {'grid': [20.0, 1e9]}})
     assert run_sweep(given, tmp_path, workers=1).failed == 1
@@ -270,44 +270,47 @@ def test_what_failed_is_null_in_the_table(tmp_path):
 
 
 def kill_first(work, chunk):
-    """Die, as a worker whose memory ran out does."""
+    """Kill this worker, as the system does when memory runs out."""
     os.kill(os.getpid(), 9)
 
 
-def test_workers_that_die_and_finish_nothing_are_an_error(monkeypatch, tmp_path):
+def test_workers_that_die_repeatedly_are_an_error(monkeypatch, tmp_path):
     monkeypatch.setattr(workers, 'compute', kill_first)
     monkeypatch.setattr(workers, 'MOST_DEATHS', 1)
-    with pytest.raises(SweepError, match='1 times a worker died'):
+    with pytest.raises(SweepError, match='workers: 1 died before finishing'):
         run_sweep(sweep(chunk=15), tmp_path, workers=2)
     assert not parts(tmp_path) and not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize('change, words', [
-    ({'samples': 0}, 'samples is 0; expected a whole number from 1'),
-    ({'seed': -1}, 'seed is -1'),
+    ({'samples': 0}, 'samples: 0; expected a whole number from 1'),
+    ({'seed': -1}, 'seed: -1; expected'),
     ({'duration': 0.0011}, 'expected a whole number of steps'),
-    ({'integrator': 'euler'}, "integrator is 'euler'; valid: rk4, implicit"),
-    ({'friction': {'uniform': [2, 1]}}, r'friction: uniform is \[2.0, 1.0\]; expected \[low, hi'),
-    ({'friction': {'normal': [1, 1]}}, 'friction must not be negative, which a normal law'),
-    ({'friction': -1.0}, 'friction is -1.0; expected a finite number >= 0'),
-    ({'q0': {'elbow': 1.0}}, "q0: no joint 'elbow'; valid: joint0"),
-    ({'q0': [0.0]}, 'q0 has 1 entries; expected 3, in the order joint0'),
-    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}}, 'q0 is .*; expected a number, or a mapping'),
-    ({'q0': float('nan')}, 'q0 is nan; expected a finite number'),
+    ({'integrator': 'euler'}, "integrator: 'euler'; expected one of rk4, implicit"),
+    ({'friction': {'uniform': [2, 1]}}, r'friction: uniform: \[2.0, 1.0\]; expected \[low, high'),
+    ({'friction': {'normal': [1, 1]}}, 'friction: normal, which includes negative values; exp'),
+    ({'friction': -1.0}, 'friction: -1.0; expected a finite number >= 0'),
+    ({'q0': {'elbow': 1.0}}, "q0: no joint 'elbow'; expected joint0"),
+    ({'q0': [0.0]}, 'q0: 1 entries; expected 3, in the order joint0'),
+    ({'q0': {'uniform': [0, 1], 'normal': [0, 1]}}, 'q0: .*; expected a number, or a mapping'),
+    ({'q0': float('nan')}, 'q0: nan; expected a finite number'),
     ({'payload': {'mass': 1.0}}, 'expected frame and mass'),
-    ({'payload': {'frame': 'hand', 'mass': 1.0}}, "no frame 'hand'; valid: base"),
-    ({'payload': {**PAYLOAD, 'com': 0.1}}, 'payload.com is 0.1; expected three values'),
-    ({'payload': {**PAYLOAD, 'weight': 1}}, "payload: unknown key 'weight'; valid: frame"),
+    ({'payload': {'frame': 'hand', 'mass': 1.0}}, "no frame 'hand'; expected one of base"),
+    ({'payload': {**PAYLOAD, 'com': 0.1}}, 'payload.com: 0.1; expected three values'),
+    ({'payload': {**PAYLOAD, 'weight': 1}},
+     "payload: unknown key 'weight'; expected one of frame"),
     ({'payload': {**PAYLOAD, 'mass': {'loguniform': [0, 1]}}}, '0 < low <= high'),
-    ({'controller': 'pid'}, "controller is 'pid'; valid: computed_torque"),
+    ({'controller': 'pid'}, "controller: 'pid'; expected one of computed_torque"),
     ({'controller': {'kind': {'uniform': [0, 1]}}}, 'expected one of computed_torque'),
     ({'controller': {'kind': 'none', 'ki': 1}}, "controller: unknown key 'ki'"),
-    ({'controller': {'kp': 100.0}}, 'kp is given, but no trial uses it: the kind is none'),
-    ({'payload': None}, 'known_payload is given, but no trial uses it: .* no payload'),
-    ({'friction': {'grid': [1, 2, 3, 4]}}, 'grids have 8 combinations and samples is 30'),
-    ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])}, "of the joints \\['x'\\]"),
+    ({'controller': {'kp': 100.0}}, 'kp is given for none with a payload, which does not'),
+    ({'payload': None}, 'known_payload is given for .* without a payload, which does not use it'),
+    ({'friction': {'grid': [1, 2, 3, 4]}},
+     'samples: 30 for 8 combinations of the grids; expected a multiple of 8'),
+    ({'motion': Motion.from_points([0.0], [[0.0]], joint_names=['x'])},
+     "motion: joints \\['x'\\]; expected"),
 ])
-def test_a_description_that_cannot_be_is_refused_by_name(change, words):
+def test_invalid_description_is_rejected_by_name(change, words):
     with pytest.raises(InputError, match=words):
         sweep(**change)
 
@@ -320,14 +323,14 @@ def test_a_worker_of_another_version_is_refused(monkeypatch, tmp_path):
         simulator.compute(work, 0)
 
 
-def test_what_is_not_installed_is_named_with_its_extra(monkeypatch, tmp_path):
+def test_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
     with pytest.raises(InputError, match=r"needs 'pyarrow'.*pip install 'kane_dynamics\[sweep\]'"):
         run_sweep(sweep(), tmp_path / 'table', workers=1)
     assert not (tmp_path / 'table').exists()
 
 
-def test_the_description_in_the_folder_tells_what_the_rows_are_of(tmp_path):
+def test_folder_contains_the_description_of_its_rows(tmp_path):
     given = sweep()
     with SweepTable(given, tmp_path).opened() as finished:
         assert finished == set()

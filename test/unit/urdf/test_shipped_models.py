@@ -1,4 +1,4 @@
-"""Promises of urdf/: the makers' figures, no surprises on loading, and peers that agree."""
+"""Shipped models: manufacturers' data, expected warnings, agreement with peers."""
 
 import math
 from pathlib import Path
@@ -29,7 +29,7 @@ FR3 = [  # Denavit-Hartenberg after Craig: a, d, alpha; the flange last
 
 
 def load(name, **options):
-    """Load a shipped model; the warnings on purpose are looked at by their own test."""
+    """Load a shipped model without its known warnings, which have their own test."""
     with warnings.catch_warnings():
         if name in WARNINGS:
             warnings.simplefilter('ignore', ModelWarning)
@@ -42,7 +42,7 @@ def text(name):
 
 
 def screw(axis, angle, shift):
-    """Return the turn about x (0) or z (2) by `angle` and the shift along it, (4, 4)."""
+    """Return the rotation about x (0) or z (2) by `angle` with a shift along it, (4, 4)."""
     T = np.eye(4)
     i, j = (1, 2) if axis == 0 else (0, 1)
     T[i, i] = T[j, j] = math.cos(angle)
@@ -53,7 +53,7 @@ def screw(axis, angle, shift):
 
 
 def flange_ur10e(q):
-    """Return the product of the maker's table; base_link looks the other way."""
+    """Return the flange pose from the manufacturer's table; base_link is rotated by pi."""
     T = screw(2, math.pi, 0.0)
     for angle, (a, d, alpha) in zip(q, UR10E, strict=True):
         T = T @ screw(2, angle, d) @ screw(0, alpha, a)
@@ -61,7 +61,7 @@ def flange_ur10e(q):
 
 
 def flange_fr3(q):
-    """Return the product of the maker's table."""
+    """Return the flange pose from the manufacturer's table."""
     T = np.eye(4)
     for angle, (a, d, alpha) in zip([*q, 0.0], FR3, strict=True):
         T = T @ screw(0, alpha, a) @ screw(2, angle, d)
@@ -88,7 +88,7 @@ def test_every_model_loads_with_the_announced_warnings_only(name):
         assert str(warning.message).endswith(': ' + ', '.join(WARNINGS[name]))
 
 
-def test_the_models_that_the_documentation_names_are_there():
+def test_models_named_in_the_documentation_exist():
     assert NAMES == ['fr3', 'human_hand', 'spring_mass_pendulum', 'two_link', 'two_link_planar',
                      'two_rods', 'ur10e']
     readme = (FOLDER / 'README.md').read_text()
@@ -130,7 +130,7 @@ def test_masses_add_up_to_the_data_sheet(name, hand, total, tolerance):
 
 
 @pytest.mark.parametrize('name', ARMS)
-def test_the_flange_stands_where_the_makers_dh_table_puts_it(name):
+def test_flange_pose_matches_the_manufacturers_dh_table(name):
     tip, flange = ARMS[name]
     model = load(name, tip=tip)
     robot, rng = Robot(model), np.random.default_rng(1)
@@ -140,14 +140,14 @@ def test_the_flange_stands_where_the_makers_dh_table_puts_it(name):
 
 
 def test_the_ur10e_reaches_its_data_sheets_1300_mm():
-    # stretched out level, wrist 1 turned so that wrist 2 is in line: as far as the last axis goes
+    # stretched horizontally, wrist 1 rotated so that wrist 2 is in line
     q = np.array([0.0, 0.0, 0.0, -math.pi / 2, 0.0, 0.0])
     pose = Robot(load('ur10e')).frame_pose('wrist_2_link', q)
     assert abs(pose[0, 3]) == pytest.approx(1.300, rel=0.004)
 
 
 def test_the_research_3_reaches_its_data_sheets_855_mm():
-    # from the shoulder's centre to the flange, over the positions that the limits allow
+    # from the shoulder's center to the flange, over the positions that the limits allow
     model = load('fr3', tip='fr3_link8')
     robot = Robot(model)
     elbow, wrist = (model.coordinate_joints[k].limits for k in (3, 5))
@@ -198,12 +198,12 @@ def test_mujoco_and_pinocchio_agree_on_the_mass_matrix(name):
         np.testing.assert_allclose(M, other[np.ix_(columns, columns)], atol=1e-9)
 
 
-@pytest.mark.parametrize(('name', 'posture'), [
+@pytest.mark.parametrize(('name', 'configuration'), [
     ('ur10e', [0.0, -1.2, 1.4, -1.7, -1.57, 0.0]),
     ('fr3', [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.02, 0.02])])
-def test_an_arm_in_its_usual_posture_does_not_touch_itself(name, posture):
+def test_arm_has_no_self_collision_in_its_home_configuration(name, configuration):
     plant = mujoco.MjModel.from_xml_string(text(name))
     state = mujoco.MjData(plant)
-    state.qpos[:] = posture
+    state.qpos[:] = configuration
     mujoco.mj_forward(plant, state)
     assert state.ncon == 0

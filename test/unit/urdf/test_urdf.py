@@ -1,4 +1,4 @@
-"""What a URDF becomes: freedoms, merged bodies, mimics, frames, order."""
+"""Model of a URDF: expanded joints, merged bodies, mimic joints, frames, order."""
 
 import math
 
@@ -21,7 +21,7 @@ def rotation(axis, angle):
     return R
 
 
-def test_joint_keeps_what_the_urdf_says():
+def test_joint_has_the_values_of_the_urdf():
     model = load(robot(link('a', None), link('b', 2.5, (1, 2, 2.5), '0.1 0.2 0.3'), joint(
         'j', 'a', 'b', axis='0 1 0', xyz='1 2 3', rpy='0.1 0.2 0.3',
         more='<dynamics damping="0.7" friction="0.3"/>')))
@@ -74,7 +74,7 @@ def test_quarter_turns_are_exact(rpy):
 
 
 @pytest.mark.parametrize('angle', [1.5708, 3.14159265359, 1.57079632679, 1e-10])
-def test_rounded_angles_are_not_made_quarter_turns(angle):
+def test_rounded_angles_are_not_snapped(angle):
     model = load(robot(link('a'), link('b'), joint('j', 'a', 'b', rpy=f'{angle!r} 0 0')))
     assert_allclose(model.bodies[0].joint.rotation, rotation('x', angle), atol=1e-15, rtol=0)
     assert model.bodies[0].joint.rotation[1, 2] != round(model.bodies[0].joint.rotation[1, 2]) or (
@@ -94,7 +94,7 @@ def test_fixed_joint_merges_its_link_into_the_moving_body():
     assert_array_equal(frame.rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
-def test_what_is_fixed_to_the_root_becomes_the_base():
+def test_links_fixed_to_the_root_merge_into_the_base():
     model = load(robot(link('w', None), link('a', 2), link('b'),
                        joint('f', 'w', 'a', 'fixed', xyz='0 0 1'),
                        joint('j', 'a', 'b', xyz='0 0 1')))
@@ -105,7 +105,7 @@ def test_what_is_fixed_to_the_root_becomes_the_base():
     assert_array_equal(model.bodies[0].joint.translation, [0, 0, 2])
 
 
-def test_turns_that_cancel_over_fixed_joints_leave_no_residue():
+def test_rotations_that_cancel_over_fixed_joints_leave_exact_zeros():
     model = load(robot(link('a'), link('b'), link('c'), link('d'),
                        joint('f', 'a', 'b', 'fixed', xyz='0.1 0.3 0', rpy='0 0 0.7'),
                        joint('g', 'b', 'c', 'fixed', rpy='0 0 -0.7'),
@@ -168,7 +168,7 @@ def test_mimic_chain_resolves_to_the_root_master_whatever_the_order():
     ('-4', '0', 'lower="-3.2" upper="8" velocity="20"', (-1.0, 0.8, 2.0, 3.0)),
     ('0.1', '0', 'lower="-0.1" upper="0.1" velocity="0.2"', (-1.0, 1.0, 2.0, 3.0)),
     ('1', '0', 'lower="-1" upper="1" velocity="2"', (-1.0, 1.0, 2.0, 3.0))])
-def test_limits_of_a_follower_bind_its_master(multiplier, offset, stated, expected):
+def test_limits_of_a_mimic_joint_bound_its_master(multiplier, offset, stated, expected):
     follower = joint('f', 'a', 'c', limit=f'<limit {stated} effort="3"/>',
                      more=f'<mimic joint="m" multiplier="{multiplier}" offset="{offset}"/>')
     for order in ((follower, joint('m', 'a', 'b')), (joint('m', 'a', 'b'), follower)):

@@ -1,4 +1,4 @@
-"""The real URDFs of example-robot-data: each loads, or is refused for a fault that it has."""
+"""Real URDFs of example-robot-data: each loads, or is rejected for a known fault."""
 
 from importlib.metadata import files
 import warnings
@@ -13,7 +13,7 @@ URDFS = sorted((file.locate() for file in files('example-robot-data')
                 if file.name.endswith('.urdf')), key=str)
 # What is wrong with those that are refused, and whether strict=False is enough.
 REFUSED = {
-    'alex_psyonic_hands.urdf': ("joint 'Left_index_q2': <mimic> joint is 'index_q1'", False),
+    'alex_psyonic_hands.urdf': ("joint 'Left_index_q2': <mimic> joint 'index_q1'", False),
     'ur3.urdf': ('name None', False),
     'romeo_laas_small.urdf': ("link 'body': <inertia>", True),
     'tiago.urdf': ("link 'base_antenna_left_link': <inertia>", True),
@@ -40,12 +40,12 @@ def test_real_urdf_loads_or_is_refused_for_its_fault(path):
     peer = pin.buildModelFromUrdf(str(path))
     assert peer.nv == len(model.bodies)
     mass = sum(body.inertial.mass for body in model.bodies) + model.base_inertial.mass
-    # Pinocchio keeps the mass of the root link in no joint but the universe.
+    # Pinocchio assigns the mass of the root link to the universe.
     assert_allclose(mass, sum(inertia.mass for inertia in peer.inertias), rtol=1e-12)
     assert {frame.name for frame in model.frames} == {
         frame.name for frame in peer.frames if frame.type == pin.BODY}
 
 
-def test_there_are_enough_real_urdfs_to_mean_something():
+def test_enough_real_urdfs_are_tested():
     assert len(URDFS) >= 66
     assert sum(path.name not in REFUSED for path in URDFS) >= 60

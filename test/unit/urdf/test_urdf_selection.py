@@ -1,4 +1,4 @@
-"""Which joints move: base, tip, joints, locked and drop."""
+"""Selection of joints and links: base, tip, joints, locked and drop."""
 
 from kane_dynamics.errors import InputError, KaneError, ModelError
 from kane_dynamics.model.model import WORLD
@@ -35,7 +35,7 @@ def test_by_default_all_joints_move():
     assert model.base_name == 'world'
 
 
-def test_joints_move_in_the_order_given_and_the_others_stand():
+def test_joints_move_in_the_given_order_and_others_are_locked():
     model = load(ARM, joints=['j2', 'j1'])
     assert model.joint_names == ('j2', 'j1')
     assert [(b.joint.name, b.joint.coordinate) for b in model.bodies] == [('j1', 1), ('j2', 0)]
@@ -43,7 +43,7 @@ def test_joints_move_in_the_order_given_and_the_others_stand():
     assert model.base_inertial.mass == 10.3
 
 
-def test_locked_joint_stands_at_its_position_and_its_mimic_where_that_puts_it():
+def test_locked_joint_and_its_mimic_are_at_their_positions():
     model = load(ARM, locked={'finger1': 0.2, 'j1': 0.3})
     assert model.joint_names == ('pan', 'j2')
     assert_array_equal(model.frame('left').translation, [0, 0.2, 1])
@@ -91,7 +91,7 @@ def test_mimic_off_the_path_follows_a_master_on_it():
     assert model.joint_names == ('j1', 'j2', 'finger1')
 
 
-def test_mimic_of_a_master_that_was_cut_stands_where_that_was_locked():
+def test_mimic_of_a_removed_master_uses_its_locked_position():
     source = robot(link('a'), link('b'), link('c'), joint('m', 'a', 'b'), joint(
         'f', 'b', 'c', 'prismatic', more='<mimic joint="m" multiplier="2" offset="1"/>'))
     assert_array_equal(load(source, base='b').frame('c').translation, [0, 0, 1])
@@ -122,7 +122,7 @@ def test_dropping_all_of_a_moving_body_warns():
 FREE = robot(link('a'), link('b'), joint('j', 'a', 'b', 'floating', limit=''))
 
 
-def test_freedoms_of_a_floating_joint_lock_and_move_one_by_one():
+def test_expanded_joints_of_a_floating_joint_lock_individually():
     model = load(FREE, joints=['j/rz', 'j/x'], locked={'j/z': 0.5})
     assert model.joint_names == ('j/rz', 'j/x')
     assert [b.joint.name for b in model.bodies] == ['j/x', 'j/rz']
@@ -136,34 +136,35 @@ def test_locked_revolute_by_a_quarter_turn_is_exact():
 
 
 @pytest.mark.parametrize(('options', 'words'), [
-    ({'base': 'x'}, ("base is 'x'", 'valid: world, base')),
-    ({'base': 3}, ('base is 3', 'valid: world')),
-    ({'tip': 'x'}, ("tip is 'x'", 'valid: world, base')),
+    ({'base': 'x'}, ("base: 'x'", 'expected one of world, base')),
+    ({'base': 3}, ('base: 3', 'expected one of world')),
+    ({'tip': 'x'}, ("tip: 'x'", 'expected one of world, base')),
     ({'base': 'upper', 'tip': 'camera'}, ("'camera'", "not behind base 'upper'")),
-    ({'joints': ['j1', 'x']}, ("'x'", 'valid: pan, j1, j2, finger1')),
-    ({'joints': ['mount']}, ("'mount' is fixed", 'valid: pan')),
-    ({'joints': ['finger2']}, ("'finger2' mimics 'finger1'", 'valid: pan')),
-    ({'joints': ['pan'], 'tip': 'hand'}, ("'pan'", 'between base and tip', 'valid: j1, j2')),
+    ({'joints': ['j1', 'x']}, ("'x'", 'expected some of pan, j1, j2, finger1')),
+    ({'joints': ['mount']}, ("'mount' is fixed", 'expected some of pan')),
+    ({'joints': ['finger2']}, ("'finger2' mimics 'finger1'", 'expected some of pan')),
+    ({'joints': ['pan'], 'tip': 'hand'},
+     ("'pan'", 'between base and tip', 'expected some of j1, j2')),
     ({'joints': ['j1', 'j1']}, ('j1', 'more than once')),
-    ({'joints': 'j1'}, ("joints is 'j1'", 'list of names')),
-    ({'joints': {'j1', 'j2'}}, ('joints is', 'order')),
-    ({'joints': 5}, ('joints is 5', 'list')),
-    ({'joints': [5]}, ('5', 'valid: pan')),
-    ({'joints': [['j1']]}, ("['j1']", 'valid: pan')),
-    ({'locked': {'x': 0.0}}, ("'x'", 'valid: pan, j1')),
-    ({'locked': {'mount': 0.0}}, ("'mount' is fixed", 'valid: pan')),
-    ({'locked': {'finger2': 0.0}}, ("'finger2' mimics 'finger1'", 'valid: pan')),
-    ({'locked': {'j1': float('nan')}}, ("'j1' is nan", 'finite')),
-    ({'locked': {'j1': '1'}}, ("'j1' is '1'", 'finite')),
-    ({'locked': {'j1': None}}, ("'j1' is None", 'finite')),
-    ({'locked': {'j1': [1]}}, ("'j1' is [1]", 'finite')),
-    ({'locked': ['j1']}, ('locked is', 'mapping')),
+    ({'joints': 'j1'}, ("joints: 'j1'", 'list of names')),
+    ({'joints': {'j1', 'j2'}}, ('joints:', 'order')),
+    ({'joints': 5}, ('joints: 5', 'list')),
+    ({'joints': [5]}, ('5', 'expected some of pan')),
+    ({'joints': [['j1']]}, ("['j1']", 'expected some of pan')),
+    ({'locked': {'x': 0.0}}, ("'x'", 'expected some of pan, j1')),
+    ({'locked': {'mount': 0.0}}, ("'mount' is fixed", 'expected some of pan')),
+    ({'locked': {'finger2': 0.0}}, ("'finger2' mimics 'finger1'", 'expected some of pan')),
+    ({'locked': {'j1': float('nan')}}, ("'j1': nan", 'finite')),
+    ({'locked': {'j1': '1'}}, ("'j1': '1'", 'finite')),
+    ({'locked': {'j1': None}}, ("'j1': None", 'finite')),
+    ({'locked': {'j1': [1]}}, ("'j1': [1]", 'finite')),
+    ({'locked': ['j1']}, ('locked:', 'mapping')),
     ({'joints': ['j1'], 'locked': {'j1': 0}}, ("'j1'", 'also in joints')),
-    ({'drop': ['x']}, ("drop is 'x'", 'valid: world')),
-    ({'drop': 'hand'}, ("drop is 'hand'", 'list of names')),
-    ({'drop': [None]}, ('drop is None', 'valid: world')),
+    ({'drop': ['x']}, ("drop: 'x'", 'expected one of world')),
+    ({'drop': 'hand'}, ("drop: 'hand'", 'list of names')),
+    ({'drop': [None]}, ('drop: None', 'expected one of world')),
 ])
-def test_argument_that_cannot_serve_is_an_input_error(options, words):
+def test_unsuitable_argument_is_an_input_error(options, words):
     with pytest.raises(InputError) as caught:
         load_urdf(ARM, **options)
     for word in words:

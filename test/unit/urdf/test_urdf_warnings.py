@@ -1,4 +1,4 @@
-"""What is legal but doubtful is warned of once, by name; what is sound is not."""
+"""Warnings: one per kind of legal but questionable content, naming links and joints."""
 
 import math
 import warnings
@@ -26,7 +26,7 @@ WARNINGS = {
     'missing inertial': (robot(A, link('b', None), joint('j', 'a', 'b')),
                          ('without <inertial>', ': b')),
     'long axis': (robot(A, B, joint('j', 'a', 'b', axis='0 0 2')),
-                  ('not a unit vector', 'normalised', 'j (2)')),
+                  ('not a unit vector', 'normalized', 'j (2)')),
     'missing axis': (robot(A, B, joint('j', 'a', 'b', axis=None)), ('"1 0 0"', ': j')),
     'missing limit': (limit(''), ('unlimited', ': j')),
     'missing bounds': (limit('velocity="1" effort="1"'), ('unlimited', 'j (lower, upper)')),
@@ -63,7 +63,7 @@ WARNINGS = {
     'bounds of a mimic joint beyond its master': (
         robot(A, B, link('c'), joint('j', 'a', 'b'), joint(
             'f', 'a', 'c', more='<mimic joint="j" offset="2"/>')),
-        ('no room', 'unlimited in position', 'f (-1 to 1)')),
+        ('excludes all positions', 'unlimited in position', 'f (-1 to 1)')),
     'limit of a floating joint': (robot(A, B, joint('j', 'a', 'b', 'floating')),
                                   ('not used', '<limit> of a floating joint: j')),
     'mimic on a fixed joint': (robot(A, B, joint('j', 'a', 'b', 'fixed',
@@ -72,9 +72,9 @@ WARNINGS = {
 }
 
 
-@pytest.mark.parametrize('doubt', WARNINGS)
-def test_doubt_is_warned_of_by_name(doubt):
-    source, words = WARNINGS[doubt]
+@pytest.mark.parametrize('problem', WARNINGS)
+def test_warning_names_the_link_or_joint(problem):
+    source, words = WARNINGS[problem]
     _, texts = load_with_warnings(source)
     assert len(texts) == 1, texts
     for word in words:
@@ -96,11 +96,11 @@ def test_warning_points_at_the_caller():
     assert caught[0].filename == __file__
 
 
-@pytest.mark.parametrize('doubt', ['zero effort', 'missing limit', 'reversed bounds'])
-def test_limit_in_doubt_is_infinite(doubt):
-    model, _ = load_with_warnings(WARNINGS[doubt][0])
+@pytest.mark.parametrize('problem', ['zero effort', 'missing limit', 'reversed bounds'])
+def test_invalid_or_missing_limit_is_infinite(problem):
+    model, _ = load_with_warnings(WARNINGS[problem][0])
     limits = model.bodies[0].joint.limits
-    assert (limits.effort if doubt == 'zero effort' else limits.upper) == math.inf
+    assert (limits.effort if problem == 'zero effort' else limits.upper) == math.inf
 
 
 def test_one_bound_alone_leaves_the_other_at_zero_as_urdf_says():
@@ -112,7 +112,7 @@ def test_joints_that_stand_still_need_no_limits():
     load(chain(3, limit=''), locked={'j1': 0, 'j2': 0, 'j3': 0})
 
 
-def test_links_that_were_cut_off_or_fixed_without_mass_are_no_doubt():
+def test_massless_fixed_or_removed_links_cause_no_warning():
     load(robot(link('a', 1, (1, 1, 9)), B, link('tool', None), joint('j', 'a', 'b'),
                joint('f', 'b', 'tool', 'fixed')), base='b')
 
@@ -123,13 +123,13 @@ def test_links_that_were_cut_off_or_fixed_without_mass_are_no_doubt():
     '<gazebo><plugin name="p" filename="f"><springStiffness/></plugin></gazebo>',
     '<ros2_control name="x" type="system"><joint name="j"/></ros2_control>',
 ])
-def test_what_is_not_dynamics_needs_no_word(more):
+def test_elements_without_dynamics_cause_no_warning(more):
     load(robot(A, B, joint('j', 'a', 'b', limit=LIMIT), more))
 
 
-def test_axis_rounded_in_decimal_needs_no_word():
+def test_axis_rounded_in_decimal_causes_no_warning():
     load(robot(A, B, joint('j', 'a', 'b', axis='0.7071 0.7071 0')))
 
 
-def test_thin_plate_and_thin_rod_rounded_in_decimal_break_no_triangle():
+def test_thin_plate_and_rod_rounded_in_decimal_satisfy_the_triangle_inequality():
     load(robot(A, link('b', 1, (0.0333333, 0.0333333, 0.06666664)), joint('j', 'a', 'b')))

@@ -1,0 +1,8 @@
+"""Poses, their errors, and inverse kinematics."""
+
+from kane_dynamics.kinematics.inverse_kinematics import inverse_kinematics, InverseKinematics
+from kane_dynamics.kinematics.poses import (pose_error, pose_exp, pose_log, rotation_exp,
+                                            rotation_log)
+
+__all__ = ['InverseKinematics', 'inverse_kinematics', 'pose_error', 'pose_exp', 'pose_log',
+           'rotation_exp', 'rotation_log']

@@ -1,0 +1,195 @@
+"""
+Inverse kinematics: the configuration at which a frame has a desired pose or position.
+
+Damped least squares (Levenberg-Marquardt) whose damping falls with the error, by T. Sugihara,
+"Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans.
+Robotics 27(5), 2011: regular at singular configurations, quadratic near a solution. Limits of the
+coordinates are an active set: what is at a limit and would go beyond it stands still.
+"""
+
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.kinematics.poses import checked_pose, pose_error
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+LONGEST = 0.5  # of a step, rad or m
+MOST = 1e-2  # of the squared damping: a target out of reach shall not slow the search
+BIAS = 1e-12  # of the squared damping, at an error of zero
+PATIENCE = 15  # iterations without progress, after which the search starts elsewhere
+AT_LIMIT = 1e-9  # rad or m
+
+
+class InverseKinematics(NamedTuple):
+    """
+    The result of `inverse_kinematics`.
+
+    `q`, (n_q,), rad or m, is the configuration with the smallest error found, within the limits.
+    `error`, (6,) or (3,), is what remains there, as `pose_error`: m, then rad. `converged` tells
+    whether it is below the tolerance; `iterations` counts those of all starts.
+    """
+
+    q: Array
+    error: Array
+    converged: bool
+    iterations: int
+
+
+def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLike | None = None,
+                       *, tolerance: float = 1e-8, iterations: int = 100, starts: int = 20,
+                       seed: int = 0) -> InverseKinematics:
+    """
+    Return a configuration within the limits at which a frame has a desired pose or position.
+
+    Parameters
+    ----------
+    robot : Robot
+        Constraints on positions are met too. With chosen speeds, any.
+    frame : str
+        One of `robot.frame_names`.
+    target : (4, 4) or (3,) array_like
+        Pose of the frame in the world, or position of its origin alone, m.
+    q0 : (n_q,) array_like, optional
+        Where to start, rad or m; a solution near it is preferred. Default: `neutral`, moved to
+        the nearest limits.
+    tolerance : float
+        Largest remaining distance, m, and angle, rad.
+    iterations : int
+        Of each start.
+    starts : int
+        Configurations to start from: q0, then random ones.
+    seed : int
+        Of the random ones.
+
+    Raises
+    ------
+    InputError
+        Names the argument, what was given and what is expected. A target that cannot be reached
+        is no error: `converged` is False.
+    ConstraintError
+        No configuration near the starts meets the robot's constraints.
+
+    """
+    goal = np.asarray(target, dtype=np.float64) if np.shape(target) == (3,) else (
+        checked_pose(target, 'target'))
+    if goal.ndim > 2 or not np.isfinite(goal).all():
+        raise InputError(f'target: shape {goal.shape}; expected one pose (4, 4) or one position '
+                         '(3,), of finite numbers')
+    for name, value in (('iterations', iterations), ('starts', starts)):
+        if value < 1:
+            raise InputError(f'{name}: {value}; expected a whole number from 1 on')
+    if not tolerance > 0.0:
+        raise InputError(f'tolerance: {tolerance}; expected a positive number, m and rad')
+    search = _Search(robot, frame, goal, tolerance)
+    rng = np.random.default_rng(seed)
+    best: InverseKinematics | None = None
+    count = 0
+    for start in range(starts):
+        q = search.first(q0) if start == 0 else robot.random_configuration(rng)
+        found = search.run(q, iterations)
+        count += found.iterations
+        if best is None or np.abs(found.error).max() < np.abs(best.error).max():
+            best = found
+        if found.converged:
+            break
+    assert best is not None
+    return best._replace(iterations=count)
+
+
+class _Search:
+    """Iterations from one configuration after another towards one target."""
+
+    def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float) -> None:
+        self.robot, self.frame, self.goal, self.tolerance = robot, frame, goal, tolerance
+        self.rows = 3 if goal.ndim == 1 else 6
+        self.constrained = isinstance(robot.equations, ConstrainedEquations)
+        self.lower, self.upper = robot.limits.lower, robot.limits.upper
+
+    def first(self, q0: ArrayLike | None) -> Array:
+        """Return q0, moved to the nearest limits, where all constraints are met."""
+        given = self.robot.neutral() if q0 is None else np.array(q0, dtype=np.float64)
+        self.robot.frame_pose(self.frame, given)  # raises InputError in words
+        q = np.clip(given, self.lower, self.upper)
+        return self.robot.closed_posture(q) if self.constrained else q
+
+    def run(self, q: Array, iterations: int) -> InverseKinematics:
+        """Return the best configuration of a search from q."""
+        best = InverseKinematics(q, self.error(q), False, 0)
+        since = 0
+        for k in range(iterations + 1):
+            error = self.error(q)
+            if np.abs(error).max() < 0.99 * np.abs(best.error).max():
+                since = 0
+            if np.abs(error).max() <= np.abs(best.error).max():
+                best = InverseKinematics(q, error, False, k)
+            since += 1
+            if self.within(best.error) or since > PATIENCE or k == iterations:
+                break
+            following = self.step(q, error)
+            if following is None:
+                break
+            q = following
+        return best._replace(converged=self.within(best.error), iterations=k)
+
+    def within(self, error: Array) -> bool:
+        """Tell whether distance and angle are below the tolerance."""
+        return all(float(np.linalg.norm(part)) <= self.tolerance
+                   for part in (error[:3], error[3:]))
+
+    def error(self, q: Array) -> Array:
+        """Return what is missing at q, (6,) or (3,)."""
+        pose = self.robot.frame_pose(self.frame, q)
+        return self.goal - pose[:3, 3] if self.rows == 3 else pose_error(pose, self.goal)
+
+    def step(self, q: Array, error: Array) -> Array | None:
+        """Return the configuration after one damped step, or None where none is possible."""
+        J = self.robot.jacobian(self.frame, q)[:self.rows]
+        rates = self._rates(q)  # of the coordinates by the speeds
+        low, high = q <= self.lower + AT_LIMIT, q >= self.upper - AT_LIMIT
+        free, held = np.eye(self.robot.n), np.zeros(len(q), dtype=bool)
+        while True:
+            A = J @ free
+            square = min(float(error @ error), MOST) + BIAS
+            step = rates @ (free @ np.linalg.solve(A.T @ A + square * np.eye(A.shape[1]),
+                                                   A.T @ error))
+            beyond = ((low & (step < -1e-14)) | (high & (step > 1e-14))) & ~held
+            if not beyond.any():
+                break
+            held |= beyond
+            _, size, right = np.linalg.svd(rates[held])
+            free = right[int((size > 1e-10).sum()):].T
+            if not free.shape[1]:
+                return None
+        longest = float(np.abs(step).max(initial=0.0))
+        if longest == 0.0:
+            return None
+        with np.errstate(divide='ignore', invalid='ignore'):
+            room = np.where(step < 0.0, (self.lower - q) / step, (self.upper - q) / step)
+        room = np.where(held | (step == 0.0), np.inf, room)
+        return self._moved(q, step * min(1.0, LONGEST / longest, max(float(room.min()), 0.0)))
+
+    def _moved(self, q: Array, step: Array) -> Array | None:
+        """Return q after a step, constraints met and limits kept; shorter where that takes it."""
+        if not self.constrained:
+            return np.clip(q + step, self.lower, self.upper)
+        for _ in range(12):
+            try:
+                moved = self.robot.closed_posture(q + step)
+            except ConstraintError:
+                moved = np.full(len(q), np.inf)
+            if (moved >= self.lower - AT_LIMIT).all() and (moved <= self.upper + AT_LIMIT).all():
+                return moved
+            step = 0.5 * step
+        return None
+
+    def _rates(self, q: Array) -> Array:
+        """Return the rates of the coordinates per unit of each independent speed, (n_q, n)."""
+        n = self.robot.n
+        if not self.constrained:
+            return np.eye(n)
+        drift = self.robot.joint_rates(q, np.zeros(n))
+        return np.stack([self.robot.joint_rates(q, unit) - drift for unit in np.eye(n)], axis=1)

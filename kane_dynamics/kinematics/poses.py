@@ -1,0 +1,234 @@
+"""
+Logarithm and exponential of rotations (SO(3)) and poses (SE(3)), and the error between two poses.
+
+Every function takes one value or a batch of them along leading axes. A rotation is a (3, 3)
+matrix, a pose a (4, 4) one; twists are linear then angular, as the rows of `Robot.jacobian`.
+Source: K. M. Lynch, F. C. Park, "Modern Robotics", 2017, sections 3.2 and 3.3.
+"""
+
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+import numpy as np
+from numpy.typing import ArrayLike
+
+ORTHONORMAL = 1e-6  # by how much R R^T of a rotation may differ from the identity
+
+
+def rotation_exp(vector: ArrayLike) -> Array:
+    """
+    Return the rotation by |vector| about its direction (Rodrigues' formula).
+
+    Parameters
+    ----------
+    vector : (3,) or (..., 3) array_like
+        Rotation vector, rad.
+
+    Returns
+    -------
+    (3, 3) or (..., 3, 3) array
+
+    Raises
+    ------
+    InputError
+        The vector does not have three finite numbers.
+
+    """
+    w = _numbers(vector, (3,), 'vector')
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    W = _skew(w)
+    return np.asarray(np.eye(3) + _sinc(angle) * W + 0.5 * _sinc(0.5 * angle)**2 * (W @ W))
+
+
+def rotation_log(rotation: ArrayLike) -> Array:
+    """
+    Return the rotation vector of a rotation, its length at most pi.
+
+    By the quaternion, computed from the largest of its four products (S. W. Shepperd, "Quaternion
+    from rotation matrix", 1978): accurate at every angle, those near 0 and pi included.
+
+    Parameters
+    ----------
+    rotation : (3, 3) or (..., 3, 3) array_like
+        Its columns are the turned axes.
+
+    Returns
+    -------
+    (3,) or (..., 3) array
+        rad.
+
+    Raises
+    ------
+    InputError
+        It is not a rotation matrix.
+
+    """
+    return _logarithm(_rotation(_numbers(rotation, (3, 3), 'rotation'), 'rotation'))
+
+
+def pose_exp(twist: ArrayLike) -> Array:
+    """
+    Return the pose that a constant twist reaches in unit time.
+
+    Parameters
+    ----------
+    twist : (6,) or (..., 6) array_like
+        Linear then angular, in the axes of the moving frame, m and rad.
+
+    Returns
+    -------
+    (4, 4) or (..., 4, 4) array
+
+    Raises
+    ------
+    InputError
+        The twist does not have six finite numbers.
+
+    """
+    xi = _numbers(twist, (6,), 'twist')
+    v, w = xi[..., :3], xi[..., 3:]
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    W = _skew(w)
+    small = angle < 1e-2  # a series there: its first omitted term is below 1e-15
+    safe = np.where(small, 1.0, angle)
+    third = np.where(small, 1.0 / 6.0 - angle**2 / 120.0 + angle**4 / 5040.0,
+                     (safe - np.sin(safe)) / safe**3)
+    V = np.eye(3) + 0.5 * _sinc(0.5 * angle)**2 * W + third * (W @ W)
+    return _homogeneous(rotation_exp(w), (V @ v[..., None])[..., 0])
+
+
+def pose_log(pose: ArrayLike) -> Array:
+    """
+    Return the constant twist that reaches a pose in unit time; the inverse of `pose_exp`.
+
+    Parameters
+    ----------
+    pose : (4, 4) or (..., 4, 4) array_like
+        Rotation and origin, m.
+
+    Returns
+    -------
+    (6,) or (..., 6) array
+        Linear then angular, in the axes of the moving frame, m and rad.
+
+    Raises
+    ------
+    InputError
+        It is not a pose.
+
+    """
+    T = checked_pose(pose, 'pose')
+    w = _logarithm(T[..., :3, :3])
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    W = _skew(w)
+    small = angle < 1e-2
+    half = np.where(small, 1.0, 0.5 * angle)
+    second = np.where(small, 1.0 / 12.0 + angle**2 / 720.0 + angle**4 / 30240.0,
+                      (1.0 - half * np.cos(half) / np.sin(half)) / (4.0 * half**2))
+    inverse_V = np.eye(3) - 0.5 * W + second * (W @ W)
+    return np.concatenate([(inverse_V @ T[..., :3, 3:])[..., 0], w], axis=-1)
+
+
+def pose_error(actual: ArrayLike, desired: ArrayLike) -> Array:
+    """
+    Return the displacement from one pose to another, linear then angular, in world axes.
+
+    Linear is ``p_d - p``, angular the rotation vector of ``R_d R^T``: to first order what
+    ``robot.jacobian(frame, q) @ dq`` must be to go there.
+
+    Parameters
+    ----------
+    actual, desired : (4, 4) or (..., 4, 4) array_like
+        In the world, m.
+
+    Returns
+    -------
+    (6,) or (..., 6) array
+        m and rad.
+
+    Raises
+    ------
+    InputError
+        One of them is not a pose.
+
+    """
+    a, d = checked_pose(actual, 'actual'), checked_pose(desired, 'desired')
+    turn = d[..., :3, :3] @ np.swapaxes(a[..., :3, :3], -1, -2)
+    return np.concatenate([d[..., :3, 3] - a[..., :3, 3], _logarithm(turn)], axis=-1)
+
+
+def checked_pose(pose: ArrayLike, what: str) -> Array:
+    """Return a pose, or a batch of poses, as an array; InputError that names it if it is none."""
+    T = _numbers(pose, (4, 4), what)
+    _rotation(T[..., :3, :3], what)
+    if (T[..., 3, :] != [0.0, 0.0, 0.0, 1.0]).any():
+        raise InputError(f'{what}: the last row is {T.reshape(-1, 4, 4)[0, 3].tolist()}; expected '
+                         '[0, 0, 0, 1]')
+    return T
+
+
+def _logarithm(R: Array) -> Array:
+    """Return the rotation vectors of checked rotations."""
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    products = np.empty((*R.shape[:-2], 4, 4))  # 4 q q^T of the quaternion q = (w, x, y, z)
+    products[..., 0, 0] = 1.0 + trace
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[..., 1 + i, 1 + i] = 1.0 + 2.0 * R[..., i, i] - trace
+        both = R[..., i, j] + R[..., j, i]
+        products[..., 1 + i, 1 + j] = products[..., 1 + j, 1 + i] = both
+        turn = R[..., k, j] - R[..., j, k]
+        products[..., 0, 1 + i] = products[..., 1 + i, 0] = turn
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(size, q[..., :1])
+    return np.asarray(q[..., 1:] * np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0),
+                                            2.0))
+
+
+def _rotation(R: Array, what: str) -> Array:
+    """Return checked rotations; InputError names the first that is none."""
+    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
+    bad = (off > ORTHONORMAL) | (np.linalg.det(R) < 0.0)
+    if bad.any():
+        first = R.reshape(-1, 3, 3)[int(np.argmax(np.ravel(bad)))]
+        raise InputError(f'{what}: {np.round(first, 6).tolist()}; expected a rotation matrix '
+                         '(orthonormal, determinant 1)')
+    return R
+
+
+def _numbers(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """Return finite numbers whose last axes have a shape, or raise InputError."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'{what}: {value!r}; expected numbers of shape {shape}') from None
+    if array.shape[-len(shape):] != shape:
+        raise InputError(f'{what}: shape {array.shape}; expected {shape} or (N, '
+                         f'{", ".join(map(str, shape))})')
+    if not np.isfinite(array).all():
+        raise InputError(f'{what}: not finite; expected finite numbers')
+    return array
+
+
+def _sinc(x: Any) -> Any:
+    """Return sin(x) / x, 1 at 0."""
+    return np.sinc(x / np.pi)
+
+
+def _skew(w: Array) -> Array:
+    """Return the matrices of w x."""
+    W = np.zeros((*w.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        W[..., k, j], W[..., j, k] = w[..., i], -w[..., i]
+    return W
+
+
+def _homogeneous(R: Array, p: Array) -> Array:
+    """Return (..., 4, 4) poses."""
+    T = np.zeros((*p.shape[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
+    return T

@@ -1,0 +1,162 @@
+"""Closed loops: two frames of a mechanism that a joint holds together."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+                                                                 positive, triad, unit)
+import numpy as np
+
+FLOOR = 1e-16  # rounding of 1 + cos(angle): less of it is a half turn
+NUDGE = 1e-15  # rad: keeps the residual of an exact half turn, 0 / 0, far from zero
+
+# Of each kind: directions along which the first frame's origin stays on the second's, and
+# directions about which the frames do not turn against each other. 'side', 'up' and 'axis' are a
+# right-handed triad of the second frame.
+CARRIED = ('x', 'y', 'z')
+ACROSS = ('side', 'up')
+ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    'weld': (CARRIED, ('side', 'up', 'axis')),
+    'revolute': (CARRIED, ACROSS),
+    'prismatic': (ACROSS, ('side', 'up', 'axis')),
+    'cylindrical': (ACROSS, ACROSS),
+    'universal': (CARRIED, ('between',)),
+    'spherical': (CARRIED, ()),
+    'planar': (('axis',), ACROSS),
+    'inline': (ACROSS, ()),
+    'distance': (('distance',), ()),
+}
+TURNS = {'side': 'turn_1', 'up': 'turn_2', 'axis': 'turn_3', 'between': 'turn_1'}
+Kind = Literal['weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'spherical', 'planar',
+               'inline', 'distance']
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """
+    Two frames of the mechanism are joined: the joint at which a closed loop was cut.
+
+    Parameters
+    ----------
+    first, second : str
+        The frames; one of them may be fixed in the world.
+    kind : str
+        What stays possible: `weld` nothing; `revolute` the turn about `axis`; `prismatic` sliding
+        along it; `cylindrical` both; `universal` the turns about `axis` and `second_axis`;
+        `spherical` every turn; `planar` sliding across `axis` and the turn about it; `inline`
+        sliding along `axis` and every turn (the origin of `first` stays on a line of `second`);
+        `distance` everything but a change of the distance between the origins.
+    axis : (3,) array
+        The same direction in the axes of both frames; of a universal closure, in those of `first`.
+    second_axis : (3,) array, optional
+        Of a universal closure: in the axes of `second`, perpendicular to `axis` wherever the loop
+        is closed; by default the direction that `side` is below.
+    length : float, optional
+        Of a distance closure, m; positive.
+    name : str
+
+    Notes
+    -----
+    Every row is in axes of a body of the loop, so what is redundant in one configuration is so in
+    every other. Rows of position hold the velocity of `second`'s origin relative to `first`'s,
+    along x, y and z (labels `x`, `y`, `z`) of the last body that carries both frames (of the
+    world, where none does), as that body sees it; or, in kinds with an axis, along the triad
+    (`side`, `up`, `axis`) of `second` that `axis` completes (for the axis z these are its x, y,
+    z), as `second` sees it. They are the exact rates of their residuals. Rows of orientation hold
+    the angular velocity of `second` relative to `first` about side, up and axis (`turn_1`,
+    `turn_2`, `turn_3`). Their residual is 2 tan(angle / 2) times the axis of the missing turn: it
+    vanishes at the right orientation alone, grows without bound towards a half turn, and its
+    rate is the row's velocity where the loop is closed (elsewhere the velocity times a regular
+    matrix that tends to the unit matrix). So Newton's method with these rows converges
+    quadratically, and never to frames that face each other the wrong way. The row of a universal
+    closure, `turn_1`, is about axis x second_axis; its residual, the cosine of the angle between
+    the two, is exact.
+
+    """
+
+    first: str
+    second: str
+    kind: Kind = 'weld'
+    axis: Any = (0.0, 0.0, 1.0)
+    name: str = ''
+    second_axis: Any = None
+    length: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check and normalise."""
+        freeze(self, 'name', self.name or f'closure of {self.first} and {self.second}')
+        what = f"constraint '{self.name}'"
+        if self.kind not in ROWS:
+            raise ConstraintError(f'{what}: kind is {self.kind!r}; expected one of '
+                                  f'{", ".join(ROWS)}')
+        freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
+        for key, kind in (('second_axis', 'universal'), ('length', 'distance')):
+            if getattr(self, key) is not None and self.kind != kind:
+                raise ConstraintError(f'{what}: {key} is given with kind {self.kind!r}; expected '
+                                      f'it with {kind!r} alone')
+        if self.kind == 'universal':
+            given = triad(self.axis)[0] if self.second_axis is None else self.second_axis
+            freeze(self, 'second_axis', unit(given, f'{what}: second_axis'))
+        if self.kind == 'distance':
+            if self.length is None:
+                raise ConstraintError(f'{what}: length is missing; expected the distance in m')
+            freeze(self, 'length', positive(self.length, f'{what}: length'))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Return the names of the rows: those of position, then those of orientation."""
+        moves, turns = ROWS[self.kind]
+        return tuple(f'{self.name}/{part}' for part in (*moves, *(TURNS[x] for x in turns)))
+
+    def rows(self, here: Geometry) -> ConstraintRows:
+        """Return the rows."""
+        (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
+        moves, turns = ROWS[self.kind]
+        side, up, axis = triad(self.axis)
+        constant = {'side': side, 'up': up, 'axis': axis}
+        seen_from = (here.carrier(self.first, self.second)
+                     if moves in (CARRIED, ('distance',)) else self.second)
+        d = p2 - p1
+        # As seen from a body, what both frames hang on does not move: it drops out of the columns.
+        J = ((here.partial_velocities(self.second) - here.partial_velocities(seen_from, p2))
+             - (here.partial_velocities(self.first) - here.partial_velocities(seen_from, p1)))
+        if self.kind == 'distance':
+            far = np.sqrt(d @ d)
+            return ConstraintRows(np.array([(d / far) @ J[:3]]), np.zeros(1), (far - self.length,))
+        rows, gap = [], []
+        fixed = dict(zip(CARRIED, here.pose(seen_from)[0].T))
+        for move in moves:
+            direction = fixed[move] if move in fixed else R2 @ constant[move]
+            rows.append(direction @ J[:3])
+            gap.append(direction @ d)
+        if turns == ('between',):
+            a, b = R1 @ self.axis, R2 @ self.second_axis
+            rows.append(cross(b, a) @ J[3:])
+            gap.append(a @ b)
+        elif turns:
+            missing = (_turn(R2.T @ R1) if len(turns) == 3 else
+                       _tilt(R2.T @ (R1 @ axis), axis))
+            for turn in turns:
+                rows.append((R2 @ constant[turn]) @ J[3:])
+                gap.append(constant[turn] @ missing)
+        return ConstraintRows(np.array(rows), np.zeros(len(rows)), tuple(gap))
+
+
+def _turn(Q: Any) -> Any:
+    """Return 2 tan(angle / 2) times the axis of the turn that Q^T is, (3,)."""
+    sine = np.array([Q[1, 2] - Q[2, 1], Q[2, 0] - Q[0, 2], Q[0, 1] - Q[1, 0]])
+    return (2.0 * sine + NUDGE) / _floored(Q[0, 0] + Q[1, 1] + Q[2, 2] + 1.0)
+
+
+def _tilt(direction: Any, axis: Any) -> Any:
+    """Return the same, (3,), of the shortest turn that takes a direction to an axis."""
+    return (2.0 * cross(direction, axis) + NUDGE) / _floored(direction @ axis + 1.0)
+
+
+def _floored(x: Any) -> Any:
+    """Return 1 + cos(angle), at least its rounding."""
+    return select(x < FLOOR, FLOOR, x)

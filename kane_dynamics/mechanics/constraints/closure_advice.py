@@ -1,0 +1,63 @@
+"""What to say of loops that leave no freedom or cannot be closed: which rows, which kinds fit."""
+
+from dataclasses import replace
+from typing import get_args
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.constraints.closure import Closure, Kind
+from kane_dynamics.mechanics.constraints.conditioning import rank_of, scaled_rows, stacked
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+import numpy as np
+
+SMALL = 1e-2  # of the largest singular value: one below may be rounding of a description
+OPEN = 1e-3  # m or rad: another kind that is open by less fits
+
+
+def advice(mechanism: Mechanism, q: Array) -> str:
+    """
+    Return the singular values of the constraints at q, (n_q,), and what would leave a freedom.
+
+    That is a larger rank_tolerance, where a singular value or a residual may be rounding, and
+    other kinds of closures, where one leaves a freedom and is closed there.
+    """
+    stack = stacked(mechanism, q)
+    size = np.linalg.svd(scaled_rows(mechanism, stack)[1], compute_uv=False)
+    size = size / max(float(size.max(initial=0.0)), 1e-300)
+    shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
+    words = [f'singular values of the rows, relative to the largest: {shown}']
+    small = size[(size > 1e-15) & (size < SMALL)]
+    if small.size and np.abs(stack.gap).max(initial=0.0) < OPEN:
+        figure = 2.0 * max(float(small.max()), float(np.abs(stack.gap).max(initial=0.0)))
+        words.append(f'if {small.max():.3g} is rounding of the description, rank_tolerance='
+                     f'{figure:.1g} takes it for zero')
+    words += _kinds(mechanism, q)
+    return '; '.join(words)
+
+
+def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
+    """Return which other kinds of one closure would leave a freedom, the strictest of them."""
+    found: list[tuple[int, str]] = []
+    for k, own in enumerate(mechanism.constraints):
+        if not isinstance(own, Closure):
+            continue
+        for kind in get_args(Kind):
+            if kind in ('distance', own.kind):
+                continue
+            others = list(mechanism.constraints)
+            others[k] = replace(own, kind=kind, second_axis=None, length=None)
+            changed = Mechanism(mechanism.model, mechanism.speeds, others)
+            stack = stacked(changed, q)
+            freedom = mechanism.model.n - rank_of(scaled_rows(changed, stack)[1])
+            if freedom > 0 and np.abs(stack.gap).max(initial=0.0) < OPEN:
+                found.append((freedom, f"'{own.name}' as kind {kind!r}"))
+    least = min((freedom for freedom, _ in found), default=0)
+    fitting = ', or '.join(text for freedom, text in found if freedom == least)
+    return [f'{fitting} would leave {least}'] if found else []
+
+
+def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:
+    """Return what to raise where constraints leave no freedom."""
+    return ConstraintError(
+        f'{rows} independent constraint rows leave no freedom to {mechanism.model.n} speeds: '
+        f'{", ".join(mechanism.labels)}; {advice(mechanism, q)}')

@@ -1,0 +1,269 @@
+"""
+How well independent speeds and constraint rows determine the motion, and which do best.
+
+The system of a mechanism, S q' = s with S = [Y_I; J_kept], loses digits where its rows come close
+to depending on each other. Its figure here is the Frobenius norm of S^-1 in units of the
+mechanism: rates of sliding joints count in its length, each row in the size that it has where the
+structure was found. S^-1 is at hand in every kernel, so the figure costs a sum of squares.
+
+`margin` is traced into the kernels of constrained robots. The other functions are numbers only:
+they explain what a margin refuses, and choose the speeds and the rows to go on with.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+import numpy as np
+
+SINGULAR = 1e4  # accelerations lose twice its digits, eight of sixteen: no larger one is served
+EXCESS = 1e-3  # of their size: motion that rows left out may stop before it is an error
+WELL_CHOSEN = 8.0  # figure, relative to sqrt(n_q), up to which speeds are kept in a simulation
+RANK = 1e-9  # relative size of a singular value that counts as zero
+LIMITS = 4  # numbers that `margin` compares with
+SHARE = 0.5  # of a limit: past it that limit is what a margin is about
+
+
+def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
+    """Return the squared figure of a system, (n_q, n_q), from its inverse, over any scalar."""
+    reciprocal = 1.0 / mechanism.units
+    total: Any = 0.0
+    n = mechanism.n
+    for r in range(len(S)):  # a speed is its own size
+        size_2 = (_square(S[r] * mechanism.units) if r < n else
+                  mechanism.sizes[mechanism.kept[r - n]]**2)
+        total = total + size_2 * _square(inverse[:, r] * reciprocal)
+    return total
+
+
+def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None) -> Any:
+    """
+    Return a number that is positive where a state may be trusted, over any scalar.
+
+    It is 1 less the squares, relative to their limits, of the figure, of residuals of positions,
+    and of the motion that rows left out would stop.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Speeds and constraints.
+    q, t : (n_q,) array, scalar
+        Where; rad or m, and s.
+    limits : (4,) array
+        One over the square of the largest figure, of the largest residual of positions in m, in
+        rad, and of the largest motion that rows left out would stop; 0 allows everything.
+    links : sequence of Link, optional
+        Use their kinematics, the ones that are compiled.
+
+    """
+    here = mechanism.posture(q, t, links)
+    S, s = mechanism.system(here)
+    inverse = mechanism.solved(S, np.eye(len(S)))
+    rows = mechanism.rows(here)
+    missed: list[Any] = [0.0, 0.0]  # m^2, rad^2
+    for gap, turning in zip(rows.gap, mechanism.turning):
+        if gap is not None and not is_zero(gap):
+            missed[turning] = missed[turning] + gap * gap
+    return 1.0 - (limits[0] * squared_figure(mechanism, S, inverse)
+                  + limits[1] * missed[0] + limits[2] * missed[1]
+                  + limits[3] * squared_excess(mechanism, S, s, inverse, rows))
+
+
+def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any) -> Any:
+    """Return the squared motion that rows left out would stop, relative to their size."""
+    total: Any = 0.0
+    n = mechanism.n
+    at_zero = inverse @ s
+    for k in mechanism.left_out:
+        row, weight = rows.J[k], 1.0 / mechanism.sizes[k]**2
+        through = [_dot(row, inverse[:, r]) for r in range(n)]
+        moved = sum((x * x * _square(S[r] * mechanism.units) for r, x in enumerate(through)
+                     if not is_zero(x)), start=0.0)
+        given = _dot(row, at_zero) - rows.b[k]
+        total = total + weight * (moved + given * given)
+    return total
+
+
+def guarded(values: Any, condition: Any) -> Any:
+    """
+    Return an array, or a scalar, whose first entry is not a number unless a number is positive.
+
+    In arithmetic alone, because a traced program does not branch: the root of a negative number
+    is not a number, and what is divided by itself is 1 otherwise.
+    """
+    result = np.array(values, dtype=object)
+    if isinstance(condition, float) or not result.size:
+        return values
+    root = np.sqrt(condition)
+    one = root / root
+    first = (0,) * result.ndim
+    result[first] = one - 1.0 if is_zero(result[first]) else result[first] * one
+    return result
+
+
+def _square(vector: Any) -> Any:
+    return sum((x * x for x in vector if not is_zero(x)), start=0.0)
+
+
+def _dot(a: Any, b: Any) -> Any:
+    return sum((x * y for x, y in zip(a, b) if not (is_zero(x) or is_zero(y))), start=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """
+    All speeds and all constraint rows at one place, numbers.
+
+    Attributes
+    ----------
+    Y, Z : (n_q, n_q), (n_q,) arrays
+        u = Y q' + Z.
+    J, b : (m, n_q), (m,) arrays
+        J q' = b.
+    gap : (m,) array
+        Residuals of positions, m or rad; 0 where a row has none.
+
+    """
+
+    Y: Array
+    Z: Array
+    J: Array
+    b: Array
+    gap: Array
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Numbers of the independent speeds and of the rows kept, and the figure of their system."""
+
+    free: tuple[int, ...]
+    kept: tuple[int, ...]
+    figure: float
+
+
+def stacked(mechanism: Mechanism, q: Array, t: float = 0.0) -> Stack:
+    """Return speeds and rows at a configuration, (n_q,), and time; not finite where they are."""
+    with np.errstate(all='ignore'):
+        here = mechanism.posture(np.asarray(q, dtype=np.float64), t)
+        rows = mechanism.rows(here)
+        Y, Z = mechanism.speeds.of(here.q, t)
+        return Stack(*(np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, [
+            0.0 if gap is None else gap for gap in rows.gap])))
+
+
+def system(stack: Stack, free: Sequence[int], kept: Sequence[int]) -> Array:
+    """Return S of a choice, (n_q, n_q)."""
+    return np.concatenate([stack.Y[list(free)], stack.J[list(kept)]])
+
+
+def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
+    """Return Y and J in units of the mechanism: entries of about 1."""
+    Y = stack.Y * mechanism.units
+    Y = Y / np.maximum(np.linalg.norm(Y, axis=1, keepdims=True), 1e-300)
+    return Y, stack.J * mechanism.units / np.array(mechanism.sizes)[:, None]
+
+
+def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequence[int]) -> float:
+    """Return the figure of a choice; infinite where its system is singular."""
+    Y, J = scaled_rows(mechanism, stack)
+    S = np.concatenate([Y[list(free)], J[list(kept)]])
+    if not np.isfinite(S).all():
+        return np.inf
+    smallest = np.linalg.svd(S, compute_uv=False)
+    if smallest.min(initial=1.0) <= 1e-300:
+        return np.inf
+    return float(np.sqrt((smallest**-2.0).sum()))
+
+
+def best_choice(mechanism: Mechanism, stack: Stack,
+                free: Sequence[int] | None = None) -> Choice:
+    """
+    Return the choice that determines the motion best.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Its number of rows is kept.
+    stack : Stack
+        Where.
+    free : sequence of int, optional
+        Independent speeds that are settled: then only rows are chosen.
+
+    """
+    Y, J = scaled_rows(mechanism, stack)
+    count = len(mechanism.kept)
+    if not (np.isfinite(Y).all() and np.isfinite(J).all()):
+        return Choice(tuple(mechanism.free), tuple(mechanism.kept), np.inf)
+    kept = tuple(sorted(pivots(J.T, count)))
+    if free is None:
+        try:
+            C: Array = np.linalg.solve(Y.T, J[list(kept)].T).T.astype(np.float64)
+        except np.linalg.LinAlgError:
+            return Choice(tuple(mechanism.free), kept, np.inf)
+        dependent = pivots(C, count)
+        free = [r for r in range(len(Y)) if r not in dependent]
+    return Choice(tuple(free), kept, figure(mechanism, stack, free, kept))
+
+
+def pivots(C: Array, count: int) -> list[int]:
+    """Return the columns that Gram-Schmidt with pivoting takes first."""
+    rest = C.copy()
+    taken: list[int] = []
+    for _ in range(count):
+        size = np.linalg.norm(rest, axis=0)
+        size[taken] = -1.0
+        k = int(np.argmax(size > (1.0 - 1e-9) * size.max()))  # ties: the first
+        taken.append(k)
+        direction = rest[:, k] / max(float(np.linalg.norm(rest[:, k])), 1e-300)
+        rest = rest - np.outer(direction, direction @ rest)
+    return taken
+
+
+def rank_of(C: Array, tolerance: float = RANK) -> int:
+    """Return the number of singular values larger than a part of the largest."""
+    size = np.linalg.svd(C, compute_uv=False)
+    return int(np.sum(size > tolerance * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
+
+
+def constraints_at_fault(mechanism: Mechanism, stack: Stack, free: Sequence[int],
+                         kept: Sequence[int]) -> str:
+    """Return the names of the constraints whose rows come to depend on others, quoted."""
+    Y, J = scaled_rows(mechanism, stack)
+    S = np.concatenate([Y[list(free)], J[list(kept)]])
+    if not np.isfinite(S).all():
+        return ', '.join(f"'{c.name}'" for c in mechanism.constraints)
+    share = np.abs(np.linalg.svd(S)[0][:, -1][len(free):])
+    owners = mechanism.owners
+    named = dict.fromkeys(owners[k] for k, x in zip(kept, share)
+                          if x > 0.1 * share.max(initial=0.0))
+    return ', '.join(f"'{name}'" for name in named) or 'none'
+
+
+def described(mechanism: Mechanism, q: Array) -> str:
+    """Return a configuration as text, coordinates by name."""
+    return str(dict(zip(mechanism.model.coordinate_names, np.round(q, 9).tolist())))
+
+
+def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, where: str = '',
+                   u: Array | None = None) -> ConstraintError:
+    """Return what to raise where speeds and constraints do not determine the motion."""
+    if not stack.J.size:
+        return ConstraintError(f'{where}Y is singular at {described(mechanism, q)}, t = {t:.6g} '
+                               f's: the speeds {", ".join(mechanism.speed_names)} do not '
+                               'determine the joint rates there; choose others (speeds=)')
+    at = f'{where}speeds and constraints are singular at {described(mechanism, q)}, t = {t:.6g} s'
+    if u is not None:
+        at += f', u = {np.round(u, 9).tolist()}'
+    loop = constraints_at_fault(mechanism, stack, mechanism.free, mechanism.kept)
+    if best_choice(mechanism, stack).figure >= SINGULAR:
+        return ConstraintError(
+            f'{at}: a kinematic singularity (dead point) of {loop}, whose rows depend on each '
+            f'other there, so that no choice of speeds ({", ".join(mechanism.speed_names)} or '
+            'others) determines the motion')
+    return ConstraintError(
+        f'{at}: under {loop} the speeds {", ".join(mechanism.speed_names)} do not determine the '
+        'joint rates there; choose others (speeds=, independent=)')

@@ -1,0 +1,180 @@
+"""Rolling without slipping: a wheel or a ball on a plane, a cylinder or a sphere."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+                                                                 positive, triad, unit)
+import numpy as np
+
+SURFACES = ('plane', 'cylinder', 'sphere')
+ITERATIONS = 6  # of Newton's method for the point of a rim that is nearest to a cylinder
+
+
+@dataclass(frozen=True, eq=False)
+class Rolling:
+    """
+    A wheel (a thin disc) or a ball rolls on a surface without slipping.
+
+    Parameters
+    ----------
+    frame : str
+        Its origin is the center of the wheel or ball.
+    radius : float
+        m, positive.
+    axis : (3,) array, optional
+        The wheel's axle in the frame's axes; a ball without.
+    normal : (3,) array
+        Of the plane, in the axes of the surface's frame.
+    height : float
+        Distance of the plane from the origin of the surface's frame along the normal, m.
+    name : str
+    surface_frame : str, optional
+        Frame that carries the surface; world by default. Both bodies may move.
+    surface : 'plane', 'cylinder' or 'sphere'
+        A cylinder or sphere is centered on the origin of the surface's frame.
+    surface_radius : float, optional
+        Of a cylinder or sphere, m.
+    surface_axis : (3,) array
+        Of a cylinder, in the axes of the surface's frame.
+    inside : bool
+        Roll on the inner side of the cylinder or sphere.
+
+    Notes
+    -----
+    Rows hold the velocity of the wheel's (or ball's) point of contact relative to the surface's:
+    `tangent_1`, `tangent_2`, `normal`. For a wheel, tangent_1 is its direction of travel (axle x
+    normal: where a positive turn about the axle takes it) and tangent_2 is normal x tangent_1,
+    across it: whatever the heading, the same rows are redundant. For a ball on a plane they are
+    two directions fixed in the surface's frame, on a cylinder tangent_1 is along the cylinder,
+    and on a sphere they are what the turn that takes the parameter `normal` to the normal of the
+    contact makes of those on a plane (undefined where the two are opposite). The residual of
+    `normal` is the distance between the bodies, m; the tangents have none.
+
+    The point of a rim that touches a cylinder is found by Newton's method from the direction of
+    the cylinder's axis, exact to rounding on the outer side for any axle that is not across the
+    cylinder's axis by more than 60 degrees; on the inner side for an axle about parallel to the
+    axis, since a tilted rim touches there at two points. Where the method fails the residual of
+    `normal` is not zero.
+
+    """
+
+    frame: str
+    radius: float
+    axis: Any = None
+    normal: Any = (0.0, 0.0, 1.0)
+    height: float = 0.0
+    name: str = ''
+    surface_frame: str | None = None
+    surface: Literal['plane', 'cylinder', 'sphere'] = 'plane'
+    surface_radius: float | None = None
+    surface_axis: Any = (0.0, 0.0, 1.0)
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        """Check and normalise."""
+        freeze(self, 'name', self.name or f'rolling of {self.frame}')
+        what = f"constraint '{self.name}'"
+        freeze(self, 'radius', positive(self.radius, f'{what}: radius'))
+        freeze(self, 'normal', unit(self.normal, f'{what}: normal'))
+        freeze(self, 'height', float(constant(self.height, (), f'{what}: height')))
+        freeze(self, 'surface_axis', unit(self.surface_axis, f'{what}: surface_axis'))
+        if self.axis is not None:
+            freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
+        if self.surface not in SURFACES:
+            raise ConstraintError(f'{what}: surface is {self.surface!r}; expected one of '
+                                  f'{", ".join(SURFACES)}')
+        curved = self.surface != 'plane'
+        if curved != (self.surface_radius is not None):
+            raise ConstraintError(f'{what}: surface_radius is {self.surface_radius} of a '
+                                  f'{self.surface}; expected it for a cylinder or sphere alone')
+        if self.inside and not curved:
+            raise ConstraintError(f'{what}: inside is true of a plane; expected it for a cylinder '
+                                  'or sphere alone')
+        if self.surface_radius is not None:
+            freeze(self, 'surface_radius', positive(self.surface_radius,
+                                                    f'{what}: surface_radius'))
+            if self.inside and self.surface_radius <= self.radius:
+                raise ConstraintError(f'{what}: radius {self.radius} rolls inside surface_radius '
+                                      f'{self.surface_radius}; expected a smaller radius')
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Return the names of the rows: two tangents of the surface, and its normal."""
+        return tuple(f'{self.name}/{part}' for part in ('tangent_1', 'tangent_2', 'normal'))
+
+    def rows(self, here: Geometry) -> ConstraintRows:
+        """Return the rows: the point of contact has no velocity relative to the surface."""
+        R, center = here.pose(self.frame)
+        Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
+                      here.pose(self.surface_frame))
+        r, normal, gap = self._contact(center - origin, Rs, None if self.axis is None else
+                                       R @ self.axis)
+        at = center + r
+        v = here.partial_velocities(self.frame, at)[:3]
+        if self.surface_frame is not None:
+            v = v - here.partial_velocities(self.surface_frame, at)[:3]
+        if self.axis is not None:
+            along = cross(r, R @ self.axis) * (1.0 / self.radius)  # a unit vector
+        elif self.surface == 'plane':
+            along = Rs @ triad(self.normal)[0]
+        elif self.surface == 'cylinder':
+            along = Rs @ self.surface_axis
+        else:  # the shortest turn from `normal` to the normal, of a direction across `normal`
+            start, e = (Rs @ x for x in (self.normal, triad(self.normal)[0]))
+            along = e - (start + normal) * ((e @ normal) / (1.0 + start @ normal))
+        directions = (along, cross(normal, along), normal)
+        return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
+                              (None, None, gap))
+
+    def _contact(self, c: Any, Rs: Any, axle: Any) -> tuple[Any, Any, Any]:
+        """
+        Return center to contact, (3,), normal of the surface there, (3,), and the distance, m.
+
+        `c` is the center from the origin of the surface's frame; world axes.
+        """
+        if self.surface == 'plane':
+            normal = Rs @ self.normal
+            r = (-self.radius * normal if axle is None else
+                 -self.radius * _unit(normal - (normal @ axle) * axle))
+            return r, normal, normal @ (c + r) - self.height
+        outward = -1.0 if self.inside else 1.0
+        line = Rs @ self.surface_axis
+
+        def off(x: Any) -> Any:
+            """Return the part of a vector that counts for the distance from the surface."""
+            return x if self.surface == 'sphere' else x - (x @ line) * line
+        normal = outward * _unit(off(c))
+        if axle is None:
+            gap = outward * (_length(off(c)) - self.surface_radius) - self.radius
+            return -self.radius * normal, normal, gap
+        spoke = -1.0 * _unit(normal - (normal @ axle) * axle)
+        astray: Any = 0.0
+        if self.surface == 'cylinder':
+            for k in range(ITERATIONS + 1):  # where the distance of the rim from the axis rests
+                turned = cross(axle, spoke)
+                p, slope = off(c + self.radius * spoke), self.radius * off(turned)
+                bend = slope @ slope - self.radius * (p @ off(spoke))
+                turn = (p @ slope) / bend
+                if k < ITERATIONS:
+                    spoke = _unit(spoke - turn * turned)
+            wrong = -outward * bend  # positive where it rests at the far side
+            astray = self.radius * turn * turn + select(wrong > 0.0, wrong, 0.0) / self.radius
+        r = self.radius * spoke
+        normal = outward * _unit(off(c + r))
+        gap = outward * (_length(off(c + r)) - self.surface_radius)
+        return r, normal, gap + astray
+
+
+def _length(x: Any) -> Any:
+    return np.sqrt(x @ x)
+
+
+def _unit(x: Any) -> Any:
+    """Return a vector over any scalar normalised."""
+    return x * (1.0 / np.sqrt(x @ x))

@@ -1,0 +1,27 @@
+"""The units that constraint rows and coordinates are compared in."""
+
+from kane_dynamics.mechanics.constraints import Constraint, Coupling, PointVelocity, Prescribed
+from kane_dynamics.model.model import Model, WORLD
+import numpy as np
+
+
+def length_of(model: Model) -> float:
+    """
+    Return the length, m, by which moments and turns compare with forces and distances.
+
+    It is the longest distance between neighbouring joints, or from a body to one of its frames;
+    1 where there is none.
+    """
+    places = [body.joint.translation for body in model.bodies if body.parent != WORLD]
+    places += [frame.translation for frame in model.frames if frame.body != WORLD]
+    longest = max((float(np.linalg.norm(place)) for place in places), default=0.0)
+    return longest if longest > 1e-9 else 1.0
+
+
+def turning_rows(constraint: Constraint, model: Model) -> list[bool]:
+    """Tell of each row of a constraint whether it is of a turn."""
+    if isinstance(constraint, Coupling | Prescribed):
+        return [constraint.joint not in model.sliding]
+    if isinstance(constraint, PointVelocity):
+        return [constraint.angular]
+    return [label.rpartition('/')[2].startswith('turn_') for label in constraint.labels]

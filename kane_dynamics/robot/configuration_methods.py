@@ -1,0 +1,134 @@
+"""Configurations of a robot to start from: the neutral one, and random ones within the limits."""
+
+from functools import cached_property
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.constraint_methods import ConstraintMethods
+from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.parameters import JointLimits
+import numpy as np
+
+NEARBY = 21  # configurations about 0 to close the constraints from
+TURN = 2.0 * np.pi
+TRIES = 200  # random configurations to close the constraints from
+
+
+def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
+    """
+    Return what is suspicious about positions, (n_q,) or (K, n_q), rad, if they look like degrees.
+
+    A joint that turns is suspected beyond two turns, or beyond a limit by more than a turn. Of one
+    without limits, which may turn on and on, the first row counts alone.
+    """
+    rows, model = np.atleast_2d(q), robot.equations.model
+    lower, upper = robot.limits.lower, robot.limits.upper
+    words = []
+    for j, name in enumerate(model.coordinate_names):
+        free = np.isinf(lower[j]) and np.isinf(upper[j])
+        values = rows[:1, j] if free else rows[:, j]
+        value = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
+        outside = max(lower[j] - values.min(initial=0.0), values.max(initial=0.0) - upper[j], 0.0)
+        beyond = abs(value) > 2.0 * TURN and (free or outside > 0.0)
+        if name not in model.sliding and (beyond or outside > TURN):
+            limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
+            words.append(f'{name} {value:.4g} rad{limits}')
+    return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
+
+
+class Configurations(ConstraintMethods, Dispatch):
+    """The calls of a `Robot` that return configurations."""
+
+    @cached_property
+    def limits(self) -> JointLimits:
+        """Bounds of the joints, as the model states them."""
+        limits = [joint.limits for joint in self.equations.model.coordinate_joints]
+        return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
+                             for name in ('lower', 'upper', 'velocity', 'effort')))
+
+    def neutral(self) -> Array:
+        """
+        Return the configuration at which every coordinate is 0, (n_q,), rad or m.
+
+        Under constraints on positions it is one nearby that meets them. It may lie outside the
+        limits, as that of Pinocchio may.
+
+        Raises
+        ------
+        ConstraintError
+            None is found; names the constraint with the largest remaining residual.
+
+        """
+        zero = np.zeros(self.equations.n_q)
+        if not isinstance(self.equations, ConstrainedEquations):
+            return zero
+        rng, failure = np.random.default_rng(0), None
+        for away in np.linspace(0.0, 1.0, NEARBY):  # 0 itself may be singular, as a stretched loop
+            try:
+                return self.closed_posture(zero + away * rng.uniform(-1.0, 1.0, len(zero)))
+            except ConstraintError as error:
+                failure = failure or error
+        assert failure is not None
+        raise failure
+
+    def random_configuration(self, seed: int | np.random.Generator | None = None,
+                             count: int | None = None) -> Array:
+        """
+        Return a random configuration within the limits, (n_q,), or several, (count, n_q).
+
+        Uniform between the limits; where a joint has none, within half a turn or 1 m of 0, or of
+        its other limit. Modes of beams are 0. Under constraints on positions, what a uniform one
+        becomes that is moved until it meets them.
+
+        Parameters
+        ----------
+        seed : int or numpy.random.Generator, optional
+            The same seed returns the same configuration.
+        count : int, optional
+            How many; one without an axis for it by default.
+
+        Raises
+        ------
+        InputError
+            count is negative.
+        ConstraintError
+            None was found that meets constraints and limits.
+
+        """
+        if count is not None and count < 0:
+            raise InputError(f'count: {count}; expected a whole number from 0 on')
+        rng = np.random.default_rng(seed)
+        lower, upper = self.sampling_range()
+        if not isinstance(self.equations, ConstrainedEquations):
+            return rng.uniform(lower, upper, (*(() if count is None else (count,)), len(lower)))
+        if count is None:
+            return self._closed(rng, lower, upper)
+        return np.array([self._closed(rng, lower, upper) for _ in range(count)]).reshape(
+            count, len(lower))
+
+    def sampling_range(self) -> tuple[Array, Array]:
+        """Return the bounds of random configurations, (n_q,) each, rad or m."""
+        model = self.equations.model
+        span = np.array([1.0 if name in model.sliding else np.pi
+                         for name in model.coordinate_names])
+        span[list(model.modal_coordinates)] = 0.0
+        lower, upper = self.limits.lower, self.limits.upper
+        left, right = np.isinf(lower), np.isinf(upper)
+        return (np.where(left, np.where(right, 0.0, upper) - span, lower),
+                np.where(right, np.where(left, 0.0, lower) + span, upper))
+
+    def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
+        """Return one random configuration that meets constraints and limits."""
+        failure = ConstraintError('no configuration within the limits meets the constraints: '
+                                  f'{TRIES} random ones were tried; expected limits that leave '
+                                  'the constraints room')
+        for _ in range(TRIES):
+            try:
+                q = self.closed_posture(rng.uniform(lower, upper))
+            except ConstraintError as error:
+                failure = error
+                continue
+            if (q >= self.limits.lower).all() and (q <= self.limits.upper).all():
+                return q
+        raise failure

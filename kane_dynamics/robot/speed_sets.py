@@ -1,0 +1,156 @@
+"""The kernels of a constrained robot for several choices of independent speeds and rows."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
+                                                              figure, scaled_rows, SHARE,
+                                                              SINGULAR, singular_error, Stack,
+                                                              stacked)
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.robot.kernel_set import KernelSet
+from kane_dynamics.robot.parameters import Parameters
+import numpy as np
+
+
+class SpeedSets:
+    """
+    One constrained robot's kernels, a set of them for each choice that was needed.
+
+    Parameters
+    ----------
+    asked : Mechanism
+        With the independent speeds in which u is given, and the rows chosen at first.
+    equations : callable
+        Makes the equations of a mechanism that differs from `asked` by its choice.
+    key : str or None
+        Everything else that kernels depend on; None where functions of a user are among it.
+    parameters : Parameters
+        What all of them read at each call.
+
+    """
+
+    def __init__(self, asked: Mechanism, equations: Callable[[Mechanism], ConstrainedEquations],
+                 key: str | None, parameters: Parameters) -> None:
+        """Make nothing yet."""
+        self.asked = asked
+        self._equations, self._key, self._parameters = equations, key, parameters
+        self._made: dict[tuple[tuple[int, ...], tuple[int, ...]], KernelSet] = {}
+
+    def kernels(self, free: Sequence[int], kept: Sequence[int]) -> KernelSet:
+        """Return the kernels of a choice; each compiles at its first use."""
+        choice = tuple(free), tuple(kept)
+        if choice not in self._made:
+            mechanism = self.asked.with_choice(*choice)
+            key = self._key and mechanism.key and self._key + mechanism.key
+            self._made[choice] = KernelSet(self._equations(mechanism), key,
+                                           self._parameters.block,
+                                           partial(self.instead, mechanism))
+        return self._made[choice]
+
+    def with_parameters(self, parameters: Parameters) -> 'SpeedSets':
+        """Return the same kernels on other parameters."""
+        other = SpeedSets(self.asked, self._equations, self._key, parameters)
+        other._made = {choice: kernels.with_parameters(
+            parameters.block, partial(other.instead, kernels.equations.mechanism))
+            for choice, kernels in self._made.items()
+            if isinstance(kernels.equations, ConstrainedEquations)}
+        return other
+
+    def instead(self, own: Mechanism, state: dict[str, Array]) -> KernelSet | None:
+        """
+        Return the kernels that answer where the robot's own do not, or None.
+
+        They have the same independent speeds and other rows: which rows follow from others may
+        differ from place to place.
+
+        Parameters
+        ----------
+        own : Mechanism
+            That of the kernels that did not answer.
+        state : dict of arrays
+            The arguments of a call whose result is not finite.
+
+        Raises
+        ------
+        ConstraintError
+            The independent speeds do not determine the motion there, a loop is open, or rows
+            that were left out matter.
+
+        """
+        q = state.get('q')
+        if q is None:
+            return None
+        t = float(state.get('t', np.zeros(())))
+        stack = stacked(own, q, t)
+        choice = best_choice(own, stack, own.free)
+        if not choice.figure < SINGULAR:
+            raise singular_error(own, stack, q, t)
+        if self._parameters.closure_tolerance is not None:
+            self._require_closed(stack, q, t, self._parameters.closure_tolerance)
+            left_out_error(own, stack, q, t, SHARE * EXCESS)
+        now = figure(own, stack, own.free, own.kept)
+        if now > SHARE * SINGULAR and choice.figure > SHARE * now:
+            raise singular_error(own, stack, q, t)
+        return self.kernels(choice.free, choice.kept) if choice.figure < now else None
+
+    def _require_closed(self, stack: Stack, q: Array, t: float,
+                        limits: tuple[float, float]) -> None:
+        """Raise ConstraintError where a condition on positions is missed by too much."""
+        share = np.abs(stack.gap) / np.where(self.asked.turning, limits[1], limits[0])
+        if np.linalg.norm(share) < SHARE:
+            return
+        k = int(np.argmax(share))
+        unit, most = ('rad', limits[1]) if self.asked.turning[k] else ('m', limits[0])
+        raise ConstraintError(
+            f"constraint '{self.asked.labels[k]}': its residual is {abs(stack.gap[k]):.3g} {unit} "
+            f'at {described(self.asked, q)}, t = {t:.6g} s; expected at most {most:g} {unit} '
+            '(closure_tolerance): take the configuration from robot.closed_posture')
+
+
+def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most: float,
+                   where: str = '') -> None:
+    """
+    Raise ConstraintError where rows that were taken to follow from others do not.
+
+    Either they contradict them, or they stop a motion that the independent speeds admit.
+    """
+    Y, J = scaled_rows(mechanism, stack)
+    kept = list(best_choice(mechanism, stack, mechanism.free).kept)
+    others = [k for k in range(len(J)) if k not in kept]
+    if not others:
+        return
+    sizes = np.array(mechanism.sizes)
+    system = np.concatenate([Y[mechanism.free], J[kept]])
+    T = np.linalg.inv(system)
+    at = f'at {described(mechanism, q)}, t = {t:.6g} s'
+    n = len(mechanism.free)
+    stopped = np.abs(J[others] @ T[:, :n]).max(axis=1, initial=0.0)
+    speeds = np.array([-z / max(float(np.linalg.norm(y)), 1e-300) for y, z in zip(
+        stack.Y[mechanism.free] * mechanism.units, stack.Z[mechanism.free])])
+    motion = T @ np.concatenate([speeds, (stack.b / sizes)[kept]])
+    off = np.abs(J[others] @ motion - (stack.b / sizes)[others]) * sizes[others]
+    if stopped.max() > most:
+        names = _listed(mechanism, [others[k] for k in np.flatnonzero(stopped > most)])
+        raise ConstraintError(
+            f'{where}constraint rows {names} do not follow from the others {at}, as they did '
+            f'where the robot was prepared: {len(kept)} rows were independent there, more are '
+            'here, and fewer than the independent speeds '
+            f'({", ".join(mechanism.speed_names) or "none"}) remain free')
+    if off.max() > most:
+        k = others[int(np.argmax(off))]
+        raise ConstraintError(f"{where}constraint '{mechanism.labels[k]}' contradicts the others "
+                              f'{at}: its velocity is off by {off.max():.3g}')
+
+
+def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:
+    return ', '.join(f"'{mechanism.labels[k]}'" for k in rows)
+
+
+def limits_of(figure: float, residual: float | None = None) -> Array:
+    """Return the four numbers that `conditioning.margin` compares with; None: no residual's."""
+    others = np.zeros(3) if residual is None else np.array([residual, residual, EXCESS])**-2.0
+    return np.array([figure**-2.0, *others])

@@ -1,0 +1,15 @@
+"""The QoS profiles of the nodes."""
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+RELIABLE = QoSProfile(depth=1)
+# As in the sensor data profile: states that arrive during a stall of a few ms are still processed.
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Late subscribers receive the latest message.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Wrenches at several frames may arrive at once.
+WRENCHES = QoSProfile(depth=10)
+# A burst of requests is queued, so that each is answered.
+SERVICES = QoSProfile(depth=1000)
+# Everything that arrives while the graph is examined.
+EXAMINED_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)

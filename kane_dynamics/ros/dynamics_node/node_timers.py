@@ -1,0 +1,81 @@
+"""The timers of the dynamics node: watchdogs and diagnostics."""
+
+from collections.abc import Callable
+import time
+from typing import Any, TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray
+from kane_dynamics.ros.common import realtime
+from kane_dynamics.ros.common.qos import RELIABLE
+from kane_dynamics.ros.dynamics_node.node_diagnostics import node_status
+from kane_dynamics.ros.torque_path.sim_time_watchdog import LOST_CLOCK
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+if TYPE_CHECKING:
+    from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+
+
+class NodeTimers:
+    """
+    Runs the watchdogs and publishes the diagnostics of the dynamics node.
+
+    Parameters
+    ----------
+    node : DynamicsNode
+
+    """
+
+    def __init__(self, node: 'DynamicsNode') -> None:
+        self._node = node
+        self._reported = time.monotonic()
+        self._state_publishers = 1  # at the last report
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timers: list[Any] = []
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+
+    def start(self, simulated_time: bool) -> None:
+        """
+        Start the timers, or restart them after a change of clock or parameters.
+
+        The watchdog of joint states uses the node's clock if time is simulated, because no state
+        becomes stale while simulated time is paused; a second watchdog then monitors the clock.
+        Otherwise it uses steady time. Diagnostics use steady time in the services' thread, because
+        they take longer than a cycle may wait.
+        """
+        node, values = self._node, self._node.values
+        for owner, timer in self._timers:
+            owner.destroy_timer(timer)
+        timers: list[tuple[Node, float, Callable[[], None], Clock]] = [
+            (node, max(0.2 * values['state_timeout'], 1e-3), self._check_timeout,
+             node.get_clock() if simulated_time else self._steady),
+            (node.server, 1.0 / values['diagnostics_rate'], self._publish_diagnostics,
+             self._steady)]
+        if simulated_time:
+            timers.append((node, LOST_CLOCK / 4.0, self._check_sim_time, self._steady))
+        self._timers = [(owner, owner.create_timer(period, callback, clock=clock))
+                        for owner, period, callback, clock in timers]
+        node.server.spinner.wake()
+
+    def _check_timeout(self) -> None:
+        if self._node.arm is not None:
+            self._node.arm.path.check_timeout()
+
+    def _check_sim_time(self) -> None:
+        arm = self._node.arm
+        self._node.sim_time.check(None if arm is None else arm.path)
+
+    def _publish_diagnostics(self) -> None:
+        node, now = self._node, time.monotonic()
+        period, self._reported = now - self._reported, now
+        node.sim_time.report()
+        if node.arm is not None:
+            node.arm.count_state_publishers()
+        message = DiagnosticArray(status=[node_status(node, period)])
+        message.header.stamp = node.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+        realtime.collect_if_disabled()
+        publishers = 1 if node.arm is None else node.arm.state_publishers
+        if publishers > 1 and publishers != self._state_publishers:
+            node.get_logger().warning(f'joint_states: {publishers} publishers; expected one')
+        self._state_publishers = publishers

@@ -1,0 +1,156 @@
+"""Results of simulations in the speeds that were asked for, whichever they were computed in."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.native.runtime.kernel import Argument
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+
+class AskedSpeeds:
+    """
+    Converts from other choices of independent speeds to a robot's own.
+
+    Parameters
+    ----------
+    asked : Robot
+        Its speeds are given wherever the motion goes, u = Y_I q' + Z_I, also where they are
+        singular and do not determine q'.
+
+    """
+
+    def __init__(self, asked: Robot) -> None:
+        """Compile nothing yet."""
+        self._asked = asked
+
+    def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
+        """Return the asked speeds and their rates, (2, n) or (K, 2, n)."""
+        names, equations = self._asked.speed_names, _equations(robot)
+        arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
+                     Argument('udot', (robot.n,))]
+        return self._called(robot, 'other_speeds', arguments, (2, len(names)), lambda *x:
+                            other_speeds(equations, names, *x), (q, u, udot), t)
+
+    def torques(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
+        """Return what amounts to forces dual to the asked speeds, (n,) or (K, n)."""
+        names, equations = self._asked.speed_names, _equations(robot)
+        arguments = [Argument('q', (robot.n_q,)), Argument('tau', (len(names),))]
+        return self._called(robot, 'tau_from', arguments, (robot.n,), lambda *x:
+                            tau_from(equations, names, *x), (q, tau), t)
+
+    def _called(self, robot: Robot, name: str, arguments: list[Argument], shape: Any,
+                function: Any, given: tuple[Array, ...], t: Any) -> Array:
+        timed = robot.equations.timed
+        arguments = [*arguments, *([Argument('t', ())] if timed else [])]
+        block, count = robot.parameters.block, len(given)
+        places = '_'.join(map(str, self._asked.mechanism.free))
+        kernel = robot.kernels.extra(f'{name}_{places}', lambda: trace_program(
+            name, lambda *x: function(*x[:count], x[count][()] if timed else 0.0),
+            [*((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
+            arguments, block, shape)
+        result: Array = kernel(*given, *([t] if timed else []))
+        return result
+
+    def states(self, history: Sequence[Sequence[tuple[int, Robot]]], buffer: Array, start: float,
+               step: float, done: int) -> Array:
+        """Return a buffer of states, which begins after `done` steps, in the asked speeds."""
+        result, n_q, n = buffer, self._asked.n_q, self._asked.n
+        for i, changes in enumerate(history):
+            if len(changes) == 1:
+                continue
+            ends = [*(after for after, _ in changes[1:]), done + buffer.shape[1] - 1]
+            for (after, robot), end in zip(changes, ends):
+                rows = np.arange(max(after + 1 - done, 0), end + 1 - done)
+                if len(rows) and robot.speed_names != self._asked.speed_names:
+                    result = buffer.copy() if result is buffer else result
+                    q, u = (np.ascontiguousarray(buffer[i, rows, part])
+                            for part in (slice(n_q), slice(n_q, n_q + n)))
+                    times = start + (done + rows) * np.float64(step)
+                    result[i, rows, n_q:n_q + n] = self.speeds(robot, q, u, np.zeros_like(u),
+                                                               times)[:, 0]
+        return result
+
+    def results(self, history: Sequence[Sequence[tuple[int, Robot]]], kept: Array, times: Array,
+                states: Array, tau: Array) -> dict[str, Array]:
+        """
+        Return what follows from kept states, in the asked speeds.
+
+        Parameters
+        ----------
+        history : sequences of (int, Robot)
+            For each simulation, after which step it went on in which choice.
+        kept, times : (K,) arrays
+            After how many steps the states were, and when, s.
+        states, tau : (N, K, size), (N, K, n) arrays
+            As they were simulated, and torques dual to the asked speeds.
+
+        Returns
+        -------
+        dict of (N, K, ...) arrays
+            u, udot, energy, forces and residuals of constraints.
+
+        """
+        groups: dict[int, tuple[Robot, list[tuple[int, slice]]]] = {}
+        for i, changes in enumerate(history):
+            begins = np.searchsorted(kept, [step for step, _ in changes], side='right')
+            for (_, robot), first, last in zip(changes, begins, [*begins[1:], len(kept)]):
+                if last > first:
+                    groups.setdefault(id(robot), (robot, []))[1].append((i, slice(first, last)))
+        result: dict[str, Array] = {}
+        for robot, places in groups.values():
+            rows, forces = (np.concatenate([x[i, part] for i, part in places])
+                            for x in (states, tau))
+            moments = np.concatenate([times[part] for _, part in places])
+            for name, found in self._derived(robot, rows, forces, moments).items():
+                if name not in result:
+                    result[name] = np.empty((*states.shape[:2], *found.shape[1:]))
+                begin = 0
+                for i, part in places:
+                    count = part.stop - part.start
+                    result[name][i, part] = found[begin:begin + count]
+                    begin += count
+        return result
+
+    def _derived(self, robot: Robot, rows: Array, tau: Array, times: Array) -> dict[str, Array]:
+        at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
+        q, u = (np.ascontiguousarray(rows[:, part]) for part in (
+            slice(robot.n_q), slice(robot.n_q, robot.n_q + robot.n)))
+        same = robot.speed_names == self._asked.speed_names
+        own = tau if same else self.torques(robot, q, tau, times)
+        udot = robot.forward_dynamics(q, u, own, **at)
+        pair = np.stack([u, udot], axis=1) if same else self.speeds(robot, q, u, udot, times)
+        return {'u': pair[:, 0], 'udot': pair[:, 1],
+                'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
+                                   axis=1),
+                'constraint_forces': robot.constraint_forces(q, u, own, **at),
+                'constraint_residual': robot.constraint_residual(q, **at),
+                'constraint_velocity_residual': robot.constraint_velocity_residual(q, u, **at)}
+
+
+def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
+             t: Any = 0.0) -> Any:
+    """Return what amounts to forces dual to other speeds, given by name, (n,)."""
+    if tuple(names) == equations.speed_names:
+        return tau
+    here = equations.mechanism.posture(q, t, equations.tree.geometry)
+    return equations.at_rest(q, t).T.T @ (here.speed_rows(names)[0].T @ tau)
+
+
+def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, u: Any,
+                 udot: Any, t: Any = 0.0) -> Any:
+    """Return other speeds, given by name, and their rates in a motion, (2, k)."""
+    motion = equations.joint_motion(q, u, udot, t)
+    Y, Z = equations.mechanism.posture(moving(q, motion.qdot), moving(t, 1.0),
+                                       equations.tree.geometry).speed_rows(names)
+    return np.array([values(Y) @ motion.qdot + values(Z),
+                     values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])
+
+
+def _equations(robot: Robot) -> ConstrainedEquations:
+    assert isinstance(robot.equations, ConstrainedEquations)
+    return robot.equations

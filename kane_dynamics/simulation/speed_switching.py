@@ -1,0 +1,308 @@
+"""
+Simulations of constrained robots: their conditioning is watched, and other speeds taken in time.
+
+Every native step ends in a margin, which is positive where its state may be trusted
+(`mechanics.constraints.conditioning`). Where it is not, what is wrong is found out in Python:
+independent speeds or rows that come to depend on each other are replaced by the best ones, and the
+simulation goes on from the last good state; anything else is an error that says what happened.
+Near a singularity of all choices every step is looked at.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
+                                                              figure, LIMITS, SHARE, SINGULAR,
+                                                              singular_error, stacked, WELL_CHOSEN)
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.speed_sets import left_out_error, limits_of
+from kane_dynamics.simulation.asked_speeds import AskedSpeeds, tau_from
+from kane_dynamics.simulation.singularity_watch import SingularityWatch
+from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.trajectory import SpeedChange
+import numpy as np
+
+STEP_RESIDUAL = 1e-3  # m or rad: what one step may open a loop by before it is closed again
+GAIN = 2.0  # so much better others must be to be taken
+ROOM = 4.0  # a choice is kept until its figure is so much larger than when it was taken
+PIECE = 256  # steps after a change before the states are looked at again
+MOST_CHANGES = 20  # at one state
+
+
+@dataclass(frozen=True)
+class Phase:
+    """The choice that a simulation uses: a robot in it, and the largest figure allowed."""
+
+    robot: Robot
+    limit: float
+
+
+def trusted(states: Array) -> Any:
+    """Tell which states, (..., size), are finite and end in a positive margin; the first is."""
+    good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
+    good[..., 0] = True
+    return good
+
+
+class SwitchingInput:
+    """
+    A torque input that goes on in other independent speeds where those in use become singular.
+
+    Parameters
+    ----------
+    source : TorqueInput
+        Of the robot as the user made it; its torques stay dual to that robot's speeds.
+    count : int
+        Number of simulations.
+    integrator : str
+        One of `step_kernels.INTEGRATORS`.
+
+    Attributes
+    ----------
+    changes : list of SpeedChange
+        In the order of the simulations' steps, each simulation by itself.
+
+    """
+
+    def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
+        """Begin in the robot's own speeds."""
+        self.robot, self.step = source.robot, source.step
+        self.torque = source.torque
+        self._source, self._integrator, self._single = source, integrator, single
+        mechanism = source.robot.mechanism
+        self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
+        self._phases = [Phase(source.robot, self._usual)] * count
+        self._elsewhere: set[int] = set()  # simulations in another phase than the first
+        self._sources: dict[tuple[int, float], TorqueInput] = {}
+        self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
+                                                        for _ in range(count)]
+        self._asked = AskedSpeeds(source.robot)
+        self._watch = SingularityWatch(source.robot, source.step)
+        self.changes: list[SpeedChange] = []
+
+    def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
+        """Fill in the states after each step; as `TorqueInput.advance`."""
+        every = list(range(len(buffer)))
+        groups: dict[tuple[int, float], list[int]] = {}
+        for i in every if self._elsewhere else []:
+            groups.setdefault((id(self._phases[i].robot), self._phases[i].limit), []).append(i)
+        extremes = None
+        for places in list(groups.values()) or [every]:
+            source = self._source_of(places)
+            if len(places) == len(buffer):
+                extremes = source.advance(buffer, done, single)
+            else:
+                part = np.ascontiguousarray(buffer[places])
+                source.advance(part, done, False)
+                buffer[places] = part
+        good = trusted(buffer)
+        whole = good.all(axis=1)
+        for i in sorted(self._elsewhere):
+            if whole[i]:
+                self._look_closely(i, buffer[i], done)
+        for i in np.flatnonzero(~whole).tolist():
+            self._resume(i, buffer[i], int(np.argmin(good[i])), done)
+        if single:
+            return None
+        if extremes is None or not whole.all():
+            extremes = buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
+        return extremes
+
+    def _source_of(self, places: Sequence[int]) -> TorqueInput:
+        """Return the native step of these simulations, which are in one phase."""
+        phase = self._phases[places[0]]
+        key = id(phase.robot), phase.limit
+        if key not in self._sources:
+            constants = self._source.constants.copy()
+            constants[-LIMITS:] = limits_of(phase.limit, STEP_RESIDUAL)
+            kernel = step_kernel(phase.robot, False, self._integrator, self.robot.speed_names)
+            self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
+                                             self._source.start)
+        torque = self.torque
+        if torque.shape[0] > 1 and len(places) < torque.shape[0]:
+            torque = np.ascontiguousarray(torque[places])
+        return replace(self._sources[key], torque=torque)
+
+    def _resume(self, i: int, rows: Array, bad: int, done: int) -> None:
+        """Go on with simulation i from the state before the first bad row, to the last one."""
+        state, tries = rows[bad - 1].copy(), 0
+        self._look_closely(i, rows[:bad], done)
+        start, last, piece = bad - 1, len(rows) - 1, PIECE
+        while start < last:
+            if tries == MOST_CHANGES:
+                raise self._diverged(i, done + start + 1)
+            state, tries = self._decided(i, state, done + start), tries + 1
+            while start < last:
+                local = np.empty((1, min(piece, last - start) + 1, rows.shape[1]))
+                local[0, 0] = state
+                self._source_of([i]).advance(local, done + start, True)
+                good = trusted(local[0])
+                reached = len(good) - 1 if good.all() else int(np.argmin(good)) - 1
+                self._look_closely(i, local[0, :reached + 1], done + start)
+                rows[start + 1:start + reached + 1] = local[0, 1:reached + 1]
+                start, state, piece = start + reached, local[0, reached].copy(), 4 * piece
+                tries = 0 if reached else tries
+                if not good.all():
+                    piece = PIECE
+                    break
+
+    def _decided(self, i: int, state: Array, done: int) -> Array:
+        """
+        Choose how simulation i goes on from a state whose next step is not to be trusted.
+
+        Returns
+        -------
+        (size,) array
+            The state in the speeds that are independent from now on.
+
+        Raises
+        ------
+        ConstraintError
+            A kinematic singularity; a loop that opens; rows that contradict each other.
+        InputError
+            The motion diverges.
+
+        """
+        phase = self._phases[i]
+        mechanism, t = phase.robot.mechanism, self._time(done)
+        q, u = self._parts(state)
+        where = self._where(i, done)
+        stack = stacked(mechanism, q, t)
+        now = figure(mechanism, stack, mechanism.free, mechanism.kept)
+        best = self._preferred(stack)
+        if max(now, best.figure) >= SINGULAR:
+            raise singular_error(mechanism, stack, q, t, where, u)
+        if GAIN * best.figure < now:
+            return self._changed(i, state, best, done)
+        q_next = self._next(i, state, done)
+        t_next = self._time(done + 1)
+        stack = stacked(mechanism, q_next, t_next)
+        if not np.isfinite(stack.J).all():
+            raise self._diverged(i, done + 1)
+        now = figure(mechanism, stack, mechanism.free, mechanism.kept)
+        if now > SHARE * phase.limit:
+            best = self._preferred(stack)
+            if best.figure >= SINGULAR:
+                raise singular_error(mechanism, stack, q_next, t_next, where, u)
+            if GAIN * best.figure < now:
+                return self._changed(i, state, best, done)
+            self._enter(i, Phase(phase.robot, ROOM * now))
+            return state
+        worst = int(np.argmax(np.abs(stack.gap)))
+        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL and worst in mechanism.kept:
+            raise ConstraintError(
+                f"{where}constraint '{mechanism.labels[worst]}' opens by "
+                f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
+                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}: shorten the step')
+        left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
+        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
+            raise ConstraintError(
+                f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
+                f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
+                f'{abs(stack.gap[worst]):.3g} (m or rad) where they hold')
+        raise self._diverged(i, done + 1)
+
+    def _preferred(self, stack: Any) -> Any:
+        """Return the user's speeds where they are well conditioned, else the best choice."""
+        asked = self.robot.mechanism
+        own = best_choice(asked, stack, asked.free)
+        return own if own.figure < self._usual / GAIN else best_choice(asked, stack)
+
+    def _changed(self, i: int, state: Array, choice: Any, done: int) -> Array:
+        """Return a state in the speeds of another choice, which simulation i uses from now on."""
+        old, t = self._phases[i].robot, self._time(done)
+        q, u = self._parts(state)
+        new = self.robot.in_choice(choice.free, choice.kept)
+        at: dict[str, Any] = {'t': t} if old.equations.timed else {}
+        Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.posture(
+            q, t).speed_rows(new.speed_names))
+        state = state.copy()
+        state[old.n_q:old.n_q + old.n] = Y @ old.joint_rates(q, u, **at) + Z
+        self._enter(i, Phase(new, max(self._usual, ROOM * choice.figure)))
+        self._history[i].append((done, new))
+        if new.speed_names != old.speed_names:
+            self.changes.append(SpeedChange(t, old.speed_names, new.speed_names,
+                                            None if self._single else i))
+        return state
+
+    def _enter(self, i: int, phase: Phase) -> None:
+        self._phases[i] = phase
+        self._elsewhere.add(i)
+
+    def _next(self, i: int, state: Array, done: int) -> Array:
+        """Return the configuration one step on, before loops are closed, in plain numbers."""
+        robot = self._phases[i].robot
+        equations: Any = robot.equations
+        n_q, n = robot.n_q, robot.n
+        block = robot.parameters.block[:robot.parameters.physical]
+        wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+        table = self.torque[min(i, len(self.torque) - 1)]
+        tau = table[min(done, len(table) - 1)]
+
+        def rates(x: Any, given: Any) -> Any:
+            time = x[n_q + n:-1]
+            t = time[0] if len(time) else 0.0
+            acting = tau_from(equations, self.robot.speed_names, x[:n_q], tau, t)
+            found = equations.state_rates(x[:n_q], x[n_q:n_q + n], acting, wrench, block, t)
+            return np.array([*found, *(1.0 for _ in time), 0.0],
+                            dtype=np.float64)
+        with np.errstate(all='ignore'):
+            try:
+                after = runge_kutta_4(rates, state, (tau, tau, tau), self.step)
+            except (ConstraintError, ZeroDivisionError):
+                raise self._diverged(i, done + 1) from None
+        return np.asarray(after[:n_q], dtype=np.float64)
+
+    def asked_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
+        """Return q and the user's own speeds of simulation i at a state that it is in."""
+        q, u = self._parts(state)
+        robot = self._phases[i].robot
+        if robot.speed_names == self.robot.speed_names:
+            return q, u
+        return q, self._asked.speeds(robot, q, u, np.zeros(robot.n), self._time(done))[0]
+
+    def acting(self, buffer: Array, done: int) -> Any:
+        """Return the torques of the steps of a buffer; as `TorqueInput.acting`."""
+        return self._source.acting(buffer, done)
+
+    def in_own_speeds(self, buffer: Array, done: int) -> Array:
+        """Return a buffer's states in the user's own speeds."""
+        return self._asked.states(self._history, buffer, self._source.start, self.step, done)
+
+    def torques(self, kept: Array, q: Array, u: Array) -> Array:
+        """Return the torques that acted; as `TorqueInput.torques`."""
+        return self._source.torques(kept, q, u)
+
+    def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
+        """Return what follows from kept states, in the user's own speeds; see `AskedSpeeds`."""
+        times = self._source.start + kept * np.float64(self.step)
+        return self._asked.results(self._history, kept, times, states, tau)
+
+    def _look_closely(self, i: int, rows: Array, done: int) -> None:
+        """Raise ConstraintError where a singularity lies between two rows of states."""
+        phase = self._phases[i]
+        times = self._source.start + (done + np.arange(len(rows))) * np.float64(self.step)
+        self._watch.look(phase.robot, phase.limit > ROOM * self._usual, self._parts(rows)[0],
+                         times, lambda k: self._where(i, done + k),
+                         lambda k: self.asked_state(i, rows[k], done + k)[1])
+
+    def _parts(self, state: Array) -> tuple[Array, Array]:
+        n_q, n = self.robot.n_q, self.robot.n
+        return state[..., :n_q], state[..., n_q:n_q + n]
+
+    def _time(self, done: int) -> float:
+        return self._source.start + done * self.step
+
+    def _where(self, i: int, done: int) -> str:
+        which = 'simulation' if self._single else f'simulation {i}'
+        return f'{which}, {self._time(done):.6g} s: '
+
+    def _diverged(self, i: int, done: int) -> InputError:
+        which = 'the simulation' if self._single else f'simulation {i}'
+        return InputError(f'{which} leaves the finite numbers at {self._time(done):.6g} s: is the '
+                          f'mass matrix singular there, or the step of {self.step} s too long?')

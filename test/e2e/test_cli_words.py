@@ -1,0 +1,206 @@
+"""Promises of what the command line says: of slips of the user, doubtful files, and motions."""
+
+import csv
+import json
+import math
+import re
+
+from kane_dynamics import load_urdf, Robot, simulate
+from kane_dynamics.cli import main
+from kane_dynamics.cli.tables import read_motion, read_trajectory
+from kane_dynamics.urdf.visuals import load_visuals
+import numpy as np
+import pytest
+from urdf_writer import chain, joint, LIMIT, link, robot
+
+A, B, C = link('a'), link('b'), link('c')
+ARM = robot(A, B, C, joint('j1', 'a', 'b', limit=LIMIT), joint('j2', 'b', 'c', limit=LIMIT))
+POINTS = """
+joint_names: [j1, j2]
+points:
+- {time_from_start: 0.0, positions: [0.0, 0.0]}
+- {time_from_start: 1.0, positions: [0.8, -0.5]}
+- {time_from_start: 2.0, positions: [0.1, 0.4]}
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Return a folder with an arm and a motion of three points."""
+    (tmp_path / 'arm.urdf').write_text(ARM)
+    (tmp_path / 'motion.yaml').write_text(POINTS)
+    return tmp_path
+
+
+def said(capsys, *arguments, code=0):
+    """Run a command; return what it printed and its complaints."""
+    try:
+        left = main([str(word) for word in arguments])
+    except SystemExit as end:
+        left = end.code
+    out = capsys.readouterr()
+    assert left == code, out.err
+    return out.out, out.err
+
+
+def test_no_arguments_print_the_help_and_version_the_version(capsys):
+    out, err = said(capsys)
+    assert out.startswith('usage: kane-dynamics') and 'simulate' in out and not err
+    out, _ = said(capsys, '--version')
+    assert out.split()[0] == 'kane-dynamics' and out.split()[1].count('.') == 2
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['torque', 'ARM', '--qdd', '1', '1'], 'unrecognized arguments: --qdd 1 1; expected --udot?'),
+    (['simulate', 'ARM', '--steps', '1'], 'expected --step?'),
+    (['torque', 'ARM', '--q', '0', 'one'], "--q: 'one'; expected 2 numbers, in the order j1, j2"),
+    (['simulate', 'ARM', '--duration', '-1'], '--duration is -1'),
+    (['simulate', 'ARM', '--step', '1ms'], "argument --step: invalid float value: '1ms'"),
+    (['torque', 'no.urdf'], "no such file: 'no.urdf'"),
+    (['torque', 'ARM', '--motion', 'no.csv'], "no such file: 'no.csv'"),
+    (['torque', 'ARM', '--motion', 'no.yaml'], "no such file: 'no.yaml'"),
+    (['torque', 'ARM', '--supplement', 'no.yaml'], "no such file: 'no.yaml'"),
+    (['replay', 'ARM', 'no.csv'], "no such file: 'no.csv'"),
+    (['replay', 'ARM', 'no.mcap'], "no such file: 'no.mcap'"),
+    (['torque', 'ARM', '--step', '0.1'], '--step is for a --motion')])
+def test_the_message_comes_first_in_the_words_of_the_command_line(files, capsys, arguments,
+                                                                  words):
+    _, err = said(capsys, *(files / 'arm.urdf' if word == 'ARM' else word for word in arguments),
+                  code=2)
+    assert err.startswith('kane-dynamics: error: ') and words in err.splitlines()[0]
+    assert len(err.splitlines()) <= 2 and 'load_urdf' not in err and 'str or bytes' not in err
+
+
+def test_an_impossible_inertia_names_the_option_that_accepts_it(tmp_path, capsys):
+    (tmp_path / 'bad.urdf').write_text(robot(A, link('b', 1, (-1, 1, 1)), joint('j', 'a', 'b')))
+    _, err = said(capsys, 'inspect', tmp_path / 'bad.urdf', code=2)
+    assert '--no-strict' in err and 'strict=False' not in err
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('0,0.1,0.2\n1,0.3,0.4\n', r'no header line .*expected t,q.j1'),
+    ('t,q.j1\n0,0.1\n1,0.3\n', r"no column 'q.j2', but q of other joints; expected q.<joint>")])
+def test_a_csv_file_without_the_columns_says_which(files, capsys, text, words):
+    (files / 'motion.csv').write_text(text)
+    _, err = said(capsys, 'torque', files / 'arm.urdf', '--motion', files / 'motion.csv', code=2)
+    assert re.search(words, err)
+
+
+@pytest.mark.parametrize('name', ['--motion', '--trajectory'])
+def test_the_points_of_a_motion_are_sampled(files, capsys, name):
+    arm = Robot(load_urdf(ARM))
+    out, _ = said(capsys, 'torque', files / 'arm.urdf', name, files / 'motion.yaml', '--json')
+    got = {key: np.array(value) for key, value in json.loads(out).items() if key != 'joint_names'}
+    assert len(got['t']) == 201 and np.diff(got['t']).max() < 0.0101
+    motion = read_motion(files / 'motion.yaml', arm.joint_names)
+    q, u, udot = motion.sample(np.minimum(got['t'], math.nextafter(2.0, 0.0)))
+    np.testing.assert_allclose(got['tau'], arm.inverse_dynamics(q, u, udot), atol=1e-12)
+    assert np.abs(got['u']).max() > 0.5, 'the speed between the points is in it'
+    assert np.abs(np.diff(got['tau'], axis=0)).max(axis=1)[-1] < 0.2, 'nor does it jump at the end'
+    out, _ = said(capsys, 'torque', files / 'arm.urdf', name, files / 'motion.yaml', '--step',
+                  '0.5', '--json')
+    assert json.loads(out)['t'] == [0.0, 0.5, 1.0, 1.5, 2.0]
+
+
+def test_a_picture_of_a_csv_motion_shows_what_is_between_its_rows(files):
+    (files / 'motion.csv').write_text('t,q.j1,q.j2\n0,0,0\n1,0.8,-0.5\n2,0.1,0.4\n')
+    arm = Robot(load_urdf(ARM))
+    shown = read_trajectory(str(files / 'motion.csv'), arm)
+    assert len(shown.t) == 201 and np.abs(shown.u).max() > 0.5
+
+
+def test_motion_is_the_name_in_every_command_that_takes_one(files, capsys):
+    for arguments in (['simulate', '--step', '0.01'], ['feasible']):
+        for name in ('--motion', '--trajectory'):
+            said(capsys, arguments[0], files / 'arm.urdf', name, files / 'motion.yaml',
+                 *arguments[1:])
+
+
+@pytest.mark.parametrize('command', [
+    ['torque', 'ARM', '--q', '0', '-90'], ['simulate', 'ARM', '--q0', '45', '0', '--step', '0.1',
+                                           '--duration', '0.1'],
+    ['torque', 'ARM', '--motion', 'degrees.csv'], ['feasible', 'ARM', '--motion', 'degrees.csv'],
+    ['replay', 'ARM', 'degrees.csv']])
+def test_positions_far_outside_get_asked_whether_they_are_degrees(files, capsys, command):
+    t = np.linspace(0.0, 1.0, 50)
+    with open(files / 'degrees.csv', 'w', newline='') as stream:
+        rows = csv.writer(stream)
+        rows.writerow(['t', 'q.j1', 'q.j2', 'tau.j1', 'tau.j2'])
+        rows.writerows(np.column_stack([t, 90.0 * t, -45.0 * t, t, t]).tolist())
+    names = {'ARM': files / 'arm.urdf', 'degrees.csv': files / 'degrees.csv'}
+    main([str(names.get(word, word)) for word in command])
+    err = ''.join(capsys.readouterr())
+    assert 'are these degrees?' in err
+    assert 'rad (limits -1 to 1)' in err or command[0] == 'replay'
+
+
+def test_positions_in_reach_of_the_limits_get_no_remark(files, capsys):
+    _, err = said(capsys, 'torque', files / 'arm.urdf', '--q', '1.4', '-3.1')
+    assert not err
+
+
+@pytest.mark.parametrize(('lower', 'upper', 'asked'), [
+    (-180, 180, True), (-90, 90, True), (0, 360, True), (-6.2832, 6.2832, False),
+    (-12.566, 12.566, False), (-1e9, 1e9, False)])
+def test_limits_of_many_turns_get_asked_whether_they_are_degrees(tmp_path, capsys, lower, upper,
+                                                                 asked):
+    limit = f'<limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/>'
+    (tmp_path / 'arm.urdf').write_text(robot(A, B, joint('j', 'a', 'b', limit=limit)))
+    _, err = said(capsys, 'torque', tmp_path / 'arm.urdf')
+    assert ('degrees?' in err) == asked
+    slide = robot(A, B, joint('j', 'a', 'b', 'prismatic', limit=limit))
+    (tmp_path / 'arm.urdf').write_text(slide)
+    assert 'degrees' not in said(capsys, 'torque', tmp_path / 'arm.urdf')[1], 'metres may be many'
+
+
+def test_missing_inertials_leave_the_tree_and_are_a_problem(tmp_path, capsys):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(robot(A, B, link('c', None), joint('j1', 'a', 'b', limit=LIMIT),
+                          joint('j2', 'b', 'c', limit=LIMIT)))
+    for more in ([], ['--operations'], ['--json']):
+        out, _ = said(capsys, 'inspect', path, *more)
+        assert 'j1' in out and 'j2' in out and 'no mass moves with j2' in out
+    out, _ = said(capsys, 'doctor', path, code=1)
+    assert 'problem: URDF: moving links without <inertial>' in out
+    assert 'problem: no mass moves with j2' in out and '2 problems' in out
+
+
+def test_warnings_are_a_line_a_kind_and_verbose_names_all(tmp_path, capsys):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(chain(40, limit=''))
+    _, err = said(capsys, 'torque', path)
+    assert len(err.splitlines()) == 1 and len(err) < 250 and 'more (--verbose names all)' in err
+    _, err = said(capsys, 'torque', path, '--verbose')
+    assert 'more (--verbose' not in err and all(f'j{k}' in err for k in range(1, 41))
+
+
+def test_transmissions_and_gazebo_are_mentioned_only_on_request(tmp_path, capsys):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(robot(A, B, joint('j', 'a', 'b', limit=LIMIT),
+                          '<transmission name="t"><joint name="j"/></transmission>',
+                          '<gazebo reference="j"><springStiffness>1</springStiffness></gazebo>'))
+    assert not said(capsys, 'torque', path)[1]
+    assert '<transmission>: j' in said(capsys, 'torque', path, '-v')[1]
+    assert '<transmission>: j' in said(capsys, 'inspect', path)[0]
+
+
+def test_missing_meshes_say_what_to_do():
+    mesh = '<visual><geometry><mesh filename="package://lost/{}.stl"/></geometry></visual>'
+    links = [link(name).replace('</link>', mesh.format(name) + '</link>') for name in 'ab']
+    with pytest.warns(UserWarning, match='2 meshes not found: .*expected the URDF inside its '
+                                         'package or the workspace in AMENT_PREFIX_PATH'):
+        load_visuals(robot(*links, joint('j', 'a', 'b', limit=LIMIT)))
+
+
+def test_rounding_errors_are_printed_as_zero(tmp_path, capsys):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(ARM)
+    out, _ = said(capsys, 'torque', path, '--q', '0.1', '0.2', '--gravity', '1e-17', '9', '0')
+    assert 'e-1' not in out
+
+
+def test_a_torque_function_of_another_signature_or_without_result_is_named():
+    arm = Robot(load_urdf(ARM))
+    for torque, words in ((lambda q: q, r'torque\(t, q, u\)'), (lambda t, q, u: None, 'None')):
+        with pytest.raises(ValueError, match=words):
+            simulate(arm, [0.0, 0.0], [0.0, 0.0], 0.01, torque=torque)

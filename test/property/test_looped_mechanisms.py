@@ -1,0 +1,109 @@
+"""Random looped mechanisms in free motion: right, or refused for a true reason; nothing else."""
+
+from kane_dynamics import ConstraintError, Robot, simulate
+import numpy as np
+import pytest
+from random_loops import FAMILIES, random_loops, turned
+from reference_dae import Reference
+
+DURATION = 2.0  # s
+STEPS = (2.5e-4, 1.25e-4, 6.25e-5, 3.125e-5, 1.5625e-5)  # s: shorter until the result settles
+SETTLED = 1e-7  # rad or m, between two steps
+AGREES = 1e-6  # rad or m, with the reference
+CONSERVED = 1e-7  # of the largest energy
+NEAR = 0.02  # relative singular value of the Jacobian at a state refused as singular
+FEW = (0, 4, 6, 9, 11, 13)  # a seed or so of most families
+
+
+def start(loops, robot, seed):
+    """Return a closed configuration and speeds of moderate size."""
+    q0 = robot.closed_posture(loops.q0)
+    u0 = np.random.default_rng(seed).uniform(-1.5, 1.5, robot.n)
+    fastest = np.abs(robot.joint_rates(q0, u0)).max(initial=0.0)
+    return q0, u0 * min(1.0, 3.0 / max(fastest, 1e-9))
+
+
+def settled(robot, q0, u0):
+    """Return the motion with the first step that a shorter one confirms; None if none does."""
+    before = None
+    for step in STEPS:
+        try:
+            run = simulate(robot, q0, u0, DURATION, step=step, sample=0.25)
+        except ConstraintError as error:
+            if step == STEPS[-1] or ('shorten the step' not in str(error) and (
+                    'shorter steps' not in str(error))):
+                raise
+            before = None
+            continue
+        if before is not None and np.abs(run.q - before.q).max() < SETTLED:
+            return run
+        before = run
+    return None
+
+
+def force_sizes(robot, run):
+    """Return the size of each constraint's force and of its moment, (K, 2 constraints)."""
+    mechanism = robot.mechanism
+    kinds = list(zip(mechanism.owners, mechanism.turning))
+    return np.array([np.linalg.norm(run.constraint_forces[:, [
+        k for k, kind in enumerate(kinds) if kind == own]], axis=1)
+        for own in dict.fromkeys(kinds)]).T
+
+
+def check(seed):
+    """Hold one mechanism against the reference, or its refusal against the geometry."""
+    loops = random_loops(seed)
+    reference = Reference(loops)
+    robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0)
+    q0, u0 = start(loops, robot, seed)
+    rates = robot.joint_rates(q0, u0)
+    assert np.abs(reference.projected(q0, rates)[1] - rates).max() < 1e-9
+    try:
+        run = settled(robot, q0, u0)
+    except ConstraintError as error:
+        words = str(error)
+        assert 'kinematic singularity' in words, words
+        t = float(words.partition(' s: ')[0].rpartition(' ')[2])
+        ends = np.linspace(0.0, t, 6)[1:] if t > 0.0 else ()
+        q = reference.motion(q0, rates, ends, longest=2e-3)[0][-1] if t > 0.0 else q0
+        assert reference.regularity(q) < NEAR, words
+        return 'refused'
+    assert run is not None, f'{loops.name}: no step settles'
+    energy = run.energy.sum(axis=1)
+    assert np.ptp(energy) < CONSERVED * max(np.abs(run.energy).max(), 1e-3), loops.name
+    assert run.drift < 1e-9, loops.name
+    expected, _ = reference.motion(q0, rates, run.t[1:])
+    np.testing.assert_allclose(run.q[1:], expected, rtol=0.0, atol=AGREES, err_msg=loops.name)
+    if loops.constraints and 'wheels' not in loops.name:  # a cart's own angle is its heading
+        other = turned(loops, 1.1)
+        there = Robot(other.model, constraints=other.constraints, configuration=loops.q0)
+        here = force_sizes(robot, run)
+        speeds = np.array([there.mechanism.posture(q).speed_rows(there.speed_names)[0] @ v
+                           for q, v in zip(run.q, joint_rates(robot, run))], dtype=float)
+        forces = there.constraint_forces(run.q, speeds, np.zeros_like(speeds))
+        turned_run = type('Forces', (), {'constraint_forces': forces})
+        np.testing.assert_allclose(force_sizes(there, turned_run), here, rtol=1e-6,
+                                   atol=1e-6 * max(1.0, here.max()), err_msg=loops.name)
+    return 'changed' if run.speed_changes else 'right'
+
+
+def joint_rates(robot, run):
+    """Return all joints' rates along a motion, also where its own speeds are near singular."""
+    return [np.linalg.lstsq(np.concatenate([
+        np.array(here.speed_rows(robot.speed_names)[0], dtype=float),
+        np.array(robot.mechanism.rows(here).J, dtype=float)]), np.concatenate([
+            u, np.zeros(len(robot.constraint_names))]), rcond=1e-9)[0]
+        for here, u in ((robot.mechanism.posture(q), u) for q, u in zip(run.q, run.u))]
+
+
+@pytest.mark.parametrize('seed', FEW)
+def test_a_looped_mechanism_moves_as_its_dae_says_or_is_refused_for_a_true_reason(seed):
+    check(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('family', FAMILIES)
+def test_two_hundred_looped_mechanisms_move_as_their_dae_says_or_are_refused_truly(family):
+    place = FAMILIES.index(family)
+    outcomes = [check(seed) for seed in range(place, 200, len(FAMILIES))]
+    assert outcomes.count('refused') <= 0.5 * len(outcomes), outcomes

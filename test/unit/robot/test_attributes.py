@@ -1,0 +1,158 @@
+"""Promises of names: misspelt ones are refused with a counterpart; objects are readable."""
+
+import copy
+import pickle
+
+from kane_dynamics import (ComputedTorque, frame_wrench, Inertial, InputError, ModelWarning,
+                           Motion, Robot, simulate)
+from kane_dynamics._util.attribute_hints import COUNTERPARTS
+from kane_dynamics.robot.parameters import JointLimits
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+MODEL = random_model(7, 4, branching=0.0)
+Q = np.array([0.3, -0.2, 0.5, 0.1])
+
+
+def robot(**options):
+    """Return an arm of four joints."""
+    return Robot(MODEL, **options)
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('payload', 'expected robot.parameters.payload'),
+    ('gravity', 'expected robot.parameters.gravity'),
+    ('gravty', 'no such attribute'), ('friction', r'expected Robot\(..., friction=...\)'),
+    ('speeds', r'expected Robot\(..., speeds=...\)'), ('model', 'not to be replaced'),
+    ('joint_names', 'not to be replaced'), ('limts', 'expected robot.limits')])
+def test_an_attribute_that_would_have_no_effect_is_refused(name, words):
+    arm = robot()
+    with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned.*{words}"):
+        setattr(arm, name, 0.0)
+    for other in (copy.copy(arm), pickle.loads(pickle.dumps(arm))):
+        with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned"):
+            setattr(other, name, 0.0)
+
+
+def test_limits_can_be_replaced_and_parameters_refuse_misspelt_names():
+    arm = robot()
+    arm.limits = JointLimits(*(np.full(4, x) for x in (-1.0, 1.0, 2.0, 3.0)))
+    assert np.abs(arm.random_configuration(0, 100)).max() <= 1.0
+    with pytest.raises(AttributeError):
+        arm.parameters.gravty = (0.0, 0.0, 0.0)
+    arm.parameters.gravity = (0.0, 0.0, 0.0)
+    assert not arm.gravity_force(Q).any()
+
+
+@pytest.mark.parametrize(('name', 'ours'), [
+    ('rnea', r'inverse_dynamics\(q, u, udot\)'), ('nv', 'n'), ('nq', 'n_q'), ('crba', 'mass_matr'),
+    ('computeFrameJacobian', r'jacobian\(frame, q\)'), ('Jdot', 'jacobian_rate'),
+    ('CalcMassMatrix', 'mass_matrix'), ('com', 'center_of_mass'), ('payload', 'parameters.payl'),
+    ('jacobain', 'jacobian'), ('inverse_dynamic', 'inverse_dynamics')])
+def test_a_name_of_another_library_is_answered_with_its_counterpart(name, ours):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}'; expected robot.{ours}"):
+        getattr(robot(), name)
+
+
+def test_every_counterpart_exists_and_a_strange_name_gets_no_wrong_hint():
+    arm = robot()
+    for ours in COUNTERPARTS:
+        value = arm
+        for part in ours.partition('(')[0].split('.'):
+            value = getattr(value, part)
+    names = [name for names in COUNTERPARTS.values() for name in names.split()]
+    assert len(set(names)) == len(names)
+    with pytest.raises(AttributeError, match=r"has no attribute 'xyzzy'\Z"):
+        getattr(arm, 'xyzzy' + '')
+    assert not hasattr(arm, '__array__')
+
+
+@pytest.mark.parametrize('call', [
+    lambda arm: arm.jacobian(Q, 'frame3'), lambda arm: arm.partial_velocities(Q, 'frame3'),
+    lambda arm: arm.frame_velocity(Q, Q, 'frame3'), lambda arm: arm.forward_kinematics(Q, 'x'),
+    lambda arm: arm.operational_space_inertia(Q, 'frame3')])
+def test_frame_and_q_in_the_wrong_order_are_named(call):
+    with pytest.raises(InputError, match=r'frame: a ndarray; expected a name \(str\): the order '
+                                         r'is \(frame, q\)'):
+        call(robot())
+    with pytest.raises(InputError, match=r'joint: a ndarray; expected a name .*\(joint, q, u'):
+        robot().joint_reaction(Q, Q, Q, 'joint0')
+
+
+def test_new_names_are_the_same_numbers_as_the_old_ones():
+    arm, u = robot(), Q[::-1].copy()
+    np.testing.assert_array_equal(arm.jacobian('frame3', Q), arm.partial_velocities('frame3', Q))
+    np.testing.assert_array_equal(arm.jacobian_rate('frame3', Q, u),
+                                  arm.partial_velocity_rates('frame3', Q, u))
+    np.testing.assert_array_equal(arm.forward_kinematics('frame3', Q), arm.frame_pose('frame3', Q))
+    assert arm.frame_names == tuple(frame.name for frame in MODEL.frames)
+
+
+def test_objects_print_on_one_short_line_with_their_name_and_joints():
+    arm = robot()
+    motion = Motion.from_points([0.0, 1.0], [Q, Q + 0.1], joint_names=arm.joint_names)
+    run = simulate(arm, Q, 0 * Q, 0.01)
+    many = simulate(arm, np.stack([Q, Q]), np.zeros((2, 4)), 0.01)
+    joints = 'joint0, joint1, joint2, joint3>'
+    assert repr(arm) == f"<Robot 'random7': 4 degrees of freedom, q of {joints}"
+    assert repr(MODEL) == f"<Model 'random7': 4 moving bodies on 'world', q of {joints}"
+    assert repr(motion) == f'<Motion through 2 points in 1 s of {joints}'
+    assert repr(run) == f'<Trajectory: 11 samples, 0 to 0.01 s, of {joints}'
+    assert repr(many) == f'<Trajectory: 2 motions, 11 samples, 0 to 0.01 s, of {joints}'
+    assert len(repr(Robot(random_model(1, 40)))) < 200
+
+
+def test_computed_torque_takes_robot_then_motion_and_the_former_order_still_works():
+    arm = robot()
+    motion = Motion.from_points([0.0, 1.0], [Q, Q + 0.1], joint_names=arm.joint_names)
+    new = ComputedTorque(arm, motion, kp=4.0, kd=3.0)
+    for old in (lambda: ComputedTorque(motion, 4.0, 3.0),
+                lambda: ComputedTorque(motion, 4.0, kd=3.0),
+                lambda: ComputedTorque(motion, kp=4.0, kd=3.0)):
+        with pytest.warns(DeprecationWarning, match=r'expected ComputedTorque\(robot, motion'):
+            given = old()
+        assert given.motion is motion
+        np.testing.assert_array_equal([given.kp, given.kd], [new.kp, new.kd])
+        np.testing.assert_array_equal(simulate(arm, Q, 0 * Q, 0.02, torque=given).q,
+                                      simulate(arm, Q, 0 * Q, 0.02, torque=new).q)
+    for wrong in ((4.0, motion), (arm, 4.0), (arm,)):
+        with pytest.raises(InputError, match='the order is'):
+            ComputedTorque(*wrong)
+
+
+def test_computed_torque_of_another_robot_than_the_simulated_one_is_refused():
+    arm, other = robot(payload_frame='frame3'), robot(payload_frame='frame3')
+    motion = Motion.from_points([0.0, 1.0], [Q, Q + 0.1], joint_names=arm.joint_names)
+    torque = ComputedTorque(other, motion)
+    simulate(arm, Q, 0 * Q, 0.01, torque=torque)  # it is the same but for being another object
+    other.parameters.payload = Inertial(1.0)
+    with pytest.raises(InputError, match='computed torque of another robot'):
+        simulate(arm, Q, 0 * Q, 0.01, torque=torque)
+
+
+def test_the_torque_that_followed_a_motion_does_not_jump_at_its_end():
+    arm = robot()
+    motion = Motion.from_points([0.0, 0.2], [Q, Q + 0.1], joint_names=arm.joint_names)
+    run = simulate(arm, Q, 0 * Q, 0.2, sample=1e-3, torque=ComputedTorque(arm, motion))
+    steps = np.abs(np.diff(run.tau, axis=0)).max(axis=1)
+    assert steps[-1] < 2.0 * steps[-3:-1].max()
+    assert np.abs(run.tau[-1] - arm.gravity_force(run.q[-1])).max() > 0.1, 'it still brakes'
+
+
+def test_a_wrench_is_exact_where_the_arm_is_well_conditioned_and_damping_says_that_it_acts():
+    left, _, right = np.linalg.svd(np.random.default_rng(4).normal(size=(6, 6)))
+    wrench = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+
+    def jacobian(smallest):
+        return (left * np.array([1.2, 1.0, 0.5, 0.3, 0.2, smallest]) @ right).T
+    found = frame_wrench(jacobian(0.03), jacobian(0.03).T @ wrench, length=1.0)
+    np.testing.assert_allclose(found.wrench, wrench, atol=1e-12)
+    assert found.damped == 0 and found.residual is found.rest
+    J = jacobian(0.004)
+    with pytest.warns(ModelWarning, match='1 of 6 directions damped.*0.004 m, damping 0.005 m'):
+        found = frame_wrench(J, J.T @ wrench, length=1.0)
+    assert found.damped == 1
+    assert frame_wrench(J, J.T @ wrench, length=1.0, damping=0.01).damped == 1, 'without a word'
+    with pytest.raises(InputError, match='damping: 0'):
+        frame_wrench(J, J.T @ wrench, damping=0.0)
