@@ -130,8 +130,8 @@ def test_an_exported_motion_plays_with_its_table_and_a_still_configuration_does_
                  str(shown)]) == 0
     with browser(shown.as_uri()) as page:
         page.wait(f"{player} && document.getElementById('time').innerText > 0.3")
-        page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', {code: 'Space', "
-                      "bubbles: true}))")  # pauses
+        page.evaluate('document.dispatchEvent(new KeyboardEvent('
+                      "'keydown', {code: 'Space', bubbles: true}))")  # pauses
         time.sleep(1.0)
         t = float(page.evaluate("document.getElementById('time').innerText"))
         assert t == pytest.approx(float(page.evaluate(f'{player}.ariaValueNow')), abs=0.05)
