@@ -77,7 +77,8 @@ class EnergyBalance:
         self._kernel = energy_kernel(robot)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
-        self._damped = integrator_of(integrator).damps and any(  # high frequencies die out by design
+        # High frequencies die out by design.
+        self._damped = integrator_of(integrator).damps and any(
             body.beam is not None or body.joint.stiffness for body in robot.model.bodies)
         self._tree = not isinstance(robot.equations, ConstrainedEquations)
         N = len(states)

@@ -159,7 +159,7 @@ def test_what_it_is_not_for_is_refused_by_name():
     b.frame('peg', 'world', at=(1, 0, 0))
     model = b.model()
     chosen = Robot(model, speeds=absolute_rates(model))
-    with pytest.raises(InputError, match=r"'implicit', which needs .* joint rates.*expected 'rk4'"):
+    with pytest.raises(InputError, match=r"'implicit', which needs .* rates.*expected 'rk4'"):
         simulate(chosen, [0.1, 0.2, 0.3], np.zeros(3), 0.01, integrator='implicit')
     closed = Robot(model, independent=['a'],
                    constraints=[Closure('end', 'peg', 'revolute', axis=(0, 1, 0))])
