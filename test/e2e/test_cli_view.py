@@ -1,4 +1,4 @@
-"""`kane-dynamics view` shows a moving robot to a browser, and to nobody else."""
+"""`kane-dynamics view` shows a moving robot to browsers on this machine only."""
 
 from contextlib import ExitStack
 from html import unescape
