@@ -106,6 +106,11 @@ def _identify(sub: ArgumentParser) -> None:
                      help='write the identified model, a URDF; with --payload a supplement')
 
 
+def _length_or_none(text: str) -> float | None:
+    """Return a number, or None for 'none'."""
+    return None if text == 'none' else float(text)
+
+
 def _excite(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
@@ -120,8 +125,11 @@ def _excite(sub: ArgumentParser) -> None:
     for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
                          help=f'further limit, one or one a joint, {unit}')
-    sub.add_argument('--floor', type=float, metavar='Z',
-                     help='height that the origin of no moving link goes below, m')
+    for name, default, text in (
+            ('floor', 0.0, 'height that no link goes below, m'),
+            ('distance', 0.05, 'least distance between links, m')):
+        sub.add_argument(f'--{name}', type=_length_or_none, default=default, metavar='X',
+                         help=f'{text}, or none; default: %(default)g')
 
 
 def _replay(sub: ArgumentParser) -> None:

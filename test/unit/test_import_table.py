@@ -21,6 +21,7 @@ mechanics
 native
 motion
 robot
+shapes
 control
 simulation
 analysis
@@ -91,7 +92,7 @@ DOORS = {
     'rich': ('demo', '_util/progress.py'),
     'scipy': ('identification',),
     'sympy': ('cli',),
-    'trimesh': ('view',),
+    'trimesh': ('shapes/collision_shapes.py', 'view'),
     'viser': ('view',),
     'yourdfpy': ('urdf/model_reader.py',),
 }
