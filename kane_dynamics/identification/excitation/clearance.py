@@ -26,6 +26,7 @@ NEAR = 0.5  # of the distance at rest: links that are nearer than DISTANCE there
 AIM = 0.02  # m: how much further away the search stays
 UNIT = 0.1  # m: a shortfall that counts as much as twice a limit of the joints
 SMALL = 1e-12  # m^2
+CHANGES = 1e-9  # m: less is rounding
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -80,12 +81,16 @@ class Clearance:
         kept = np.flatnonzero(at_rest > 0.0) if distance is not None else []
         self.pairs = self.pairs[kept]
         self.needed = np.minimum(distance or 0.0, NEAR * at_rest[kept])
-        # A link that turns about the vertical stays as high as it is.
-        self.moving = [k for k, shape in enumerate(self.shapes) if shape.body != WORLD]
+        # What no joint changes does not count: a link that turns about the vertical stays as high
+        # as it is, a hub that turns about its own axis as far away.
         spread = np.random.default_rng(0).uniform(-1.0, 1.0, (20, model.n))
-        heights = self.heights(np.vstack([rest, rest + spread]))
-        self.moving = [k for k, range_ in zip(self.moving, np.ptp(heights, axis=0), strict=True)
-                       if range_ > 1e-9]
+        some = np.vstack([rest, rest + spread])
+        varying = np.ptp(self.distances(some), axis=0) > CHANGES
+        self.pairs, self.needed = self.pairs[varying], self.needed[varying]
+        self.moving = [k for k, shape in enumerate(self.shapes) if shape.body != WORLD]
+        heights = np.ptp(self.heights(some), axis=0)
+        self.moving = [k for k, change in zip(self.moving, heights, strict=True)
+                       if change > CHANGES]
 
     def _shape(self, model: Model, body: int, visual: Visual) -> Shape:
         """Return a shape, given in its body's axes, in those of the body's frame."""
