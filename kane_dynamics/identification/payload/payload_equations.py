@@ -13,7 +13,8 @@ payload, they widen its covariance.
 The residual e_j is not white: friction, filters and elasticity correlate it. Its variance counts
 as that of the sums over blocks of 1, 2, 4, ... rows, divided by their length: constant for white
 residuals, growing up to the correlation time for others (Flyvbjerg & Petersen, J. Chem. Phys. 91
-(1989)). Where it grows, the largest counts, with an allowance for the few blocks it is of.
+(1989)). Where it grows, the largest counts, with an allowance for the few blocks it is of, and no joint's
+grows less than the joints' do on average.
 """
 
 from kane_dynamics._util.typing import Array
@@ -123,7 +124,9 @@ class PayloadEquations:
             limit = np.maximum(variance[1:], 2.0 * variance[1:] - variance[:-1])
             limit *= 1.0 + WIDER * unsure
             correlated = variance[1:] > (1.0 + SURE * unsure) * variance[0]
-            variance = np.concatenate([variance[:1], np.where(correlated, limit, 0.0)])
+            # The few blocks of one joint may happen to be small: all joints' mean counts too.
+            growth = np.where(correlated, limit, variance[0]).max(axis=0) / variance[0]
+            variance = variance[:1] * np.maximum(growth, growth.mean())
         total = self._products[0, :, -1, -1] / max(self._counts[0], 1.0)
         least = np.maximum(self._least, np.maximum(ROUNDING**2 * total, 1e-18))
         return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least))
