@@ -17,8 +17,8 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.shapes.link_shapes import link_shapes, size
+from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 
 DISTANCE = 0.05  # m, between links
@@ -78,7 +78,7 @@ class Clearance:
                  if a.body > b.body and apart(a.body, b.body)]
         self.pairs, self.needed = np.array(found, dtype=int).reshape(-1, 2), np.zeros(0)
         at_rest = self.distances(rest)[0]
-        kept = np.flatnonzero(at_rest > 0.0) if distance is not None else []
+        kept = np.flatnonzero(at_rest > (0.0 if distance is not None else np.inf))
         self.pairs = self.pairs[kept]
         self.needed = np.minimum(distance or 0.0, NEAR * at_rest[kept])
         # What no joint changes does not count: a link that turns about the vertical stays as high

@@ -153,8 +153,8 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
-                      design.uses(best), clearance and clearance.lowest(q),
-                      clearance and clearance.nearest(q))
+                      design.uses(best), None if clearance is None else clearance.lowest(q),
+                      None if clearance is None else clearance.nearest(q))
 
 
 def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int, share: float

@@ -99,7 +99,7 @@ class PayloadEquations:
         """
         for _ in range(ROUNDS):
             information, weighted, own = self._reduced()
-            x = np.linalg.solve(information + self._belief, weighted)
+            x: Array = np.asarray(np.linalg.solve(information + self._belief, weighted))
             self._variance = self._residual_variance(x, own[:, :, -1] - own[:, :, :-1] @ x)
         return self._reduced()[:2]
 

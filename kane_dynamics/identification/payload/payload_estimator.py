@@ -116,7 +116,7 @@ class PayloadEstimator:
 
     @property
     def com(self) -> Array:
-        """Return the center of mass in the frame's axes, (3,), m; NaN while the mass is not known."""
+        """Return the center of mass in the frame's axes, (3,), m; NaN while its mass is unknown."""
         x = self._parameters
         return np.asarray(x[1:4] / x[0]) if x[0] > 3.0 * self.mass_deviation else np.full(
             3, np.nan)
@@ -148,5 +148,6 @@ class PayloadEstimator:
         if self._solved is None:
             information, weighted = self._equations.solve()
             information = information + self._belief
-            self._solved = np.linalg.solve(information, weighted), covariance_of(information)
+            x: Array = np.asarray(np.linalg.solve(information, weighted))
+            self._solved = x, covariance_of(information)
         return self._solved

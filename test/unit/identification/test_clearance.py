@@ -112,11 +112,11 @@ def test_between_samples_no_function_falls_below_the_bound():
 def test_links_of_meshes_and_without_shapes_have_boxes_and_rods(tmp_path):
     corners = 'v 0 0 0\nv 0.2 0 0\nv 0 0.1 0\nv 0 0 0.4\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n'
     (tmp_path / 'link.obj').write_text(corners)
-    text = '''<robot name="r"><link name="a"/><link name="b"><collision>
+    text = """<robot name="r"><link name="a"/><link name="b"><collision>
       <origin xyz="1 0 0" rpy="0 0 0"/>
       <geometry><mesh filename="link.obj" scale="1 2 1"/></geometry></collision></link>
       <joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
-      <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'''
+      <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
     (tmp_path / 'r.urdf').write_text(text)
     shape, = load_collision_shapes(tmp_path / 'r.urdf')
     assert shape.kind == 'box' and np.allclose(shape.size, [0.2, 0.2, 0.4])
@@ -126,5 +126,5 @@ def test_links_of_meshes_and_without_shapes_have_boxes_and_rods(tmp_path):
 @pytest.mark.parametrize('distance', [-0.1, float('nan'), float('inf')])
 def test_distance_that_is_none_is_refused(distance):
     model, shapes = loaded('ur10e')
-    with pytest.raises(InputError, match='distance is .*; expected a finite number not below 0'):
+    with pytest.raises(InputError, match=r'distance is .*; expected a finite number not below 0'):
         excite(model, shapes=shapes, distance=distance)
