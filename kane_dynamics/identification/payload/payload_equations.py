@@ -11,10 +11,10 @@ eliminated joint by joint (Schur complement). Where the motion cannot separate t
 payload, they widen its covariance.
 
 The residual e_j is not white: friction, filters and elasticity correlate it. Its variance counts
-as that of the sums over blocks of 1, 2, 4, ... rows, divided by their length: constant for white
+as that of sums over blocks of 1, 2, 4, ... rows, divided by their length: constant for white
 residuals, growing up to the correlation time for others (Flyvbjerg & Petersen, J. Chem. Phys. 91
-(1989)). Where it grows, the largest counts, with an allowance for the few blocks it is of, and no joint's
-grows less than the joints' do on average.
+(1989)). Where it grows, the largest counts, with an allowance for the few blocks it is of, and no
+joint's grows less than the joints' do on average.
 """
 
 from kane_dynamics._util.typing import Array

@@ -116,7 +116,7 @@ class PayloadEstimator:
 
     @property
     def com(self) -> Array:
-        """Return the center of mass in the frame's axes, (3,), m; NaN while its mass is unknown."""
+        """Return the center of mass in the frame's axes, (3,), m; NaN without a clear mass."""
         x = self._parameters
         return np.asarray(x[1:4] / x[0]) if x[0] > 3.0 * self.mass_deviation else np.full(
             3, np.nan)

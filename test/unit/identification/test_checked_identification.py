@@ -4,9 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from kane_dynamics import load_urdf, ModelWarning
-from kane_dynamics.identification import (base_speeds, fit_base, identify, identify_payload,
-                                          rows)
-from kane_dynamics.identification import base_regressor
+from kane_dynamics.identification import (base_regressor, base_speeds, fit_base, identify,
+                                          identify_payload, rows)
 from kane_dynamics.identification.payload import payload_fit
 import numpy as np
 import pytest
