@@ -117,7 +117,10 @@ class PayloadEquations:
         squares = np.einsum('ja,ljab,jb->lj', z, self._products, z)
         free = self._counts - OWN - LOAD / len(own)
         enough = free > FEWEST
+        total = self._products[0, :, -1, -1] / max(self._counts[0], 1.0)
+        least = np.maximum(self._least, np.maximum(ROUNDING**2 * total, 1e-18))
         variance = squares[enough] / (free * 2.0**np.arange(LEVELS))[enough, None]
+        variance = np.maximum(variance, least if self._least == 0.0 else 1e-18)
         if len(variance) > 1:
             unsure = np.sqrt(2.0 / free[enough, None])[1:]
             # What blocks beyond the correlation time miss of the limit goes by 1 / length.
@@ -127,6 +130,4 @@ class PayloadEquations:
             # The few blocks of one joint may happen to be small: all joints' mean counts too.
             growth = np.where(correlated, limit, variance[0]).max(axis=0) / variance[0]
             variance = variance[:1] * np.maximum(growth, growth.mean())
-        total = self._products[0, :, -1, -1] / max(self._counts[0], 1.0)
-        least = np.maximum(self._least, np.maximum(ROUNDING**2 * total, 1e-18))
         return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least))

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, Robot
-from kane_dynamics.cli.__main__ import main
+from kane_dynamics.cli.parser import main
 from kane_dynamics.identification import excite
 from kane_dynamics.identification.excitation.clearance import (between, Clearance, closest_points,
                                                                DISTANCE)
