@@ -103,7 +103,9 @@ class PayloadEstimator:
         slip = np.abs(coulomb(state[1], self._friction_speed))
         sigma = self._sigma + (1.0 - slip) * self._friction
         known = self._regressor.robot.inverse_dynamics(*state[:3])
-        row = self._equations.row(self._regressor(*state[:3]), state[1], state[3] - known, sigma)
+        with np.errstate(over='ignore', invalid='ignore'):  # asked for below
+            row = self._equations.row(self._regressor(*state[:3]), state[1], state[3] - known,
+                                      sigma)
         if not (np.abs(row) < LARGEST).all():
             raise InputError(f'tau is {state[3].tolist()}; too large together with the motion')
         self._equations.add(row)
