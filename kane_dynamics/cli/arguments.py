@@ -1,6 +1,6 @@
 """The arguments of each subcommand; what the parser of one needs is imported for that one."""
 
-from argparse import ArgumentParser
+from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Callable
 import math
 
@@ -108,7 +108,10 @@ def _identify(sub: ArgumentParser) -> None:
 
 def _length_or_none(text: str) -> float | None:
     """Return a number, or None for 'none'."""
-    return None if text == 'none' else float(text)
+    try:
+        return None if text == 'none' else float(text)
+    except ValueError:
+        raise ArgumentTypeError(f"'{text}'; expected a number of m, or none") from None
 
 
 def _excite(sub: ArgumentParser) -> None:

@@ -35,6 +35,7 @@ def surface(shape):
     return points @ shape.pose[:3, :3].T + shape.pose[:3, 3]
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize('name', ['ur10e', 'fr3'])
 def test_default_motion_keeps_above_the_floor_and_away_from_itself_between_samples(name):
     model, shapes = loaded(name)
@@ -58,15 +59,17 @@ def test_default_motion_keeps_above_the_floor_and_away_from_itself_between_sampl
 
 def test_command_prints_lowest_point_and_smallest_distance_and_takes_none(tmp_path, capsys):
     urdf, out = str(FOLDER / 'ur10e.urdf'), str(tmp_path / 'motion.csv')
-    short = ['excite', urdf, '--out', out, '--starts', '1', '--velocity', '0.3']
+    short = ['excite', urdf, '--out', out, '--starts', '1', '--velocity', '0.3',
+             '--harmonics', '2']
     assert main([*short, '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['lowest'][1] > 0.0 and found['nearest'][2] > 0.0
     assert main([*short, '--floor', 'none', '--distance', 'none']) == 0
     printed = capsys.readouterr().out
     assert 'lowest point: ' in printed and 'distance between links' not in printed
-    assert main([*short, '--floor', 'low']) == 2
-    assert '--floor' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*short, '--floor', 'low'])
+    assert "--floor: 'low'; expected a number of m, or none" in capsys.readouterr().err
 
 
 def test_slope_of_shortfalls_is_that_of_differences():
