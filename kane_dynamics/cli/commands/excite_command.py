@@ -13,9 +13,9 @@ import numpy as np
 
 
 def run(options: Namespace, model: Model) -> dict[str, Any]:
-    """Search, write the motion, and return what it is worth as plain data."""
+    """Optimize and write the motion; return its properties as plain data."""
     if not 0.0 < options.rate < np.inf:
-        raise InputError(f'--rate is {options.rate}; expected a positive, finite number of Hz')
+        raise InputError(f'--rate: {options.rate}; expected a positive, finite number of Hz')
     with progress_bar('searching', 1.0) as progress:
         found = excite(
             model, duration=options.duration, harmonics=options.harmonics,
@@ -38,9 +38,9 @@ def write(found: Excitation, path: str, rate: float) -> None:
 
 
 def print_data(data: dict[str, Any]) -> None:
-    """Print what `run` returned."""
-    print(f'condition number of the base parameters {data["condition"]:.3g}; it starts and ends '
-          'at rest; shares of limits:')
+    """Print the result of `run`."""
+    print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at the start '
+          'and the end; shares of limits:')
     inspect_command.print_table(
         ['joint', 'starts at', *data['uses']],
         [[name, data['start'][j], *(f'{100.0 * use[j]:.0f} %' if use[j] > 0.0 else '-'

@@ -19,7 +19,7 @@ def put_terminal(monkeypatch, rich):
     """Put a terminal in the place of stderr and lose all patience; with rich or without."""
     stream = Terminal()
     monkeypatch.setattr(sys, 'stderr', stream)
-    monkeypatch.setattr(progress, 'PATIENCE', -1.0)
+    monkeypatch.setattr(progress, 'DELAY', -1.0)
     monkeypatch.setattr(progress, 'find_spec', lambda name: rich)
     return stream
 

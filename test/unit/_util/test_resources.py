@@ -50,7 +50,7 @@ def test_file_is_found_in_every_ament_prefix(installed, monkeypatch):
 
 def test_unknown_file_is_refused_with_those_that_exist(installed):
     _ship(installed / 'prefix', 'arm.urdf')
-    with pytest.raises(KaneError, match=r"'leg\.urdf' in urdf; there are: arm\.urdf"):
+    with pytest.raises(KaneError, match=r"'leg\.urdf' in urdf; expected one of arm\.urdf"):
         resources.resource_path('urdf', 'leg.urdf')
 
 
