@@ -2,7 +2,7 @@
 Pictures of motions, bending, tracking, torques, energies and reactions, in one style.
 
 Figures are created without pyplot: no window opens, no backend is selected, and the style is
-restored after the call. Each function returns its figure and, given a path, saves it (png, pdf, svg).
+restored after the call. Each function returns its figure and, given a path, saves it.
 """
 
 from kane_dynamics.plot.bending_plots import plot_bending, plot_vibrations

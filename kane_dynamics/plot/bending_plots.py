@@ -100,7 +100,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
     scale = float(np.abs(found.frequencies).max(initial=0.0))
     shown = [k for k, w in enumerate(found.frequencies) if w > 1e-6 * scale][:max(count, 0)]
     if not shown:
-        raise InputError(f'count: {count}, vibrating modes: none shown; expected at least one of both')
+        raise InputError(f'count: {count}, no vibration to plot; expected at least one')
     still = _lines(robot.model, rest)
     extent = float(np.ptp(np.concatenate([places for _, places in still]), axis=0).max())
     swings = [_swing(still, robot.model, rest, found.shapes[:, k], SWING * extent) for k in shown]

@@ -59,8 +59,8 @@ class Recording:
                                  f'({len(self.t)}, {self.tau.shape[1]})')
             if not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise InputError(f'recording: {name}: not finite in row {row + 1}; expected finite '
-                                 'numbers')
+                raise InputError(f'recording: {name}: not finite in row {row + 1}; expected '
+                                 'finite numbers')
         increasing(self.t, len(self.t), 'recording: t')
 
     def __len__(self) -> int:
@@ -131,7 +131,7 @@ class Recording:
         signal = scientific('scipy.signal')
         sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
         if len(self) <= 6 * ORDER:
-            raise InputError(f'recording: {len(self)} rows; expected more than {6 * ORDER} to filter')
+            raise InputError(f'recording: {len(self)} rows; expected more than {6 * ORDER}')
         q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u, self.tau))
         if 'u' in self.derived:
             u = np.gradient(q, mean, axis=0)
