@@ -128,8 +128,8 @@ def _csv(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise InputError(f'{path}: {error}; expected named columns of numbers') from None
     if rows.shape[1] != len(header):
-        raise InputError(f'{path}: {len(header)} names for {rows.shape[1]} columns; expected one name '
-                         'per column')
+        raise InputError(f'{path}: {len(header)} names for {rows.shape[1]} columns; expected one '
+                         'name per column')
     distinct(path, header)
     return dict(zip(header, rows.T, strict=True))
 
