@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_kernels import driven_kernel, energy_kernel, TERMS
@@ -76,7 +77,8 @@ class EnergyBalance:
         self._kernel = energy_kernel(robot)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
-        self._damped = integrator != 'rk4' and any(  # high frequencies die out by design
+        # High frequencies die out by design.
+        self._damped = integrator_of(integrator).damps and any(
             body.beam is not None or body.joint.stiffness for body in robot.model.bodies)
         self._tree = not isinstance(robot.equations, ConstrainedEquations)
         N = len(states)

@@ -5,6 +5,7 @@ import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -87,7 +88,7 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
 def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
                  t: float = 0.0) -> str | None:
     """Return what to say of a step, s, that is too long for a robot at a posture, else None."""
-    if integrator != 'rk4':
+    if integrator_of(integrator).damps:
         return None
     longest, name = longest_step(robot, q, t=t)
     if step <= longest:
