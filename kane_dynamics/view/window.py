@@ -1,4 +1,4 @@
-"""The page: the scene, a slider over time or one for each joint, and what acts at the joints."""
+"""Page of the viewer: scene, time or joint sliders, and table of loads."""
 
 from collections.abc import Sequence
 from contextlib import redirect_stdout
@@ -16,13 +16,14 @@ from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
 from kane_dynamics.view.link_shapes import bounds, size
-from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, postures
+from kane_dynamics.view.load_arrows import (KINDS, LoadArrows, LONGEST,
+                                             sampled_configurations)
 from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np
 from viser import ViserServer
 
 _RATE = 25.0  # pictures a second
-_SHOWN = ('torques', 'forces')  # at first
+_SHOWN = ('torques', 'forces')  # initially visible
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2')
 _CAPTIONS = {'torques': 'joint torques', 'forces': 'reaction forces',
              'moments': 'reaction moments'}
@@ -32,46 +33,46 @@ _MOST = 2000  # states of a trajectory
 
 class Window:
     """
-    A robot in the browser.
+    Viewer of a robot in the browser.
 
-    Without a trajectory each joint has a slider, and the torques hold it against gravity.
+    Without a trajectory each joint has a slider, and the torques are those at rest under gravity.
 
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds and no constraints, unless there is a trajectory.
+        Without a trajectory: a robot whose speeds are joint rates, without constraints.
     trajectory : Trajectory, optional
         A single motion of this robot.
     visuals : sequence of Visual
-        What its links look like (`load_visuals`); rods stand for links without any.
+        Shapes of its links (`load_visuals`); links without shapes are drawn as rods.
     host : str
-        Address to serve at; by default only this machine can see the page.
+        Address to serve at; the default is reachable from this machine only.
     port : int
-        0 for any that is free; if the port is taken, the next free one.
+        Port, or the next free one; 0 chooses any free port.
 
     Raises
     ------
     InputError
-        The trajectory is not of this robot, a mesh cannot be read, or the address is none of this
-        machine's.
+        If the trajectory is not of this robot, a mesh cannot be read, or the address is not one of
+        this machine.
 
     """
 
     def __init__(self, robot: Robot, trajectory: Trajectory | None = None, *,
                  visuals: Sequence[Visual] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
-        """Prepare everything, and begin to serve."""
+        """Build the scene and start the server."""
         self.robot, self.trajectory = robot, trajectory
         if trajectory is None:
             if robot.speed_names != robot.joint_names:
-                raise InputError(f'the speeds of this robot are {list(robot.speed_names)}; '
-                                 'without a trajectory the view needs the joint rates')
+                raise InputError(f'speeds of the robot: {list(robot.speed_names)}; expected the '
+                                 'joint rates, or a trajectory')
             self._q = _neutral(robot)
-            self._largest = LoadArrows.at_rest(robot, postures(robot)).largest
+            self._largest = LoadArrows.at_rest(robot, sampled_configurations(robot)).largest
         else:
             trajectory.require(robot, 'the view')
             self._q = trajectory.q[0]
-            # As many states as a slider can tell apart.
+            # A slider cannot resolve more states.
             K = len(trajectory.t)
             rows = np.linspace(0, K - 1, min(K, _MOST)).astype(int)
             self._t = trajectory.t[rows]
@@ -99,7 +100,7 @@ class Window:
         return f'http://{self.server.get_host()}:{self.server.get_port()}'
 
     def run(self) -> None:
-        """Play while the page asks for it, until interrupted."""
+        """Play the motion while the page is in play mode, until interrupted."""
         before = time.monotonic()
         while True:
             time.sleep(1.0 / _RATE)
@@ -113,12 +114,12 @@ class Window:
             before = now
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop the server."""
         with _quietly():
             self.server.stop()
 
     def export(self, path: Path) -> None:
-        """Write a page that needs no server: what `add_panel` says beside the picture."""
+        """Write a page that needs no server, with the panel of `add_panel`."""
         self._stage.look(*self._box(), aside=_ASIDE)
         serializer = self.server.get_scene_serializer()
         loads, rows, t = LoadArrows.at_rest(self.robot, self._q[None]), [0], None
