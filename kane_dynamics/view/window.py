@@ -138,7 +138,7 @@ class Window:
             file.write(page)
 
     def _box(self) -> tuple[Array, Array]:
-        """Return the corners of the box that the camera should see, (3,) each, m."""
+        """Return the corners of the visible box, (3,) each, m."""
         some = [self._q] if self.trajectory is None else self.trajectory.q[
             ::max(1, len(self.trajectory.q) // 10)]
         corners = [bounds(self.robot.model, q) for q in some]
@@ -146,7 +146,7 @@ class Window:
                 np.max([high for _, high in corners], axis=0))
 
     def _add_controls(self) -> None:
-        """Put the controls on the page."""
+        """Add the controls to the page."""
         gui = self.server.gui
         gui.configure_theme(control_width='medium', show_logo=False, show_share_button=False)
         gui.set_panel_label(self.robot.model.name)
@@ -172,14 +172,14 @@ class Window:
         self._table = gui.add_markdown('')
 
     def _legend(self, kinds: Sequence[str]) -> str:
-        """Return the colours, meanings and scale of some kinds of arrows as HTML."""
+        """Return the colors, meanings and scale of some kinds of arrows as HTML."""
         rows = [f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> {_CAPTIONS[kind]}, the '
                 f'longest {self._largest[kind]:.3g} {"N" if kind == "forces" else "N m"}'
                 for kind in kinds]
         return '<br>'.join(rows)
 
     def _add_time(self, gui: Any) -> None:
-        """Put a slider over time on the page, and what plays the motion."""
+        """Add a time slider, a play button and the speed of the motion to the page."""
         assert self.trajectory is not None
         begin, end = self.trajectory.t[[0, -1]].tolist()
         step = 10.0 ** np.floor(np.log10(max(end - begin, 1e-6) / 100.0))
@@ -189,7 +189,7 @@ class Window:
         self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
 
     def _add_joints(self, gui: Any) -> None:
-        """Put a slider for every coordinate on the page."""
+        """Add a slider for every coordinate to the page."""
         limits = self.robot.limits
         for i, name in enumerate(self.robot.joint_names):
             lower = np.ceil(1e3 * limits.lower[i]) / 1e3 if np.isfinite(limits.lower[i]) else -3.14
@@ -216,7 +216,7 @@ class Window:
         self._show()
 
     def _show(self) -> None:
-        """Draw the state of now: pages ask from threads of their own."""
+        """Draw the current state; called from several threads."""
         with self._lock:
             if self.trajectory is None:
                 loads, k = LoadArrows.at_rest(self.robot, self._q[None]), 0
@@ -226,26 +226,26 @@ class Window:
             self._table.content = markdown_table(self.robot, loads.q[k], loads.tau[k])
 
     def _row(self, t: float) -> int:
-        """Return the row of the state that is nearest to a time."""
+        """Return the row of the state nearest to a time."""
         return int(np.abs(self._t - t).argmin())
 
 
 def _neutral(robot: Robot) -> Array:
-    """Return a posture within the limits, zero where they allow it."""
+    """Return a configuration within the limits, zero if they allow it."""
     return np.clip(np.zeros(robot.n_q), robot.limits.lower, robot.limits.upper)
 
 
 def _quietly() -> redirect_stdout[io.StringIO]:
-    """Keep what viser has to say from the user's output."""
+    """Suppress the output of viser."""
     return redirect_stdout(io.StringIO())
 
 
 def _check_address(host: str, port: int) -> None:
-    """Raise InputError where nothing can be served at all."""
+    """Raise InputError for an address that cannot be served."""
     if not 0 <= port < 65536:
-        raise InputError(f'port is {port}; expected 0 (any that is free) to 65535')
+        raise InputError(f'port: {port}; expected 0 (any free port) to 65535')
     try:
         socket.create_server((host, 0)).close()
     except OSError as error:
-        raise InputError(f"host is '{host}': {error}; expected an address of this machine"
+        raise InputError(f"host: '{host}': {error}; expected an address of this machine"
                          ) from None

@@ -28,7 +28,7 @@ def derived(name, *options):
 
 
 def zero(matrix):
-    """Tell whether a matrix is zero."""
+    """Return whether a matrix is zero."""
     return sp.simplify(sp.Matrix(matrix)).is_zero_matrix
 
 

@@ -31,7 +31,7 @@ controller: {{kind: {{choice: [computed_torque, none]}}, kp: {{loguniform: [50, 
 
 
 def command(*arguments):
-    """Return the words of the command."""
+    """Return the arguments of the command."""
     return [sys.executable, '-m', 'kane_dynamics.cli', 'sweep', *map(str, arguments)]
 
 
@@ -83,7 +83,7 @@ def under_way(path, folder, *options):
 
 
 def gone(pids, within):
-    """Tell whether processes end by themselves."""
+    """Return whether processes end by themselves."""
     deadline = time.monotonic() + within
     while time.monotonic() < deadline:
         if not any(map(words_of, pids)):
@@ -150,7 +150,7 @@ def test_a_file_names_others_beside_it_and_json_will_do(tmp_path, capsys):
 
 @pytest.mark.parametrize('change, words', [
     ('samples: 500', "there is no 'urdf'"),
-    (f'urdf: {URDF}\nsamples: 10\nsample: 3', "unknown entry 'sample'; valid: urdf"),
+    (f'urdf: {URDF}\nsamples: 10\nsample: 3', "unknown entry 'sample'; expected one of urdf"),
     (f'urdf: {URDF}\nsamples: 10\nsamples: 20', 'given more than once: samples'),
     (f'urdf: {URDF}\nsamples: 10\nfriction: {{uniform: [2, 1]}}', 'expected [low, high]'),
     ('urdf: none.urdf\nsamples: 10', 'none.urdf'),

@@ -1,4 +1,4 @@
-"""Closed forms are the mechanics: with numbers put in, they give what Kane's sums give."""
+"""Closed forms, evaluated with numbers, agree with Kane's definition."""
 
 from dataclasses import replace
 from itertools import product
@@ -23,7 +23,7 @@ def hanging():
 
 
 def crane():
-    """Return a boom on a skew axis that a sprung and damped slide lengthens."""
+    """Return a boom on an oblique axis with a prismatic joint, spring and damper."""
     b = ModelBuilder(gravity=(0, -3, -9))
     b.body('boom', axis=(0, 3, 4), matter=Inertial(2, (0.4, 0.1, 0), np.eye(3)), friction=0.3)
     b.body('slide', 'boom', 'prismatic', axis=(1, 0, 0), at=(1, 0, 0), damping=0.7, stiffness=30,
@@ -32,7 +32,7 @@ def crane():
 
 
 def geared():
-    """Two links, the second turning twice as far as the first."""
+    """Return two links; the second rotates twice as far as the first."""
     b = ModelBuilder()
     b.body('first', axis=(0, 1, 0), matter=Inertial(2, (0.5, 0, 0)))
     b.body('second', 'first', axis=(0, 1, 0), at=(1, 0, 0), matter=Inertial(1, (0.3, 0, 0)))
@@ -42,7 +42,7 @@ def geared():
 
 
 def general():
-    """Two links on axes that are skew in every way."""
+    """Return two links on oblique axes."""
     return random_model(3, 2, prismatic=0.0, branching=0.0, passive=False)
 
 

@@ -1,4 +1,4 @@
-"""Promises of the files of states: exact, by name, and refused in words."""
+"""Files of states: exact values, columns by name, errors that name the place."""
 
 import io
 

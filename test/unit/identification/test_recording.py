@@ -1,4 +1,4 @@
-"""Promises of recordings: every column is of the joint that it is taken for, or is refused."""
+"""Recordings: every column belongs to the right joint, or is an error."""
 
 from functools import cache
 import json
@@ -140,7 +140,8 @@ def test_damaged_npz_is_named_by_all_who_read_one(tmp_path, damage):
     ({'t': np.arange(3.0) + 1j}, "'t': dtype complex128"),
     ({'q': np.zeros((1, 3, 2))}, r"'q': shape \(1, 3, 2\); expected \(N, n\)"),
     ({'joint_names': np.array(['joint1'])}, r"expected also \['joint2'\]"),
-    ({'joint_names': np.array(NAMES), 'speed_names': np.array(['w1', 'w2'])}, 'speeds .*; expected those of the joints')])
+    ({'joint_names': np.array(NAMES), 'speed_names': np.array(['w1', 'w2'])},
+     'speeds .*; expected those of the joints')])
 def test_arrays_that_do_not_fit_together_are_refused_in_words(tmp_path, change, words):
     np.savez(tmp_path / 'a.npz', **{'t': np.arange(3.0), 'q': np.zeros((3, 2)),
                                     'tau': np.zeros((3, 2)), **change})

@@ -1,4 +1,4 @@
-"""Promises of the pictures of bending: beams where they are, in their plane, at their Hz."""
+"""Plots of flexible robots: points of beams, planes, and frequencies."""
 
 from functools import cache
 
