@@ -40,7 +40,7 @@ def test_what_does_not_fit_is_named_and_exits_1_as_a_process(trajectory, tmp_pat
                            '--trajectory', trajectory, '--plot', str(picture)],
                           capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 1, done.stderr
-    assert 'is NOT feasible' in done.stdout and 'highest speed that fits: 0.' in done.stdout
+    assert 'is NOT feasible' in done.stdout and 'highest feasible speed: 0.' in done.stdout
     assert "joint 'shoulder_lift_joint': speed" in done.stdout
     assert picture.read_bytes().startswith(b'\x89PNG')
 
