@@ -85,7 +85,7 @@ def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dic
         most = 1.0 / float(np.linalg.eigvalsh(root @ theirs @ root.T)[-1])
         share = 1.0 if most > 1.0 else 0.5 * most
         if share < 1.0:
-            warnings.warn(f"links {heavy} behind locked joints: heavier than their identified "
+            warnings.warn(f'links {heavy} behind locked joints: heavier than their identified '
                           f"body '{body.name}'; they keep {share:.1%} of their inertials; "
                           'expected at most the inertia of the body', ModelWarning, stacklevel=3)
         found[body.name] = Inertial.from_pseudo_inertia(total - share * theirs)

@@ -22,7 +22,7 @@ CALLS = {
     'bound inverse dynamics (rnea)': ('bound.inverse_dynamics()',
                                       'pin.rnea(peer, data, q, u, x)'),
     'the same, without attribute access': ('bound_inverse_dynamics()',
-                                                       'rnea(peer, data, q, u, x)'),
+                                           'rnea(peer, data, q, u, x)'),
 }
 IN_BATCH = f'inverse dynamics, each of {BATCH}'
 

@@ -197,7 +197,7 @@ def print_data(data: dict[str, Any]) -> None:
         print(f'\nnegative: {", ".join(negative)}; expected values >= 0\n'
               'Inertials or torques of these joints are wrong; no model can be written.')
     known = [(f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}')
-            for body, row in data['inertials'].items() for name, pair in row.items()]
+             for body, row in data['inertials'].items() for name, pair in row.items()]
     if known:
         print('\ninertial parameters that are identifiable one by one; kg, m, about the origin')
         inspect_command.print_table(['parameter', 'value', '+-'], known)

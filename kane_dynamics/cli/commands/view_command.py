@@ -4,7 +4,7 @@ from argparse import Namespace
 import webbrowser
 
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics.cli.shared import load, print_json, source_of, model_warnings
+from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
 from kane_dynamics.cli.tables import read_trajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.urdf.visuals import load_visuals
