@@ -234,7 +234,7 @@ def test_a_state_that_is_not_finite_never_makes_a_torque(mode, bad, which):
     control = Controller(ROBOT, mode=mode)
     state = {'q': Q.copy(), 'u': U.copy()}
     state[which][1] = bad
-    with pytest.raises(InputError, match=f"'slide' is {bad}"):
+    with pytest.raises(InputError, match=f"'slide': {bad}"):
         control.command(T, **state, motion=MOTION)
 
 
