@@ -152,7 +152,7 @@ def test_a_bad_sample_is_refused_and_the_observer_starts_anew(words, values):
 def test_what_cannot_be_observed_is_refused():
     with pytest.raises(InputError, match='chosen speeds'):
         MomentumObserver(Robot(robot().model, speeds=absolute_rates(robot().model)))
-    with pytest.raises(InputError, match="gain of joint 'joint2': 0"):
+    with pytest.raises(InputError, match="gain of joint 'joint2' is 0"):
         MomentumObserver(robot(), gain=[1.0, 1.0, 0.0, 1.0])
     with pytest.raises(InputError, match='max_gap is 0'):
         MomentumObserver(robot(), max_gap=0.0)
@@ -207,7 +207,7 @@ def test_a_clock_that_jumps_back_neither_holds_an_alarm_nor_keeps_it_away():
 def test_bad_settings_are_refused(words, settings):
     with pytest.raises(InputError, match=words):
         detector(**settings)
-    with pytest.raises(InputError, match="threshold of joint 'a': 0"):
+    with pytest.raises(InputError, match="threshold of joint 'a' is 0"):
         CollisionDetector(('a', 'b'), [0.0, 1.0])
 
 

@@ -83,7 +83,7 @@ def test_supplement_may_name_an_expanded_joint():
 
 PAYLOAD = {'link': 'tool', 'mass': 1}
 FAULTS = {
-    'unknown section': ({'joint': {}}, ("'joint'", 'valid: joints, payload')),
+    'unknown section': ({'joint': {}}, ("'joint'", 'expected one of joints, payload')),
     'unknown key': ({'joints': {'j': {'stifness': 1}}},
                     ("joint 'j'", "'stifness'", 'armature, stiffness')),
     'unknown joint': ({'joints': {'x': {}}}, ("'x'", 'expected some of j, k')),
@@ -101,7 +101,7 @@ FAULTS = {
     'list': ({'joints': {'j': {'damping': [1]}}}, ("'j'", 'damping: [1]', 'finite')),
     'joint without mapping': ({'joints': {'j': 5}}, ("joint 'j': 5", 'a mapping of armature')),
     'joints without mapping': ({'joints': ['j']}, ("joints: ['j']", 'mapping of names')),
-    'number as joint': ({'joints': {1: {}}}, ('1', 'valid')),
+    'number as joint': ({'joints': {1: {}}}, ('1', 'expected one of')),
     'unknown payload key': ({'payload': {**PAYLOAD, 'weight': 1}},
                             ('payload', "'weight'", 'link, mass, com, inertia')),
     'payload without mass': ({'payload': {'link': 'tool'}},
@@ -152,7 +152,7 @@ def test_payload_on_a_link_that_was_cut_off_is_refused():
     ('!!python/object/apply:os.system ["true"]', ('not valid YAML',)),
     ('a: 1\n---\nb: 2', (': 2 YAML documents',)),
     ('[' * 20_000, ('not valid YAML',)),
-    ('joints: &a {j: *a}', ("joint 'j'", 'valid: armature')),
+    ('joints: &a {j: *a}', ("joint 'j'", 'expected one of armature')),
     ('joints: {? [1] : 2}', ('joints',)),
     ('<<: 5', ('not valid YAML',)),
     ('\ufffe\x00', ('not valid YAML',)),
