@@ -21,7 +21,7 @@ ARMS = ('ur10e.urdf', 'fr3.urdf')
 
 # Least ratio of Pinocchio's time to ours, for the calls that have a gate.
 GATES = {'inverse dynamics (rnea)': 6.0, 'forward dynamics (aba)': 8.0, 'mass matrix (crba)': 5.0,
-         'the same, both functions taken out of the loop': 12.0}
+         'the same, without attribute access': 12.0}
 BATCH = '10000 inverse dynamics, a batch against a loop'
 # Seconds in a new process, imports and the start of LLVM apart: compiled, loaded from the cache.
 STARTS = (START, ROBOT, ONE, LOOPS, ALL) = (

@@ -1,1 +1,1 @@
-"""Shared by all packages: checks, YAML, resources, progress, optional imports."""
+"""Tools for all packages: checks, YAML, resources, progress, optional imports."""

@@ -1,8 +1,8 @@
-"""What a `Robot` says of attributes that it does not have, or that must not be assigned."""
+"""Error messages of `Robot` for unknown attributes and for refused assignments."""
 
 import difflib
 
-# Names in Pinocchio, Drake, MuJoCo and RBDL, in small letters without underscores.
+# Names in Pinocchio, Drake, MuJoCo and RBDL, in lower case without underscores.
 COUNTERPARTS = {
     'inverse_dynamics(q, u, udot)': 'rnea calcinversedynamics inversedynamics id mjinverse tau',
     'forward_dynamics(q, u, tau)': 'aba forwarddynamics fd calcforwarddynamics mjforward',
@@ -48,12 +48,12 @@ _BY_NAME = {name: ours for ours, names in COUNTERPARTS.items() for name in names
 
 
 def missing(owner: object, name: str) -> str:
-    """Return the message about an attribute that an object lacks, with what may be meant."""
+    """Return the message for a missing attribute, with the closest existing one."""
     return f"'{type(owner).__name__}' object has no attribute '{name}'{_hint(owner, name)}"
 
 
 def refused(owner: object, name: str, options: tuple[str, ...]) -> str:
-    """Return the message about an attribute that must not be assigned."""
+    """Return the message for an attribute that must not be assigned."""
     if name in options:
         why = f'it is fixed at construction; expected {type(owner).__name__}(..., {name}=...)'
     elif hasattr(type(owner), name) or name in vars(owner):
@@ -64,7 +64,7 @@ def refused(owner: object, name: str, options: tuple[str, ...]) -> str:
 
 
 def _hint(owner: object, name: str) -> str:
-    """Return what may be meant by a name, or nothing."""
+    """Return a hint to the attribute that a name probably means, or an empty text."""
     ours = _BY_NAME.get(name.lower().replace('_', ''))
     if ours is None:
         near = difflib.get_close_matches(name, [x for x in dir(type(owner)) if x[0] != '_'], 1)

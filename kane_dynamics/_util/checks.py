@@ -1,4 +1,4 @@
-"""Checks of arguments: shapes, finiteness, ranges; errors name the thing and its value."""
+"""Checks of arguments: shapes, finite numbers, ranges; errors name the argument and its value."""
 
 from collections.abc import Sequence
 import math
@@ -16,9 +16,9 @@ def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise error(f'{what} is {value!r}; expected {shape} finite numbers') from None
+        raise error(f'{what}: {value!r}; expected {shape} finite numbers') from None
     if array.shape != shape or not np.isfinite(array).all():
-        raise error(f'{what} is {value!r}; expected finite numbers of shape {shape}')
+        raise error(f'{what}: {value!r}; expected finite numbers of shape {shape}')
     array.flags.writeable = False
     return array
 
@@ -26,25 +26,25 @@ def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
               finite: bool = True) -> Array:
     """
-    Return one number, or one a joint, as a read-only (n,) array of numbers >= 0.
+    Return one number, or one per joint, as a read-only (n,) array of numbers >= 0.
 
     Raises
     ------
     InputError
-        Names `what`, the joint, the value and what is valid.
+        If a number is invalid; the message names `what`, the joint and the value.
 
     """
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'{what} is {value!r}; expected one number, or one a joint') from None
+        raise InputError(f'{what}: {value!r}; expected one number, or one per joint') from None
     if array.shape not in ((), (len(names),)):
-        raise InputError(f'{what} is {value!r}; expected one number, or {len(names)} '
+        raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
     array = np.broadcast_to(array, len(names)).copy()
     for name, number in zip(names, array.tolist(), strict=True):
         if not number >= 0.0 or (finite and math.isinf(number)):
-            raise InputError(f"{what} of joint '{name}' is {number}; expected a "
+            raise InputError(f"{what} of joint '{name}': {number}; expected a "
                              f'{"finite " if finite else ""}number >= 0')
     array.flags.writeable = False
     return array
@@ -57,21 +57,21 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
     Raises
     ------
     InputError
-        Names `what`, the joint and its value.
+        If a number is missing or not finite; the message names `what`, the joint and its value.
 
     """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'{what} is {values!r}; expected {len(names)} numbers '
+        raise InputError(f'{what}: {values!r}; expected {len(names)} numbers '
                          f'({", ".join(names)})') from None
     if array.shape != (len(names),):
-        raise InputError(f'{what} has shape {array.shape}; expected {(len(names),)} '
+        raise InputError(f'{what}: shape {array.shape}; expected {(len(names),)} '
                          f'({", ".join(names)})')
     if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
         for name, value in zip(names, array.tolist(), strict=True):
             if not math.isfinite(value):
-                raise InputError(f"{what} of joint '{name}' is {value}; expected a finite number")
+                raise InputError(f"{what} of joint '{name}': {value}; expected a finite number")
     return array
 
 
@@ -82,7 +82,8 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
     Raises
     ------
     InputError
-        Names `what` and the value; `otherwise` names what else is accepted.
+        If it is not; the message names `what` and the value, and what else is accepted
+        (`otherwise`).
 
     """
     try:
@@ -91,30 +92,31 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
         given = repr(value) if isinstance(value, str) or value is None else f'{number:g} s'
-        raise InputError(f'{what} is {given}; expected a positive, finite time in s{otherwise}')
+        raise InputError(f'{what}: {given}; expected a positive, finite time in s{otherwise}')
     return number
 
 
 def increasing(t: ArrayLike, count: int, what: str) -> Array:
     """
-    Return the times of rows, (count,), s.
+    Return increasing times, one per row, (count,), s.
 
     Raises
     ------
     InputError
-        They are not so many, not finite, or do not increase from row to row: says which.
+        If their number differs, or one is not finite or not larger than the previous one; the
+        message names the row.
 
     """
     times = np.asarray(t, dtype=np.float64)
     if times.shape != (count,):
-        raise InputError(f'{what} has shape {times.shape}; expected ({count},), one time a row')
+        raise InputError(f'{what}: shape {times.shape}; expected ({count},), one time per row')
     finite = np.isfinite(times)
     if not finite.all():
         k = int(np.argmin(finite))
-        raise InputError(f'{what} is {times[k]} in row {k + 1}; expected a finite time, s')
+        raise InputError(f'{what}: {times[k]} in row {k + 1}; expected a finite time, s')
     rises = np.diff(times) > 0.0
     if not rises.all():
         k = int(np.argmin(rises)) + 1
-        raise InputError(f'{what} is {times[k]} in row {k + 1}, after {times[k - 1]}; it must '
-                         'increase from row to row')
+        raise InputError(f'{what}: {times[k]} in row {k + 1}, after {times[k - 1]}; expected '
+                         'times that increase from row to row')
     return times

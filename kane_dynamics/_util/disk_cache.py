@@ -42,8 +42,8 @@ def _sources(folder: str, prefix: str) -> Iterator[tuple[str, str]]:
                 yield prefix + entry.name, entry.path
 
 
-# All of the package, so that no new folder can be forgotten; while it is imported, because files
-# that are edited later are not the code that runs. It takes 5 ms.
+# Hash of the whole package, so that no folder is missed. It is computed at import, because files
+# edited later are not the code that runs. It takes 5 ms.
 VERSION = source_digest(Path(__file__).resolve().parent.parent)
 
 

@@ -1,4 +1,4 @@
-"""Files of NumPy arrays."""
+"""Read files of NumPy arrays."""
 
 from collections.abc import Callable
 import os
@@ -13,18 +13,18 @@ import numpy as np
 def npz_arrays(path: str | os.PathLike[str],
                wanted: Callable[[str], bool] = lambda name: True) -> dict[str, Any]:
     """
-    Return the arrays of an npz file whose names are wanted, by name.
+    Return the arrays of an npz file by name, those for which `wanted(name)` is true.
 
     Raises
     ------
     InputError
-        It is no npz file, or a damaged one.
+        If it is not an npz file, or is damaged.
     OSError
-        It cannot be read.
+        If it cannot be read.
 
     """
     try:
-        with open(path, 'rb') as stream:  # NumPy leaves that of a damaged file open
+        with open(path, 'rb') as stream:  # NumPy does not close a damaged file
             file = np.load(stream, allow_pickle=False)
             if isinstance(file, np.ndarray):
                 raise ValueError('a single array')

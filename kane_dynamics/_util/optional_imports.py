@@ -1,4 +1,4 @@
-"""Libraries that only some uses need: the extras of the package."""
+"""Import optional libraries: the extras of the package."""
 
 from importlib import import_module
 from typing import Any
@@ -8,25 +8,25 @@ from kane_dynamics.errors import InputError
 
 def extra(module: str, name: str, what: str = 'this') -> Any:
     """
-    Return an imported module that needs more than the library itself does.
+    Import and return a module that requires an extra of the package.
 
     Parameters
     ----------
     module : str
-        A library's, or one of ours that imports it.
+        A library, or a module of this package that imports it.
     name : str
-        The extra of this package that brings the library.
+        The extra that installs the library.
     what : str
-        Needs it, for the message.
+        The feature that needs it, for the message.
 
     Raises
     ------
     InputError
-        It is not installed; says what to install.
+        If the library is not installed; the message names the command that installs it.
 
     """
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
-        raise InputError(f"{what} needs '{error.name}', which is not installed; pip install "
+        raise InputError(f"{what}: '{error.name}' is not installed; expected pip install "
                          f"'kane_dynamics[{name}]'") from None

@@ -1,4 +1,4 @@
-"""A progress bar on the terminal: rich's if it is installed, a plain one otherwise."""
+"""Progress bar on the terminal: by rich if it is installed, else a plain one."""
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import sys
 import time
 
-PATIENCE = 0.5  # s: what is done sooner shows no bar
+DELAY = 0.5  # s before the bar appears
 _PERIOD = 0.1  # s between updates of the plain bar
 _WIDTH = 40
 
@@ -16,8 +16,8 @@ def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
     """
     Show how much of `total` is done, on stderr, while the block runs.
 
-    Yields a function that takes the amount done and returns True, which is what `simulate` calls
-    its progress with. Nothing is shown if stderr is no terminal or the work is done at once.
+    Yields a function of the amount done that returns True, as `simulate` requires of `progress`.
+    Nothing is shown if stderr is no terminal, or if the work takes less than `DELAY`.
     """
     if not sys.stderr.isatty():
         yield lambda done: True
@@ -27,7 +27,7 @@ def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
     start = time.monotonic()
 
     def report(done: float) -> bool:
-        if time.monotonic() - start > PATIENCE:
+        if time.monotonic() - start > DELAY:
             bar.send(done)
         return True
 
@@ -38,7 +38,7 @@ def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
 
 
 def _rich(text: str, total: float) -> Generator[None, float, None]:
-    """Take amounts done by send(), and draw them with rich."""
+    """Draw the amounts received by send() with rich."""
     from rich.console import Console
     from rich.progress import Progress
     with Progress(console=Console(stderr=True), transient=True) as progress:
@@ -48,7 +48,7 @@ def _rich(text: str, total: float) -> Generator[None, float, None]:
 
 
 def _plain(text: str, total: float) -> Generator[None, float, None]:
-    """Take amounts done by send(), and draw them with number signs on one line."""
+    """Draw the amounts received by send() as number signs on one line."""
     shown, last = '', 0.0
     try:
         while True:

@@ -1,4 +1,4 @@
-"""Files that come with the package: URDFs, configurations, launch files."""
+"""Files installed with the package: URDFs, configurations, launch files."""
 
 import os
 from pathlib import Path
@@ -9,19 +9,19 @@ from kane_dynamics.errors import InputError
 
 def resource_path(folder: str, name: str) -> Path:
     """
-    Return the path of a file that the package ships.
+    Return the path of a file of the package.
 
     Parameters
     ----------
     folder : 'config', 'launch' or 'urdf'
-        Which kind of file.
+        Kind of the file.
     name : str
-        Of the file.
+        Name of the file.
 
     Raises
     ------
     InputError
-        There is no such file; the message lists those that there are.
+        If there is no such file; the message lists the existing ones.
 
     """
     checkout = Path(__file__).resolve().parents[2]
@@ -32,12 +32,12 @@ def resource_path(folder: str, name: str) -> Path:
         if (place / name).is_file():
             return place / name
     known = sorted({path.name for place in places if place.is_dir() for path in place.iterdir()})
-    raise InputError(f"no file '{name}' in {folder}; there are: {', '.join(known) or 'none'}")
+    raise InputError(f"no file '{name}' in {folder}; expected one of {', '.join(known) or 'none'}")
 
 
 def package_version() -> str:
-    """Return this package's version: of the checkout where it runs in one, else as installed."""
-    from importlib import metadata  # of no use to who only computes, and slow to import
+    """Return the version of this package: that of the checkout, else the installed one."""
+    from importlib import metadata  # slow to import, and rarely needed
     from xml.etree import ElementTree
     described = Path(__file__).resolve().parents[2] / 'package.xml'
     if described.exists():

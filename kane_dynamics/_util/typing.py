@@ -1,4 +1,4 @@
-"""Types that signatures share."""
+"""Types shared by signatures."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""YAML files: read whole or refused, no key given twice."""
+"""Read YAML files; duplicate keys are errors."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -11,12 +11,12 @@ from kane_dynamics._util.text import listing
 from kane_dynamics.errors import KaneError, UrdfError
 import yaml
 
-SHORT = Repr()  # aliases let a few bytes of YAML stand for gigabytes of text
+SHORT = Repr()  # bounded: with aliases, a few bytes of YAML can mean gigabytes of text
 SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML that refuses a key given twice, which plain YAML settles in silence."""
+    """YAML loader that refuses duplicate keys, of which PyYAML silently uses the last."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping after checking that its scalar keys differ."""
@@ -30,22 +30,22 @@ class _Loader(yaml.SafeLoader):
 
 def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any:
     """
-    Return what a YAML file holds; no key of it may be given twice.
+    Return the content of a YAML file, without duplicate keys.
 
     Parameters
     ----------
     source : path
         The file.
     what : str
-        It is called in messages.
+        Name of the file in messages.
     error : type
-        Raised where it cannot be read.
+        Raised if the file cannot be read.
 
     """
     if not isinstance(source, (str, os.PathLike)):
-        raise error(f'{what} is {SHORT.repr(source)}; valid: the path of a YAML file, or a dict')
+        raise error(f'{what}: {SHORT.repr(source)}; expected the path of a YAML file, or a dict')
     try:
-        # `ros2 topic echo` ends what it prints with ---: an empty document, which counts for none.
+        # `ros2 topic echo` ends its output with ---, which starts an empty document: ignored.
         documents = [each for each in yaml.load_all(Path(source).read_bytes(), _Loader)
                      if each is not None]
     except (OSError, ValueError) as fault:
@@ -53,23 +53,25 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
             raise error(f'no such file: {os.fspath(source)!r}; expected the path of a YAML file '
                         f'({what}), or a dict') from None
         reason = fault.strerror if isinstance(fault, OSError) else fault
-        raise error(f'{what} {os.fspath(source)!r}: {reason}; valid: the path of a YAML '
+        raise error(f'{what} {os.fspath(source)!r}: {reason}; expected the path of a YAML '
                     'file, or a dict') from None
     except (yaml.YAMLError, RecursionError) as fault:
-        raise error(f"{what} '{source}' is not valid YAML: {fault}") from None
+        raise error(f"{what} '{source}': not valid YAML: {fault}; expected a "
+                    'YAML '
+                    'mapping') from None
     if len(documents) > 1:
-        raise error(f"{what} '{source}' holds {len(documents)} YAML documents; expected one")
+        raise error(f"{what} '{source}': {len(documents)} YAML documents; expected one")
     return documents[0] if documents else {}
 
 
 def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,
             error: type[KaneError] = UrdfError) -> Mapping[str, Any]:
-    """Return a mapping with string keys, all of them among `valid`; else raise `error`."""
+    """Return a mapping whose keys are texts, all of them in `valid`; else raise `error`."""
     expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of names'
     if not isinstance(data, Mapping):
-        raise error(f'{what} is {SHORT.repr(data)}; expected {expected}')
+        raise error(f'{what}: {SHORT.repr(data)}; expected {expected}')
     for key in data:
         if not isinstance(key, str) or (valid and key not in valid):
-            raise error(f'{what}: unknown key {SHORT.repr(key)}; valid: '
+            raise error(f'{what}: unknown key {SHORT.repr(key)}; expected one of '
                         f'{listing(valid or ["names"])}')
     return data

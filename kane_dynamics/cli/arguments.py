@@ -1,4 +1,4 @@
-"""The arguments of each subcommand; what the parser of one needs is imported for that one."""
+"""Arguments of the subcommands; modules that only one of them needs are imported for it."""
 
 from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Callable
@@ -14,10 +14,10 @@ def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
     for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
-    _add_motion(sub, 'CSV or YAML file: its torques, row by row')
-    sub.add_argument('--step', type=float, metavar='S', help='between samples of the motion '
+    _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
+    sub.add_argument('--step', type=float, metavar='S', help='time between samples of the motion '
                      f'(default: {STEP:g} between points of a YAML file; rows of a CSV file)')
-    sub.add_argument('--out', metavar='CSV', help='file for the torques of a motion')
+    sub.add_argument('--out', metavar='CSV', help='write the torques of the motion to this file')
     add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
 
 
@@ -25,15 +25,17 @@ def _simulate(sub: ArgumentParser) -> None:
     from kane_dynamics.mechanics.integrators import INTEGRATORS
     _add_model(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
-                     help="positions at the start (default: the motion's, else zeros)")
-    sub.add_argument('--u0', nargs='+', metavar='X', help='speeds at the start (default: zeros)')
+                     help='initial positions (default: those of the motion, else zeros)')
+    sub.add_argument('--u0', nargs='+', metavar='X',
+                     help='initial speeds (default: those of the motion, else zeros)')
     sub.add_argument('--duration', type=float, metavar='S',
-                     help="simulated seconds (default: the motion's, else 1)")
-    sub.add_argument('--step', type=float, default=1e-3, metavar='S', help='default: 0.001')
+                     help='simulated time in s (default: that of the motion, else 1)')
+    sub.add_argument('--step', type=float, default=1e-3, metavar='S',
+                     help='integration step in s; default: 0.001')
     sub.add_argument('--integrator', choices=INTEGRATORS, default='rk4',
-                     help='implicit: for friction, springs and beams that take a very short step')
+                     help='implicit: for stiff friction, springs and beams; default: rk4')
     source = sub.add_mutually_exclusive_group()
-    _add_motion(source, 'follow it by computed torque')
+    _add_motion(source, 'CSV or YAML file; followed by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')
     sub.add_argument('--kp', type=float, nargs='+', default=[100.0], metavar='X',
                      help='for --motion, one value or one per joint, 1/s^2; default: 100')
@@ -44,11 +46,12 @@ def _simulate(sub: ArgumentParser) -> None:
 
 
 def _sweep(sub: ArgumentParser) -> None:
-    sub.add_argument('sweep', metavar='YAML', help='what to simulate; see below')
+    sub.add_argument('sweep', metavar='YAML', help='description of the sweep; see below')
     sub.add_argument('-o', '--out', required=True, metavar='FOLDER',
-                     help='for the parquet files; new, or of this sweep')
+                     help='folder of the parquet files: new, or that of this sweep')
     sub.add_argument('--workers', type=int, metavar='N', help='processes (default: all cores)')
-    sub.add_argument('--dask', metavar='ADDRESS', help='of a Dask scheduler, to compute there')
+    sub.add_argument('--dask', metavar='ADDRESS',
+                     help='address of a Dask scheduler whose workers run it')
     sub.add_argument('--json', action='store_true', help='print JSON')
 
 
@@ -57,7 +60,7 @@ def _inspect(sub: ArgumentParser) -> None:
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
     sub.add_argument('--operations', action='store_true',
-                     help='also the arithmetic operations of each compiled function')
+                     help='also print the operation count of each compiled function')
 
 
 def _bench(sub: ArgumentParser) -> None:
@@ -68,26 +71,26 @@ def _export(sub: ArgumentParser) -> None:
     from kane_dynamics.robot.export_c import DEFAULT_KERNELS
     _add_model(sub)
     sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
-                     help='the source; the header goes beside it')
+                     help='C source; the header is written beside it')
     sub.add_argument('--kernel', nargs='+', default=DEFAULT_KERNELS, metavar='NAME',
-                     help='also frame_pose:LINK, jacobian:LINK; default: '
+                     help='functions to export, also frame_pose:LINK, jacobian:LINK; default: '
                           + ' '.join(DEFAULT_KERNELS))
     sub.add_argument('--float32', action='store_true', help='single precision')
-    sub.add_argument('--no-self-test', action='store_true', help='leave the self-test out')
+    sub.add_argument('--no-self-test', action='store_true', help='export no self-test')
     sub.add_argument('--wrench-frames', nargs='+', default=(), metavar='LINK',
-                     help='links on which the environment may push')
+                     help='links on which external wrenches act')
     sub.add_argument('--payload-frame', metavar='LINK', help='link that carries a payload')
 
 
 def _equations(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('--numbers', action='store_true',
-                     help="the model's numbers instead of symbols for them")
+                     help='use numbers instead of symbols for the parameters')
     form = sub.add_mutually_exclusive_group()
     for name in ('latex', 'markdown', 'csv'):
         form.add_argument(f'--{name}', dest='format', action='store_const', const=name)
     sub.set_defaults(format='text')
-    sub.add_argument('-o', '--out', metavar='FILE', help='write there instead of printing')
+    sub.add_argument('-o', '--out', metavar='FILE', help='write to this file instead of printing')
 
 
 def _identify(sub: ArgumentParser) -> None:
@@ -95,22 +98,23 @@ def _identify(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_recording(sub)
     sub.add_argument('--as-recorded', action='store_true',
-                     help='fit a recording that does not fit the model, too')
+                     help='also fit a recording that contradicts the model')
     sub.add_argument('--friction-only', action='store_true',
-                     help='leave the inertials as they are')
+                     help='identify friction and armature only')
     sub.add_argument('--unbounded', action='store_true',
-                     help='with --friction-only: let friction come out negative, by plain least '
-                          'squares, where the rigid bodies leave something unexplained')
+                     help='with --friction-only: plain least squares, whose friction may be '
+                          'negative where the inertial parameters are wrong')
     sub.add_argument('--standstill', type=float, default=STANDSTILL, metavar='SPEED',
-                     help='a slower joint says nothing; rad/s or m/s, default: %(default)g')
+                     help='ignore rows in which a joint is slower; rad/s or m/s; '
+                     'default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
-                     help="of the URDF's inertials as a prior (default: by cross-validation)")
+                     help="weight of the URDF's inertials as prior (default: by cross-validation)")
     sub.add_argument('--base-parameters', action='store_true',
-                     help='only what torques tell for certain, by plain least squares')
+                     help='estimate base parameters only, by weighted least squares')
     sub.add_argument('--payload', metavar='LINK',
-                     help='find what this link carries, the rest being known')
+                     help='identify the payload of this link; the arm is known')
     sub.add_argument('-o', '--out', metavar='FILE',
-                     help='write the identified model, a URDF; with --payload a supplement')
+                     help='write the identified model: a URDF; with --payload a supplement')
 
 
 def _length_or_none(text: str) -> float | None:
@@ -125,12 +129,13 @@ def _excite(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
     for name, kind, default, text in (
-            ('duration', float, 10.0, 's'),
+            ('duration', float, 10.0, 'duration in s'),
             ('periods', int, 1, 'number of equal periods in the duration'),
-            ('harmonics', int, 5, 'sines and cosines of each joint'),
+            ('harmonics', int, 5, 'number of harmonics of each joint'),
             ('share', float, 0.9, 'fraction of the limits to use'),
-            ('seed', int, 0, 'of the motions that the search starts from'),
-            ('starts', int, 2, 'how many of these'), ('rate', float, 100.0, 'rows a second')):
+            ('seed', int, 0, 'seed of the random initial motions'),
+            ('starts', int, 2, 'number of initial motions'),
+            ('rate', float, 100.0, 'rows per second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
     for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
@@ -155,16 +160,17 @@ def _feasible(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_motion(sub, 'CSV or YAML file', required=True)
     sub.add_argument('--speed', type=float, default=1.0, metavar='S',
-                     help='judge the motion S times as fast as in the file')
+                     help='check the motion at S times its speed; default: %(default)g')
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
                      help='largest mechanical power, one value or one per joint (default: none)')
-    sub.add_argument('--payload-frame', metavar='LINK', help='find the largest payload there')
+    sub.add_argument('--payload-frame', metavar='LINK',
+                     help='compute the largest payload of this link')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
-                     metavar=('X', 'Y', 'Z'), help='its mass centre in that frame, m')
+                     metavar=('X', 'Y', 'Z'), help='center of mass of the payload in that link, m')
     sub.add_argument('--step', type=float, default=FINE, metavar='S',
-                     help='between samples, default: %(default)g')
+                     help='time between samples in s; default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
-                     help='write the motion at the highest speed that fits')
+                     help='write the motion at the highest feasible speed')
     add_plot(sub, 'torque, speed and power')
 
 
@@ -172,36 +178,38 @@ def _doctor(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     sub.add_argument('--live', type=float, metavar='S',
-                     help='listen to the graph for so long, once its nodes are found')
-    sub.add_argument('--namespace', default='', help='of the arm in the graph')
-    sub.add_argument('--prefix', default='', help="of the arm's joints in the graph")
+                     help='examine the ROS graph for S seconds after its nodes are found')
+    sub.add_argument('--namespace', default='', help='namespace of the arm in the ROS graph')
+    sub.add_argument('--prefix', default='', help='prefix of its joint names in the ROS graph')
     for name, what in (('commands', 'torques'), ('joint_states', 'joint states')):
         sub.add_argument(f'--{name.replace("_", "-")}', default=name, metavar='TOPIC',
-                         help=f'of the {what} in the graph; default: %(default)s')
+                         help=f'topic of the {what}; default: %(default)s')
 
 
 def _view(sub: ArgumentParser) -> None:
     _add_model(sub)
-    _add_motion(sub, '.npz, CSV or YAML file: a slider over time')
-    sub.add_argument('--host', default='127.0.0.1', help='address to serve at; by default only '
-                     'this machine sees the page')
-    sub.add_argument('--port', type=int, default=8080, help='or the next free one; default: 8080')
-    sub.add_argument('--no-open', action='store_true', help='open no browser')
+    _add_motion(sub, '.npz, CSV or YAML file; shown with a time slider')
+    sub.add_argument('--host', default='127.0.0.1', help='address to serve at; the default '
+                     'is reachable from this machine only')
+    sub.add_argument('--port', type=int, default=8080,
+                     help='port, or the next free one; default: 8080')
+    sub.add_argument('--no-open', action='store_true', help='do not open a browser')
     sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
 
 
 def _add_motion(sub: Any, text: str, **options: Any) -> None:
-    """Add --motion, and --trajectory as another name of it."""
+    """Add --motion and its synonym --trajectory."""
     sub.add_argument('--motion', '--trajectory', metavar='FILE', help=text, **options)
 
 
 def _add_recording(parser: ArgumentParser) -> None:
     parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
-    parser.add_argument('--topic', help='of the joint states in a bag (default: its only one)')
+    parser.add_argument('--topic',
+                        help='topic of the joint states in a bag (default: the only one)')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
-                        help='filter q, tau and measured u without delay, and derive the rest')
+                        help='filter q, tau and measured u without delay; differentiate the rest')
     parser.add_argument('--resample', type=float, metavar='HZ',
-                        help='evenly spaced rows (default: with --cutoff as many as there are)')
+                        help='resample at this rate (default: with --cutoff, the mean rate)')
 
 
 def _add_model(sub: ArgumentParser) -> None:
@@ -210,19 +218,19 @@ def _add_model(sub: ArgumentParser) -> None:
     from kane_dynamics.model.model import GRAVITY
     group = sub.add_argument_group('robot')
     group.add_argument('--joints', nargs='+', metavar='NAME',
-                       help='joints that move, in the order of all numbers')
-    group.add_argument('--base', metavar='LINK', help='first link of the part that moves')
-    group.add_argument('--tip', metavar='LINK', help='last link of the part that moves')
+                       help='moving joints; fixes the order of all values')
+    group.add_argument('--base', metavar='LINK', help='base link of the moving part')
+    group.add_argument('--tip', metavar='LINK', help='last link of the moving part')
     group.add_argument('--gravity', nargs=3, type=float, default=GRAVITY, metavar=('X', 'Y', 'Z'),
                        help='m/s^2; default: 0 0 -9.81')
     group.add_argument('--supplement', metavar='YAML',
-                       help='springs, armature and friction that a URDF cannot say')
-    group.add_argument('--no-friction', action='store_true', help='leave damping and friction out')
+                       help='springs, armature and friction, which URDF lacks')
+    group.add_argument('--no-friction', action='store_true', help='ignore damping and friction')
     group.add_argument('--no-strict', action='store_true',
-                       help='warn of impossible inertias instead of refusing them')
+                       help='accept impossible inertias with a warning')
     sub.add_argument('--json', action='store_true', help='print JSON')
     sub.add_argument('-v', '--verbose', action='store_true',
-                     help='print all warnings, with every name')
+                     help='print all warnings in full')
 
 
 ADD: dict[str, Callable[[ArgumentParser], None]] = {

@@ -1,4 +1,4 @@
-"""What the help of each command ends with: examples, and what its files hold."""
+"""Epilogs of the help texts: examples and file formats of each command."""
 
 EXAMPLES = {
     'torque': """
@@ -9,18 +9,18 @@ examples:
   xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
 
 A motion is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file like
-a trajectory_msgs/JointTrajectory. Speeds and accelerations that it lacks come from the smooth
-curve through its points. The points of a YAML file are sampled every 0.01 s, the rows of a CSV
-file as they are; --step samples both.""",
+a trajectory_msgs/JointTrajectory. Missing speeds and accelerations are those of the smooth curve
+through its points. The points of a YAML file are sampled every 0.01 s; the rows of a CSV file are
+used as they are; --step samples both.""",
     'simulate': """
 examples:
   kane-dynamics simulate arm.urdf --q0 0.5 0 0 --duration 5 --plot fall.png
   kane-dynamics simulate arm.urdf --q0 0.5 0 0 --plot energy.png --plot-of energy
-  kane-dynamics simulate arm.urdf --duration 2 --torque 3.0 0 0 --out push.csv
+  kane-dynamics simulate arm.urdf --duration 2 --torque 3.0 0 0 --out constant.csv
   kane-dynamics simulate arm.urdf --motion motion.yaml --kp 400 --kd 40 --out track.npz
 
 Without --motion and --torque no torque acts. A torque file is a CSV file with the columns
-tau.<joint>: with a column t each row is held until the next one's time, without it one step.""",
+tau.<joint>. With a column t each row holds until the time of the next row, else for one step.""",
     'sweep': """
 examples:
   kane-dynamics sweep payloads.yaml --out payloads
@@ -40,9 +40,9 @@ payloads.yaml, for example:
   controller: {kind: computed_torque, kp: {loguniform: [50, 500]}, kd: 20, known_payload: 0}
   motion: motion.csv
 
-A value is a number or one of uniform, loguniform, normal: [mean, deviation], choice, grid; for all
-joints together, {each: value} for each its own, a list, or by name. The folder is one parquet
-table. Run the command again to carry on a sweep that was ended.""",
+A value is a number or one of uniform, loguniform, normal: [mean, deviation], choice, grid. It is
+for all joints; {each: value} draws one for each joint; a list or a mapping names one per joint.
+The folder is one parquet table. Run the command again to continue an interrupted sweep.""",
     'inspect': """
 examples:
   kane-dynamics inspect arm.urdf
@@ -50,29 +50,29 @@ examples:
   kane-dynamics inspect arm.urdf --against pinocchio
   kane-dynamics inspect arm.urdf --operations
 
-Exits with 1 if the numbers differ from the peer's.""",
+Exits with 1 if the torques differ from those of Pinocchio.""",
     'bench': """
 examples:
   kane-dynamics bench arm.urdf
   kane-dynamics bench arm.urdf --tip tool0 --json
 
-Where Pinocchio is installed (pip install pin), its calls take turns with ours.""",
+If Pinocchio is installed (pip install pin), its calls are timed in turn with ours.""",
     'export': """
 examples:
   kane-dynamics export arm.urdf -o arm.c
   kane-dynamics export arm.urdf -o src/arm.c --kernel inverse_dynamics --payload-frame tool0
 
-Writes arm.c and arm.h: C99 that needs libm alone. arm_self_test() in it returns 0 if the compiled
-functions give the numbers of this library.""",
+Writes arm.c and arm.h: C99 that needs only libm. Its function arm_self_test() returns 0 if the
+compiled functions return the same numbers as this library.""",
     'equations': """
 examples:
   kane-dynamics equations two_link.urdf
   kane-dynamics equations arm.urdf --joints shoulder elbow --numbers
   kane-dynamics equations two_link.urdf --latex -o two_link.tex
 
-Up to four coordinates. m1, r1, I1 are mass, place of the mass centre and moment of inertia of the
-first body, l1 the place of its joint; --markdown and --csv print the table of partial velocities.
-Operations are counted with common subexpressions shared, beside those of the compiled kernels.""",
+For up to four coordinates. m1, r1, I1 are mass, center of mass and moment of inertia of the first
+body, l1 the position of its joint. --markdown and --csv print the table of partial velocities.
+Operation counts share common subexpressions; those of the compiled kernels are printed too.""",
     'identify': """
 examples:
   kane-dynamics identify arm.urdf recording.csv
@@ -82,47 +82,46 @@ examples:
   kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
 
 A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
-the base: q1, v1, a1, tau1, over all joints of the robot, or over those of --joints or --tip among
-themselves. The npz of simulate --out serves too. Speeds and accelerations may be left out: they
-are made from q, which then should be filtered with --cutoff. The first half is fitted, the second
-half judges.
+the base: q1, v1, a1, tau1, over all joints of the robot, or over those of --joints or --tip. The
+npz file of simulate --out is accepted too. Missing speeds and accelerations are derived from q,
+which should then be filtered with --cutoff. The first half is fitted; the second half is held out.
 --out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
-count as known, and --out takes the supplement with the payload in it.""",
+are known, and --out is the supplement with the payload.""",
     'excite': """
 examples:
   kane-dynamics excite arm.urdf --out motion.csv
   kane-dynamics excite arm.urdf --out motion.csv --duration 20 --periods 2 --share 0.6 --floor 0.1
 
-Searches sums of sines that tell most about masses and friction within the limits of the URDF. Let
-the arm go to the start, run it, record q and tau, and give the recording to identify. The way is
-checked for the floor, not for collisions.""",
+Optimizes sums of sines within the limits of the URDF for the identification of inertial parameters
+and friction. Move the arm to the start, run the motion, record q and tau, and pass the recording
+to identify. The motion is checked against the floor, not for collisions.""",
     'replay': """
 examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png
   kane-dynamics replay arm.urdf bag_folder --topic /joint_states --cutoff 10
   kane-dynamics replay arm.urdf run.mcap --supplement identified.supplement.yaml --json
 
-A recording is what identify takes: a table, or a ROS 2 bag (MCAP or SQLite) with joint states that
-hold efforts. ROS is not needed. Accelerations are made from q unless they are there: filter them
-with --cutoff.""",
+A recording is a file as for identify, or a ROS 2 bag (MCAP or SQLite) of joint states with
+efforts. ROS is not needed. Missing accelerations are derived from q; filter them with
+--cutoff.""",
     'view': """
 examples:
   kane-dynamics view arm.urdf
   kane-dynamics view arm.urdf --motion fall.npz
   kane-dynamics view arm.urdf --motion motion.csv --export motion.html
 
-Without a trajectory each joint has a slider, and the arrows hold the arm against gravity. A
-trajectory is what torque takes, or an .npz file of simulate. Meshes are looked for beside the
-URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported page needs no
-server.""",
+Without a motion each joint has a slider, and the arrows show the torques that hold the arm against
+gravity. A motion is a file as for torque, or an .npz file of simulate. Meshes are searched in the
+folder of the URDF, in every folder above it, and in share/ of AMENT_PREFIX_PATH. An exported page
+needs no server.""",
     'feasible': """
 examples:
   kane-dynamics feasible arm.urdf --motion motion.csv
   kane-dynamics feasible arm.urdf --motion motion.yaml --out as_fast_as_it_may.csv
   kane-dynamics feasible arm.urdf --motion motion.csv --payload-frame tool0 --plot use.png
 
-Exits with 1 if the motion passes a limit of torque, speed, position or, with --power, of power.
-Says at which speed it would just fit, slower or faster, and how much it may carry.""",
+Exits with 1 if the motion exceeds a limit of torque, speed, position or, with --power, power.
+Prints the highest feasible speed of the motion and, with --payload-frame, the largest payload.""",
     'doctor': """
 examples:
   kane-dynamics doctor arm.urdf
@@ -131,7 +130,7 @@ examples:
   kane-dynamics doctor arm.urdf --live 5 --commands /forward_effort_controller/commands
 
 Compares names, limits, the sign of gravity, publishers and subscribers, rates, stamps and QoS.
-With --config, --live goes by the robot in the file, of the node in --namespace if there are
-several. Both need ROS. Exits with 1 if there is a problem.""",
+With --config, --live examines the robot of that file, of the node in --namespace if there are
+several. Both options need ROS. Exits with 1 if there is a problem.""",
     'demo': '',
 }

@@ -1,4 +1,4 @@
-"""The command line, `kane-dynamics`: arguments and exit codes; the work is in `commands`."""
+"""Command line `kane-dynamics`: parser and exit codes; `commands` runs the subcommands."""
 
 import argparse
 from collections.abc import Sequence
@@ -14,25 +14,25 @@ from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import KaneError
 
-# Of each command: what it does, and the function in `cli.commands` that does it.
+# Description of each command, and its function in `cli.commands`.
 COMMANDS = {
     'torque': ('Inverse dynamics of a state or of a motion', 'torque_command.torque'),
     'simulate': ('Forward dynamics over time', 'simulate_command.simulation'),
     'sweep': ('Many simulations with values that vary, as a table', 'commands.sweep'),
     'inspect': ('Tree, masses, limits, operation counts', 'commands.inspect'),
-    'bench': ('What calls take on this machine', 'bench_command.bench'),
+    'bench': ('Times of calls on this machine', 'bench_command.bench'),
     'export': ('C99 source and header of the compiled dynamics', 'commands.export'),
     'equations': ('Mass matrix and bias in closed form', 'commands.equations'),
     'identify': ('Friction and inertials from a recording', 'commands.identify'),
     'excite': ('A motion to record for identify', 'commands.excite'),
-    'replay': ('Torques along a recording, beside those measured', 'commands.replay'),
-    'feasible': ('Whether a motion fits the motors', 'commands.feasible'),
-    'doctor': ('What is wrong with a URDF, its node, its graph', 'commands.doctor'),
+    'replay': ('Computed and measured torques of a recording', 'commands.replay'),
+    'feasible': ('Check of a motion against the limits of the joints', 'commands.feasible'),
+    'doctor': ('Problems of a URDF, its node and its ROS graph', 'commands.doctor'),
     'view': ('The robot, its motion and its loads in the browser', 'commands.view'),
     'demo': ('Feedforward on a simulated arm, live', 'commands.demo'),
 }
 
-SYNONYMS = {  # of options, in other tools
+SYNONYMS = {  # names of options in other tools
     'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot', 'accelerations': 'udot',
     'a': 'udot', 'qd': 'u', 'dq': 'u', 'velocity': 'u', 'velocities': 'u', 'v': 'u', 'speed': 'u',
     'position': 'q', 'positions': 'q', 'tau': 'torque', 'dt': 'step', 'timestep': 'step',
@@ -40,7 +40,7 @@ SYNONYMS = {  # of options, in other tools
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit code, 2 for bad usage or input, told on stderr."""
+    """Run a command; return its exit code: 2, with a message on stderr, for invalid input."""
     given = list(sys.argv[1:] if argv is None else argv)
     parser = _parser(given[0] if given else '')
     if not given:
@@ -49,10 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if given == ['--version']:
         print(f'kane-dynamics {package_version()}')
         return 0
-    # A blank in front keeps argparse from reading a negative number like -1e-3 as an option.
+    # With a leading blank, argparse does not read a negative number like -1e-3 as an option.
     marked = {f' {a}': a for a in given if a.startswith('-') and _is_number(a)}
     options, rest = parser.parse_known_args([f' {a}' if f' {a}' in marked else a for a in given])
-    for name, value in vars(options).items():  # where it was text after all, as given
+    for name, value in vars(options).items():  # restore texts as given
         if isinstance(value, list):
             setattr(options, name, [marked.get(part, part) for part in value])
         elif isinstance(value, str):
@@ -61,11 +61,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if rest and options.command != 'demo':
         _unknown(parser, options)
     try:
-        module, function = options.run.split('.')  # imported only now, and only what it needs
+        module, function = options.run.split('.')  # import only the chosen command
         commands = import_module(f'kane_dynamics.cli.commands.{module}')
         return int(getattr(commands, function)(options) or 0)
     except (KaneError, OSError) as error:
-        print(f'kane-dynamics: error: {_in_words(parser, options.command, str(error))}',
+        print(f'kane-dynamics: error: {_with_option_names(parser, options.command, str(error))}',
               file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -73,10 +73,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong, and where the usage stands, instead of all usage first."""
+    """Argument parser whose errors refer to --help instead of printing the whole usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and leave with 2."""
+        """Print the message and exit with 2."""
         self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 
@@ -93,15 +93,15 @@ def _command(parser: argparse.ArgumentParser, command: str) -> argparse.Argument
     return found
 
 
-def _in_words(parser: argparse.ArgumentParser, command: str, text: str) -> str:
-    """Return an error of the library with the command's own names of its arguments."""
+def _with_option_names(parser: argparse.ArgumentParser, command: str, text: str) -> str:
+    """Return an error of the library with arguments named as options of the command."""
     name = re.match(r'\w*', text)
     flag = '--' + name[0].replace('_', '-') if name else ''
     return ('--' if flag in _flags(parser, command) else '') + in_options(text)
 
 
 def _unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> NoReturn:
-    """Refuse options that there are not, with what may be meant."""
+    """Exit with an error for unknown options; the message names the closest option."""
     sub, known = _command(parser, options.command), _flags(parser, options.command)
     wrong = next((word for word in options.rest if word.startswith('--')), options.rest[0])
     meant = SYNONYMS.get(wrong.lstrip('-').replace('_', '-').lower())
@@ -111,7 +111,7 @@ def _unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> No
 
 
 def _is_number(text: str) -> bool:
-    """Tell whether an argument is one number, or several with commas in between."""
+    """Return whether an argument is one number, or several separated by commas."""
     try:
         return bool([float(part) for part in text.split(',') if part])
     except ValueError:

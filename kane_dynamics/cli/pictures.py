@@ -1,4 +1,4 @@
-"""The pictures that --plot draws of a motion."""
+"""Pictures of a motion, for --plot."""
 
 from argparse import Namespace
 from typing import Any
@@ -11,13 +11,15 @@ from kane_dynamics.simulation.trajectory import Trajectory
 
 
 def plotter(options: Namespace) -> Any:
-    """Return the module that draws, or None without --plot; InputError before any work."""
+    """Return the plot module, or None without --plot; raise InputError for invalid options."""
     if options.plot is None:
         if options.plot_of is not None:
-            raise InputError(f"--plot-of is '{options.plot_of}', but no --plot names a file")
+            raise InputError(f"--plot-of: '{options.plot_of}' without --plot; expected "
+                             '--plot FILE')
         return None
     if options.plot_of == 'tracking' and options.motion is None:
-        raise InputError('--plot-of tracking shows how a --motion is followed; none is given')
+        raise InputError('--plot-of: tracking without --motion; expected --motion FILE, the '
+                         'desired motion')
     plot = extra('kane_dynamics.plot', 'plot')
     plot.check_path(options.plot)
     return plot
@@ -25,7 +27,7 @@ def plotter(options: Namespace) -> Any:
 
 def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
          desired: Motion | None = None) -> None:
-    """Write the picture that the options ask for."""
+    """Write the picture that the options choose."""
     what, sliding = options.plot_of or options.plot_default, robot.model.sliding
     name = robot.model.name
     if what == 'trajectory':

@@ -1,4 +1,4 @@
-"""The arguments --plot and --plot-of."""
+"""Arguments --plot and --plot-of."""
 
 from argparse import ArgumentParser
 
@@ -6,7 +6,7 @@ KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')
 
 
 def add_plot(parser: ArgumentParser, *kinds: str) -> None:
-    """Add --plot, and --plot-of where there is a choice: the first kind is the default."""
+    """Add --plot, and --plot-of for several kinds, of which the first is the default."""
     words = f'picture of {kinds[0]}' if len(kinds) == 1 else 'picture'
     parser.add_argument('--plot', metavar='FILE', help=f'{words}, .png, .svg or .pdf')
     parser.set_defaults(plot_of=None, plot_default=kinds[0])

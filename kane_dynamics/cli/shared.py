@@ -1,4 +1,4 @@
-"""What the commands have in common: loading a robot, optional parts, JSON."""
+"""Shared by the commands: loading a robot, warnings, vectors, JSON."""
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
@@ -19,19 +19,19 @@ from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 LONGEST = 180  # characters of a warning
-ROUNDING = 1e-13  # of the largest number that is printed beside it
+ROUNDING = 1e-13  # relative to the largest number of a table
 
 
 def source_of(options: Namespace) -> str | bytes:
-    """Return the URDF as load_urdf takes it: a path, or what standard input holds."""
+    """Return the URDF for load_urdf: a path, or the content of standard input."""
     if options.urdf == '-':
-        options.urdf = sys.stdin.buffer.read()  # kept, for it can be read only once
+        options.urdf = sys.stdin.buffer.read()  # standard input can be read only once
     source: str | bytes = options.urdf
     return source
 
 
 def selection(options: Namespace) -> dict[str, Any]:
-    """Return the arguments of load_urdf that choose the part and its gravity."""
+    """Return the arguments of load_urdf that choose the moving part and gravity."""
     joints = None if options.joints is None else split(options.joints)
     return {'base': options.base, 'tip': options.tip, 'joints': joints,
             'gravity': tuple(options.gravity), 'strict': not options.no_strict}
@@ -39,29 +39,29 @@ def selection(options: Namespace) -> dict[str, Any]:
 
 def load(options: Namespace, caught: list[str] | None = None, **choices: Any
          ) -> tuple[Model, Robot]:
-    """Return the chosen robot; what there is to warn of goes to `caught`, or to stderr."""
-    with told(caught, verbose=options.verbose):
+    """Return the chosen robot; collect warnings in `caught`, or print them to stderr."""
+    with model_warnings(caught, verbose=options.verbose):
         model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
         robot = Robot(model, friction=not options.no_friction, **choices)
     return model, robot
 
 
 def every_joint(options: Namespace) -> tuple[str, ...] | None:
-    """Return the joints of the whole robot, from its base; None if no part of it is chosen."""
+    """Return the joints of the whole robot, from its base; None if no part is chosen."""
     if not (options.base or options.tip or options.joints):
         return None
-    with told([]):
+    with model_warnings([]):
         return load_urdf(source_of(options), supplement=options.supplement,
                          strict=not options.no_strict).joint_names
 
 
 @contextmanager
-def told(caught: list[str] | None = None, *, verbose: bool = False) -> Iterator[None]:
+def model_warnings(caught: list[str] | None = None, *, verbose: bool = False) -> Iterator[None]:
     """
-    Collect warnings of models in `caught`, or print them to stderr, before an error too.
+    Collect model warnings in `caught`, or print them to stderr, also if an error follows.
 
-    What is printed is one line a warning, cut where it lists many names, and nothing of elements
-    that no dynamics reads; `verbose` prints all.
+    Each is printed on one line with long lists of names shortened; warnings of unused URDF
+    elements are not printed. `verbose` prints everything.
     """
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter('always', ModelWarning)
@@ -78,7 +78,7 @@ def told(caught: list[str] | None = None, *, verbose: bool = False) -> Iterator[
 
 
 def brief(text: str) -> str:
-    """Return a message that fits a line or two: of a long list of names the first."""
+    """Return a message of at most two lines; a long list of names is shortened."""
     if len(text) <= LONGEST:
         return text
     end = text.rfind(', ', 0, LONGEST)
@@ -89,19 +89,19 @@ def brief(text: str) -> str:
 
 
 def without_rounding(values: Array) -> Array:
-    """Return numbers with 0 for those that are rounding errors beside the largest."""
+    """Return numbers with 0 in place of rounding errors, relative to the largest."""
     return np.where(np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
 
 
 def warn_degrees(robot: Robot, q: Array, what: str) -> None:
     """Print a warning if positions, (n,) or (K, n), look like degrees."""
-    doubt = suspected_degrees(robot, q)
-    if doubt:
-        print(f'kane-dynamics: warning: {what}: {brief(doubt)}', file=sys.stderr)
+    warning = suspected_degrees(robot, q)
+    if warning:
+        print(f'kane-dynamics: warning: {what}: {brief(warning)}', file=sys.stderr)
 
 
 def vector(options: Namespace, name: str, robot: Robot) -> Array:
-    """Return an argument as one number a joint; zeros if it was not given."""
+    """Return an argument as one number per joint; zeros by default."""
     given = getattr(options, name)
     if given is None:
         return np.zeros(robot.n)
@@ -112,7 +112,7 @@ def vector(options: Namespace, name: str, robot: Robot) -> Array:
         raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
                          f'{", ".join(robot.joint_names)}') from None
     if len(values) != robot.n:
-        raise InputError(f'--{name} has {len(values)} numbers; expected {robot.n}, in the order '
+        raise InputError(f'--{name}: {len(values)} numbers; expected {robot.n}, in the order '
                          f'{", ".join(robot.joint_names)}')
     if name in ('q', 'q0'):
         warn_degrees(robot, values, f'--{name}')
@@ -135,7 +135,7 @@ def as_json(value: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return plain data for arrays and what holds them."""
+    """Return plain data for arrays, and for lists and mappings of arrays."""
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, dict):

@@ -2,10 +2,10 @@
 Files of joint states over time: CSV in and out, and YAML trajectory points in.
 
 A CSV file has a header. Its columns are `t` and `<quantity>.<joint>` with a quantity of q, u,
-udot or tau; a joint's bare name means q; whatever else there is is left alone. A YAML file is
-laid out like a trajectory_msgs/JointTrajectory: `joint_names` and `points` with
-`time_from_start` and `positions`, and perhaps `velocities` and `accelerations`; the message's
-`header` and `effort` are left alone, and other keys are refused.
+udot or tau; the name of a joint alone means q; other columns are ignored. A YAML file has the
+structure of a trajectory_msgs/JointTrajectory: `joint_names` and `points` with `time_from_start`
+and `positions`, optionally `velocities` and `accelerations`; `header` and `effort` are ignored,
+and other keys are errors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ POINT = ('positions', 'velocities', 'accelerations', 'time_from_start', 'effort'
 
 @dataclass(frozen=True)
 class States:
-    """Rows of a file for the joints asked for: t is (K,), the others (K, n); None if not there."""
+    """Rows of a file for the chosen joints: t is (K,), the others (K, n); None if missing."""
 
     t: Array | None = None
     q: Array | None = None
@@ -52,14 +52,14 @@ def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
     Raises
     ------
     InputError
-        Names the file and what in it is wrong or missing.
+        If the content is invalid; the message names the file and the entry.
 
     """
     if _is_yaml(path):
         return _read_yaml(path, joint_names)
     states = read_states(path, joint_names)
     if states.t is None or states.q is None:
-        raise InputError(f"{path}: a motion needs the columns 't' and 'q.<joint>'")
+        raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a motion")
     return _motion(path, states.t, [states.q, states.u, states.udot], joint_names, joint_names)
 
 
@@ -70,13 +70,13 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     Raises
     ------
     InputError
-        Names the file, and the line and column of a bad number, the joints that a quantity lacks,
-        or a name that stands above two columns.
+        If the content is invalid; the message names the file, and the row and column of a bad
+        number, the joints without a column, or a duplicate column.
 
     """
     lines = [line for line in csv.reader(_text(path).splitlines(), skipinitialspace=True) if line]
     if len(lines) < 2:
-        raise InputError(f'{path}: has {len(lines)} lines; expected a header and rows of numbers')
+        raise InputError(f'{path}: {len(lines)} lines; expected a header and rows of numbers')
     header = [name.strip() for name in lines[0]]
     no_header(path, header, f't,q.{joint_names[0]},...')
     distinct(path, header)
@@ -93,7 +93,7 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
                              f'{quantity}.<joint> of every joint (found {", ".join(header)})')
         found[quantity] = _numbers(path, lines, wanted)
     if not found:
-        raise InputError(f'{path}: no column is of any joint; expected names like '
+        raise InputError(f'{path}: no column of any joint; expected names like '
                          f"'q.{joint_names[0]}', found {header}")
     times = [column for column, name in enumerate(header) if name in ('t', 'time')]
     return States(_numbers(path, lines, times[:1])[:, 0] if times else None, **found)
@@ -103,22 +103,22 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
     """
     Return t and (q, u, udot) of a CSV or YAML file; t may be missing.
 
-    The points of a YAML file are a motion, which is sampled; the rows of a CSV file stay what they
-    are. Speeds and accelerations that the file lacks are those of the smooth curve through it.
+    The points of a YAML file are a motion, which is sampled; the rows of a CSV file are returned
+    unchanged. Missing speeds and accelerations are those of the smooth curve through the points.
 
     Parameters
     ----------
     path : str
-        Of the file.
+        Path of the file.
     joint_names : sequence of str
-        The joints that are wanted, in their order.
+        The chosen joints, in the order of the result.
     step : float, optional
-        Largest time between two samples, s, of a CSV file too. Default: that of `STEP` for YAML.
+        Largest time between two samples, s, also of a CSV file. Default for YAML: `STEP`.
 
     Raises
     ------
     InputError
-        Names the file and what in it is wrong or missing.
+        If the content is invalid; the message names the file and the entry.
 
     """
     found = complete_rows(path, joint_names) if step is None else None
@@ -131,7 +131,7 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
 
 
 def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
-    """Return the rows of a CSV file that has q, u and udot; None if it lacks some, or is YAML."""
+    """Return the rows of a CSV file with q, u and udot; None for other files."""
     if _is_yaml(path):
         return None
     states = read_states(path, joint_names)
@@ -143,28 +143,28 @@ def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
 
 
 def sampled(motion: Motion, step: float) -> Rows:
-    """Return a motion at its points, and between them so that no two samples are further apart."""
+    """Return samples of a motion at its points and, at most `step` apart, between them."""
     if not step > 0.0:
-        raise InputError(f'--step is {step}; expected a positive time in s')
+        raise InputError(f'--step: {step}; expected a positive time in s')
     counts = np.maximum(np.ceil(np.diff(motion.times) / step - 1e-9), 1.0).astype(int)
     if counts.sum() > MOST_SAMPLES:
-        raise InputError(f'--step {step:g} makes {counts.sum()} samples of {motion.duration:g} s; '
+        raise InputError(f'--step: {step:g}, {counts.sum()} samples of {motion.duration:g} s; '
                          f'expected at most {MOST_SAMPLES}')
     t = np.concatenate([*(np.linspace(a, b, count, endpoint=False) for a, b, count in zip(
         motion.times[:-1], motion.times[1:], counts, strict=True)), motion.times[-1:]])
     until = t.copy()
-    until[-1] = np.nextafter(t[-1], -math.inf)  # at the very end a motion is at rest already
+    until[-1] = np.nextafter(t[-1], -math.inf)  # at its very end a motion is at rest
     return t, motion.sample(until)
 
 
 def read_trajectory(path: str, robot: Robot) -> Trajectory:
     """
-    Return a robot's motion from a CSV or YAML file, or from an npz file that was saved.
+    Return the trajectory of a robot from a CSV, YAML or saved npz file.
 
     Raises
     ------
     InputError
-        Names the file and what in it is wrong or missing.
+        If the content is invalid; the message names the file and the entry.
 
     """
     if path.endswith('.npz'):
@@ -172,13 +172,13 @@ def read_trajectory(path: str, robot: Robot) -> Trajectory:
     names = robot.joint_names
     t, state = complete_rows(path, names) or sampled(read_motion(path, names), STEP)
     if t is None:
-        raise InputError(f"{path}: has no column 't'")
+        raise InputError(f"{path}: no column 't'; expected the times of the rows, s")
     return Trajectory.along(robot, t, *state)
 
 
 def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],
                  joint_names: Sequence[str]) -> None:
-    """Write (K, n) arrays by quantity as CSV, exactly."""
+    """Write (K, n) arrays by quantity as CSV with all digits."""
     writer = csv.writer(stream, lineterminator='\n')
     writer.writerow([*([] if t is None else ['t']),
                      *(f'{quantity}.{joint}' for quantity in states for joint in joint_names)])
@@ -187,7 +187,7 @@ def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],
 
 
 def more(names: Sequence[str]) -> str:
-    """Return how many more there are, or nothing."""
+    """Return the number of further names as text, or an empty text."""
     return f' (nor of {len(names)} more joints)' if names else ''
 
 
@@ -222,7 +222,7 @@ def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
     for key, what in (('joint_names', 'names'),
                       ('points', "points, each with 'time_from_start' and 'positions'")):
         if not isinstance(content.get(key), list):
-            raise InputError(f'{path}: {key} is {SHORT.repr(content.get(key))}; expected a list '
+            raise InputError(f'{path}: {key}: {SHORT.repr(content.get(key))}; expected a list '
                              f'of {what}')
     points = [mapping(point, f'{path}: point {i}', POINT, InputError)
               for i, point in enumerate(content['points'])]
@@ -248,7 +248,7 @@ def _seconds(value: Any, what: str) -> float:
     try:
         return float(parts.get('sec', 0)) + 1e-9 * float(parts.get('nanosec', 0))
     except (TypeError, ValueError):
-        raise InputError(f'{what} is {SHORT.repr(value)}; expected seconds, or a mapping of sec '
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected seconds, or a mapping of sec '
                          'and nanosec') from None
 
 
@@ -257,8 +257,9 @@ def _text(path: str | Path) -> str:
     try:
         return Path(path).read_text(encoding='utf-8-sig')
     except FileNotFoundError:
-        raise InputError(f'no such file: {os.fspath(path)!r}') from None
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV, YAML or npz '
+                         'file') from None
     except OSError as error:
-        raise InputError(f'{path}: {error.strerror}') from None
+        raise InputError(f'{path}: {error.strerror}; expected a readable file') from None
     except UnicodeDecodeError:
-        raise InputError(f'{path}: is not UTF-8 text') from None
+        raise InputError(f'{path}: not UTF-8; expected text in UTF-8') from None

@@ -1,6 +1,6 @@
-"""Messages of the library in the words of the command line."""
+"""Translate messages of the library to options of the command line."""
 
-OPTIONS = {  # arguments of the library, as messages name them, and the command line's
+OPTIONS = {  # arguments as messages of the library name them, and the options
     'strict=False': '--no-strict',
     'construct it with payload_frame=': 'give --payload-frame',
     'construct the Robot with wrench_frames=': 'give --wrench-frames',
@@ -9,7 +9,7 @@ OPTIONS = {  # arguments of the library, as messages name them, and the command 
 
 
 def in_options(text: str) -> str:
-    """Return a message of the library in the words of the command line."""
+    """Return a message of the library with options of the command line in place of arguments."""
     for ours, theirs in OPTIONS.items():
         text = text.replace(ours, theirs)
     return text

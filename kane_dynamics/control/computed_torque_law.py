@@ -12,7 +12,8 @@ from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -1,4 +1,4 @@
-"""The demo's other processes: their log, their end, and whether they still make progress."""
+"""Child processes of the demo: log, shutdown, and a watch for progress."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -13,20 +13,20 @@ import time
 
 from kane_dynamics.errors import KaneError
 
-PATIENCE = 30.0  # s without progress of any child
-MOST = 300.0  # s for one stage, whatever the children do
-SAY = 10.0  # s between two lines about what is waited for
-LEAST = 0.05  # s of processor time that count as progress
-SHOWN = 20  # last lines of a child that an error repeats
+PATIENCE = 30.0  # s without progress of any child before an error
+MOST = 300.0  # s, longest duration of a stage
+SAY = 10.0  # s between two progress lines
+LEAST = 0.05  # s of processor time that are progress
+SHOWN = 20  # last lines of a child in an error
 
 
 class DemoError(KaneError):
-    """Something that the demo needs did not start or answer."""
+    """A process of the demo did not start or answer."""
 
 
 class Child:
     """
-    A process whose output appears on the terminal, each line behind its name.
+    Process whose output is printed on the terminal, each line after its name.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Child:
 
     @property
     def processor_time(self) -> float:
-        """Return the processor time used so far, s; zero where the system does not tell."""
+        """Return the processor time used so far, s; zero if the system does not provide it."""
         try:
             fields = Path(f'/proc/{self.process.pid}/stat').read_text(
                 encoding='utf-8').rpartition(')')[2].split()
@@ -61,7 +61,7 @@ class Child:
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
     def end(self) -> None:
-        """End it as an operator would, by SIGINT; by force after 5 s."""
+        """Wait for its end after SIGINT; kill it after 5 s."""
         try:
             self.process.wait(timeout=5.0)
         except subprocess.TimeoutExpired:
@@ -74,12 +74,12 @@ class Child:
 
 class Waiting:
     """
-    Wait for the children: as long as one of them makes progress.
+    Watch that the children make progress.
 
     Parameters
     ----------
     what : str
-        Is waited for.
+        Name of the stage, for messages.
     children : sequence of Child
 
     """
@@ -94,15 +94,15 @@ class Waiting:
 
     def check(self) -> None:
         """
-        Raise DemoError where waiting longer is no use.
+        Raise DemoError if the stage has failed.
 
-        A child has ended, or none has written a line or used the processor for `PATIENCE`, or
-        the stage takes longer than `MOST`.
+        It has failed if a child has ended, if no child has written a line or used the processor
+        for `PATIENCE`, or if it takes longer than `MOST`.
         """
         for child in self._children:
             if (code := child.process.poll()) is not None:
                 raise DemoError(f'{self._what}: {child.name} ended with exit code {code}'
-                                + self._told(child))
+                                + self._last_lines(child))
         now, state = time.monotonic(), self._state()
         if any(lines > before or used > then + LEAST
                for (lines, used), (before, then) in zip(state, self._seen, strict=True)):
@@ -114,11 +114,11 @@ class Waiting:
             print(f'  waiting for {now - self._began:.0f} s: {self._what}; processor time: {used}',
                   file=sys.stderr, flush=True)
         if now - self._moved > PATIENCE or now - self._began > MOST:
-            raise DemoError(f'{self._what}: nothing for {now - self._began:.0f} s'
-                            + ''.join(map(self._told, self._children)))
+            raise DemoError(f'{self._what}: no progress for {now - self._began:.0f} s'
+                            + ''.join(map(self._last_lines, self._children)))
 
     @staticmethod
-    def _told(child: Child) -> str:
+    def _last_lines(child: Child) -> str:
         return ''.join(f'\n  {child.name}: {line}' for line in child.last)
 
 
@@ -138,7 +138,7 @@ def children(commands: dict[str, Sequence[str]]) -> Iterator[list[Child]]:
 
 @contextmanager
 def stage(text: str) -> Iterator[None]:
-    """Say what is done, and then how long it took."""
+    """Print a stage, and then its duration."""
     start = time.monotonic()
     print(f'{text} ...', flush=True)
     yield

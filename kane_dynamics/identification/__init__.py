@@ -1,4 +1,4 @@
-"""What a robot is really made of, from recordings of its motion: extra `identify`."""
+"""Identification of inertial parameters and friction from recordings: extra `identify`."""
 
 from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds, BaseFit,
                                                          BaseParameters, fit_base)

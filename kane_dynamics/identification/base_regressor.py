@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of unknowns that torques can tell, named and estimated."""
+"""Base parameters: the identifiable combinations of unknowns, their names and estimates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,24 +15,24 @@ from kane_dynamics.model.model import Model
 import numpy as np
 from numpy.typing import NDArray
 
-RANK = 1e-9  # of the columns, relative to the largest pivot
+RANK = 1e-9  # smallest pivot of independent columns, relative to the largest
 ROUNDS = 8  # of reweighting, which converges in three or four
-USUAL = 0.05  # rad/s or m/s: where the search for friction's onset begins
+USUAL = 0.05  # rad/s or m/s, initial friction speed of the search
 
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
     """
-    Combinations B x of the unknowns x on which the torques depend, and no others.
+    Minimal combinations B x of the unknowns x that determine the torques.
 
     Attributes
     ----------
     names : tuple of str
-        Such as 'shoulder.mx + 0.612 elbow.m': which unknowns stand together.
+        Combinations as text, such as 'shoulder.mx + 0.612 elbow.m'.
     columns : (b,) array of int
-        Columns of the full regressor that serve for the combinations.
+        Columns of the full regressor that represent the combinations.
     B : (b, unknowns) array
-        Value of the combinations: B @ x.
+        Matrix of the combinations; their values are B @ x.
 
     """
 
@@ -42,7 +42,7 @@ class BaseParameters:
 
     @property
     def single(self) -> NDArray[np.bool_]:
-        """Return which of the unknowns torques tell by themselves, (unknowns,) array of bool."""
+        """Return which unknowns are identifiable by themselves, (unknowns,) array of bool."""
         found = np.zeros(self.B.shape[1], dtype=bool)
         found[self.columns[np.count_nonzero(self.B, axis=1) == 1]] = True
         return found
@@ -57,10 +57,10 @@ class BaseFit:
     ----------
     base : BaseParameters
     values, deviations : (b,) arrays
-        Estimate and standard deviation, if residuals of different rows are independent; kg, m,
-        s as the unknowns. Oversampled or filtered rows are not, and make it too small.
+        Estimates and standard deviations for independent residuals; kg, m, s as the unknowns.
+        Residuals of oversampled or filtered rows are correlated: the deviations are too small.
     condition : float
-        Condition number of the equations, their columns scaled to unit length.
+        Condition number of the equations with columns scaled to unit length.
     sigma : (n,) array
         Standard deviation of each joint's residual, N m or N.
 
@@ -80,7 +80,7 @@ def unknown_names(model: Model) -> list[str]:
 
 
 def true_unknowns(model: Model) -> Array:
-    """Return the values that a model gives to the unknowns, (10 bodies + 4 n,)."""
+    """Return the values of the unknowns of a model, (10 bodies + 4 n,)."""
     losses = [[getattr(joint, name) for name in FRICTION] for joint in model.coordinate_joints]
     return np.concatenate([inertial_parameters(model), np.ravel(losses)])
 
@@ -91,17 +91,16 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     Return the base parameters of a model.
 
     The regressor at random states is factorized by QR with column pivoting; dependent columns
-    give the groupings (Gautier, J. Robotic Systems 8 (1991)). Unknowns to which nothing but their
-    own torque answers keep their own names.
+    give the groupings (Gautier, J. Robotic Systems 8 (1991)).
 
     Parameters
     ----------
     model : Model
         The arm.
     speeds : (n,) array
-        At which each joint's Coulomb friction sets in, rad/s or m/s.
+        Friction speed of each joint, rad/s or m/s.
     states : int
-        How many random states to take.
+        Number of random states.
 
     """
     rng = np.random.default_rng(0)
@@ -109,7 +108,7 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     sample = Recording(np.arange(float(states)), q, u, udot, np.zeros((states, model.n)))
     X = full_regressor(rows(without_losses(model), sample), np.asarray(speeds, dtype=float))
     X = X.reshape(-1, X.shape[2])
-    # Pivots prefer columns late in the tree; scaling them keeps small axes from looking absent.
+    # Without scaling, pivots prefer columns of bodies late in the tree.
     _, R, order = scientific('scipy.linalg').qr(X, mode='economic', pivoting=True)
     diagonal = np.abs(np.diag(R))
     rank = int(np.sum(diagonal > RANK * diagonal[0]))
@@ -124,7 +123,7 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
 
 
 def _combination(row: Array, own: int, names: Sequence[str]) -> str:
-    """Return a combination in words, its own unknown first."""
+    """Return a combination as text, with its own unknown first."""
     parts = [names[own]]
     for k in np.flatnonzero(row).tolist():
         if k != own:
@@ -137,24 +136,23 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
 def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
              weighted: bool = True) -> BaseFit:
     """
-    Return base parameters by least squares.
+    Estimate base parameters by least squares.
 
     Parameters
     ----------
     data : RegressionRows
         Regressor and torques.
     model : Model
-        Whose structure counts, not its masses.
+        Model; its structure is used, not its masses.
     speeds : (n,) array
-        At which each joint's Coulomb friction sets in, rad/s or m/s.
+        Friction speed of each joint, rad/s or m/s.
     weighted : bool
-        Whether each joint counts by the variance of its residual, found in a few rounds;
-        otherwise all alike.
+        Whether joints are weighted by the variances of their residuals, which are iterated.
 
     Raises
     ------
     InputError
-        The motion does not excite all base parameters; names one that it leaves out.
+        If the motion does not excite all base parameters; the message names one.
 
     """
     base = base_parameters(model, speeds)
@@ -165,11 +163,13 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
         A, b = stacked(equations, sigma)
         scale = np.linalg.norm(A, axis=0)
         if not scale.all():
-            raise InputError(f"the motion does not excite '{base.names[int(np.argmin(scale))]}'")
+            raise InputError(f"motion: does not excite '{base.names[int(np.argmin(scale))]}'; "
+                             'expected an exciting motion')
         _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
         if singular[-1] < 1e-12 * singular[0]:
             worst = int(np.argmax(np.abs(Vt[-1])))
-            raise InputError(f"the motion does not excite '{base.names[worst]}'")
+            raise InputError(f"motion: does not excite '{base.names[worst]}'; expected an "
+                             'exciting motion')
         values = np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
         residual = weights(equations, floor, counts, values)
         sigma = residual if weighted else sigma
@@ -182,19 +182,19 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
 @on_one_processor
 def base_speeds(data: RegressionRows, model: Model) -> Array:
     """
-    Return the speeds at which friction sets in that fit best beside free base parameters, (n,).
+    Return the friction speeds that fit best with free base parameters, (n,), rad/s or m/s.
 
     Parameters
     ----------
     data : RegressionRows
         Regressor and torques.
     model : Model
-        Whose structure counts, not its masses.
+        Model; its structure is used, not its masses.
 
     Raises
     ------
     InputError
-        The motion does not excite all base parameters; names one that it leaves out.
+        If the motion does not excite all base parameters; the message names one.
 
     """
     bodies = 10 * len(model.bodies)
@@ -208,13 +208,13 @@ def base_speeds(data: RegressionRows, model: Model) -> Array:
 
 
 def base_error(fit: BaseFit, data: RegressionRows, speeds: Array) -> Array:
-    """Return measured torque less that of estimated base parameters, (N, n), N m or N."""
+    """Return measured torque minus that of estimated base parameters, (N, n), N m or N."""
     X = full_regressor(data, speeds)[:, :, fit.base.columns]
     return np.asarray(data.recording.tau - data.rest - X @ fit.values)
 
 
 def base_deviations(A: Array) -> Array:
-    """Return standard deviations by equations of unit variance, (b,); infinite if singular."""
+    """Return standard deviations from equations of unit variance, (b,); infinite if singular."""
     scale = np.linalg.norm(A, axis=0)
     if not scale.all():
         return np.full(len(scale), np.inf)

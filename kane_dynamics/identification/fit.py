@@ -1,4 +1,4 @@
-"""From a model and a recording to a better model, with what it is worth on unseen rows."""
+"""Identify a model from a recording, and validate it on held-out rows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,36 +29,35 @@ WEIGHTS = 10.0 ** np.arange(1, 7)
 @dataclass(frozen=True, eq=False)
 class Identification:
     """
-    An identified model and its worth; arrays of joints stand in the model's order.
+    Identified model with its errors and deviations; joints are in the order of the model.
 
     Attributes
     ----------
     given : Model
-        The one that was begun with.
+        The initial model.
     unknowns : (10 bodies + 4 n,) array
-        What was identified: inertial parameters, in the order of `mechanics.regressor.PARAMETERS`,
-        then damping, friction, armature and offset of each joint.
+        Identified values: inertial parameters, in the order of `regressor.PARAMETERS`, then
+        damping, friction, armature and offset of each joint.
     friction_speed : (n,) array
-        Speed at which each joint's Coulomb friction sets in, rad/s or m/s.
+        Friction speed of the Coulomb friction of each joint, rad/s or m/s.
     friction_only : bool
         Whether the inertials are the given ones.
     before, fitted, held_out : (n,) arrays
-        RMS of torque error, N m or N: of the given model on the second half, of the identified
-        one on the first half, to which it was fitted, and on the second, which it has not seen.
+        RMS of torque error, N m or N: of the given model on the second half; of the identified
+        model on the first half, to which it was fitted; and on the second half, held out.
     deviations : (n, 4) array
-        Standard deviations of damping, friction, armature and offset, if residuals of different
-        rows are independent; those of a smooth recording are not, and these are too small. They
-        count how far the prior may pull, see `identification.deviations`, and take the speeds at
-        which friction sets in as known.
+        Standard deviations of damping, friction, armature and offset for independent residuals;
+        those of a smooth recording are correlated, which makes the deviations too small. They
+        include the bias of the prior, see `standard_deviations`, and take the friction speeds as
+        known.
     inertial_deviations : (bodies, 10) array
         Standard deviations of single inertial parameters about the body's origin, in the order of
-        `mechanics.regressor.PARAMETERS`, by the torques alone, or more where the prior may pull
-        further; NaN for those that torques tell only in combination with others, or not at all,
-        and if friction alone was identified.
+        `regressor.PARAMETERS`: those of the torques alone, or larger by the bias of the prior; NaN
+        for parameters that are not identifiable by themselves, and with `friction_only`.
     condition : float
         Condition number of the equations with the prior, columns scaled to unit length.
     weight : float
-        Of the prior on inertials; infinite if friction alone was identified.
+        Weight of the prior on inertials; infinite with `friction_only`.
 
     """
 
@@ -77,13 +76,13 @@ class Identification:
     @cached_property
     def model(self) -> Model:
         """
-        Return the model with all that was identified.
+        Return the identified model.
 
         Raises
         ------
         ModelError
-            A joint's damping, friction or armature is negative, as it may be without bounds; says
-            which.
+            If damping, friction or armature of a joint is negative, which is possible without
+            bounds; the message names it.
 
         """
         return identified(self.given, self.unknowns, self.friction_speed,
@@ -101,29 +100,29 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
              diagnosed: bool = False,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
     """
-    Return the model that explains the first half of a recording, judged on the second half.
+    Fit a model to the first half of a recording and validate it on the second half.
 
     Parameters
     ----------
     model : Model
-        To begin with: its inertials are the prior of what torques cannot tell.
+        Initial model; its inertials are the prior of parameters that are not identifiable.
     recording : Recording
-        Of the model's joints, in their order; filtered, if it needs that.
+        Recording of the model's joints, in their order; filtered if necessary.
     friction_only : bool
-        Leave the inertials as they are.
+        Keep the given inertials.
     bounded : bool
-        Of friction alone: whether damping, friction and armature must not be negative, as in any
-        arm. Without bounds a negative one shows what the rigid bodies leave unexplained, and the
-        errors are those that plain least squares leave; there may be no model of that then.
+        Whether damping, friction and armature are bounded to values >= 0. False requires
+        `friction_only`: plain least squares, in which a negative value shows an error of the rigid
+        bodies; `model` then raises ModelError.
     weight : float, optional
-        Of the prior; chosen by leaving stretches of the first half out if not given.
+        Weight of the prior. Default: chosen by cross-validation on the first half.
     standstill : float
-        Rows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
-        in the errors reported all rows count.
+        The fit of a joint ignores rows in which it is slower, rad/s or m/s; the reported errors
+        are those of all rows.
     diagnosed : bool
         Whether `diagnose` was called already; it is not called again then.
     progress : callable
-        Called with the share of the work that is done.
+        Called with the finished fraction of the work.
 
     Warns
     -----
@@ -134,15 +133,15 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     Raises
     ------
     InputError
-        The recording does not fit the model, or moves too little; an argument is out of range.
+        If the recording has other joints or moves too little, or an argument is out of range.
 
     """
     if weight is not None and not 0.0 < weight < np.inf:
-        raise InputError(f'weight is {weight:g}; expected a positive, finite number')
+        raise InputError(f'weight: {weight:g}; expected a positive, finite number')
     if not (bounded or friction_only):
-        raise InputError('bounded is False; expected so with friction_only alone')
+        raise InputError('bounded: False; expected it only with friction_only=True')
     if not standstill >= 0.0:
-        raise InputError(f'standstill is {standstill:g}; expected a number not below 0')
+        raise InputError(f'standstill: {standstill:g}; expected a number >= 0')
     if not diagnosed:
         for finding in diagnose(model, recording):
             if finding.level != 'remark':
@@ -169,7 +168,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
 
 
 def identified(model: Model, x: Array, speeds: Array, *, inertials: bool = True) -> Model:
-    """Return the model with the unknowns' values put in its place."""
+    """Return the model with the values of the unknowns."""
     losses = {name: dict(zip(FRICTION, row.tolist(), strict=True), friction_speed=float(speed))
               for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4),
                                           speeds, strict=True)}
@@ -183,7 +182,7 @@ def identified(model: Model, x: Array, speeds: Array, *, inertials: bool = True)
 
 
 def recording_error(model: Model, recording: Recording) -> Array:
-    """Return measured less modelled torque, (N, n), N m or N."""
+    """Return measured minus computed torque, (N, n), N m or N."""
     return recording.tau - Robot(model).inverse_dynamics(recording.q, recording.u,
                                                          recording.udot)
 
@@ -200,10 +199,10 @@ def _friction_alone(model: Model, data: RegressionRows, speeds: Array, lowest: A
 def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, weight: float | None,
                  progress: Callable[[float], object]) -> tuple[Array, Array, float]:
     """
-    Return the unknowns, the speeds at which friction sets in, and the weight of the prior.
+    Return the unknowns, the friction speeds, and the weight of the prior.
 
-    A weight that is to be chosen is chosen twice: beside the speeds that suit the given bodies,
-    and beside those that suit the ones found with it.
+    A weight that is not given is chosen twice: with the friction speeds fitted to the given
+    bodies, then with those fitted to the identified bodies.
     """
     prior = [body.inertial for body in model.bodies]
 
@@ -229,7 +228,7 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
 
 def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x: Array
               ) -> tuple[Array, Array, Array]:
-    """Return the equations by the residuals' deviations at x, and these."""
+    """Return the equations divided by the residuals' deviations at x, and the deviations."""
     equations, floor, counts = compressed_rows
     sigma = weights(equations, floor, counts, x)
     return *stacked(equations, sigma), sigma
@@ -238,11 +237,11 @@ def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x
 def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
                    progress: Callable[[float], object]) -> float:
     """
-    Return the largest weight whose error on stretches left out is near the least.
+    Return the weight of the prior by cross-validation over stretches of rows.
 
-    Errors count in units of each joint's residual at x. Near is within one standard error, the
-    usual guard against taking what one stretch says for what all would say (Hastie, Tibshirani &
-    Friedman, The Elements of Statistical Learning, section 7.10).
+    It is the largest weight whose error is within one standard error of the smallest (Hastie,
+    Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10). Errors are in units
+    of each joint's residual at x.
     """
     sigma = _weighted(compressed(data, speeds), x)[2]
     stretches = [np.vstack([R / s for R, s in zip(factorized(part, speeds), sigma, strict=True)])
@@ -250,12 +249,12 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
     counts = [max(int(part.moving.sum()), 1) for part in data.stretches]
     prior = [body.inertial for body in model.bodies]
     missed = np.zeros((len(stretches), len(WEIGHTS)))
-    for k, judge in enumerate(stretches):
+    for k, held_out in enumerate(stretches):
         R = triangle(np.vstack(stretches[:k] + stretches[k + 1:]))
         for i, weight in enumerate(WEIGHTS):
             found = physical(R[:, :-1], R[:, -1], prior, model.n,
                              float(weight) * (1.0 - 1.0 / len(stretches)))
-            error = judge[:, -1] - judge[:, :-1] @ found
+            error = held_out[:, -1] - held_out[:, :-1] @ found
             missed[k, i] = error @ error / counts[k]
             progress((k * len(WEIGHTS) + i + 1) / (missed.size + ROUNDS))
     mean = missed.mean(axis=0)
@@ -265,7 +264,7 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
 
 
 def _error(data: RegressionRows, speeds: Array, x: Array) -> Array:
-    """Return measured torque less that of the unknowns' values, (N, n)."""
+    """Return measured torque minus that of the values of the unknowns, (N, n)."""
     return np.asarray(data.recording.tau - data.rest - full_regressor(data, speeds) @ x)
 
 

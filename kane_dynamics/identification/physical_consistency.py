@@ -1,12 +1,12 @@
 """
-Inertial parameters that some distribution of mass could have, by semidefinite programming.
+Physically consistent inertial parameters by semidefinite programming.
 
 A body's parameters are physical if and only if its pseudo-inertia P is positive semidefinite
-(Wensing, Kim & Slotine, RA-L 3 (2018)). What torques cannot tell is settled by nearness to the
-model that one began with: with P0 = L L^T and P = L (1 + Z) L^T the distance is |Z|^2, the second
-order of the Riemannian distance between P and P0 and as free of the choice of frame and units as
-that is (Lee, Wensing & Park, IEEE T-RO 36 (2020)). Z also scales the program: 1 + Z >= 0. Where
-that holds at the minimum without it, least squares with bounds on friction are enough.
+(Wensing, Kim & Slotine, RA-L 3 (2018)). Parameters that are not identifiable are determined by
+the distance from the initial model: with P0 = L L^T and P = L (1 + Z) L^T the distance is |Z|^2,
+the second-order term of the Riemannian distance between P and P0, which is independent of frame
+and units (Lee, Wensing & Park, IEEE T-RO 36 (2020)). Z also scales the program: 1 + Z >= 0. If the
+unconstrained minimum satisfies this, least squares with bounds on friction are enough.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ from kane_dynamics.mechanics.recursive.regressor import ENTRIES
 from kane_dynamics.model.model import Inertial
 import numpy as np
 
-SMALLEST = 1e-4  # eigenvalue of 1 + Z: no body comes nearer to impossible than that
-FLOOR = 1e-6  # of P0's eigenvalues, relative to the largest: thin and massless bodies get some
-MASSLESS = 1e-3  # kg m^2 and kg, where P0 is zero
+SMALLEST = 1e-4  # lower bound of the eigenvalues of 1 + Z
+FLOOR = 1e-6  # lower bound of P0's eigenvalues, relative to the largest, for thin bodies
+MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
 SYMMETRIC = np.array([(np.outer(e, f) + np.outer(f, e)) / (2.0 if r == s else np.sqrt(2.0))
                       for r, e in enumerate(np.eye(4)) for s, f in enumerate(np.eye(4)[:r + 1])])
@@ -44,7 +44,7 @@ def pseudo_inertia_of(parameters: Array) -> Array:
 
 
 def prior_metric(prior: Inertial) -> Array:
-    """Return G, (10, 10): the distance |Z|^2 of parameters p from the prior's is dp G dp."""
+    """Return G, (10, 10): the distance |Z|^2 from the prior is dp^T G dp for a change dp."""
     inverse = np.linalg.inv(_root(prior.pseudo_inertia))
     Z = np.column_stack([(inverse @ pseudo_inertia_of(unit) @ inverse.T).ravel()
                          for unit in np.eye(10)])
@@ -52,7 +52,7 @@ def prior_metric(prior: Inertial) -> Array:
 
 
 def prior_parameters(prior: Inertial) -> Array:
-    """Return the ten parameters from which distance counts: the prior's, thin bodies lifted."""
+    """Return the ten parameters of the prior with eigenvalues of at least `FLOOR`."""
     L = _root(prior.pseudo_inertia)
     return parameters_of(L @ L.T)
 
@@ -60,24 +60,24 @@ def prior_parameters(prior: Inertial) -> Array:
 def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight: float
              ) -> Array:
     """
-    Return the x that minimises |A x - b|^2 + weight * sum |Z|^2 with every body physical.
+    Return the x that minimizes |A x - b|^2 + weight * sum |Z|^2 with physical bodies.
 
     Parameters
     ----------
     A, b : (m, 10 bodies + 4 joints), (m,) arrays
-        Equations; each divided by its standard deviation.
+        Equations, each divided by its standard deviation.
     prior : sequence of Inertial
-        The bodies to begin with, and to stay near to.
+        Inertials of the initial model.
     joints : int
-        How many joints have friction and armature among the unknowns, none of them negative but
-        for offsets.
+        Number of joints with friction and armature among the unknowns; all of these except
+        offsets are >= 0.
     weight : float
-        Positive: how much nearness to the prior counts.
+        Positive weight of the distance from the prior.
 
     Raises
     ------
     InputError
-        The solver finds no optimum; says what it reports.
+        If the solver finds no optimum; the message contains its status.
 
     """
     roots = [_root(inertial.pseudo_inertia) for inertial in prior]
@@ -98,12 +98,12 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
 
 def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     """
-    Return the minimum without regard to the bodies, None if one of them is not physical then.
+    Return the minimum without constraints on the bodies; None if a body is not physical.
 
-    R has the equations' last column on the right of those of Z, body by body, and of the losses,
-    whose bounds are `lowest`. The problem is convex: where this is physical it is the answer, and
-    more accurate than that of an interior point method, which stops short where data and prior
-    differ much in weight.
+    The columns of R are those of Z, body by body, of the losses with bounds `lowest`, and the
+    right-hand side. The problem is convex: a physical minimum is the solution, and more accurate
+    than that of an interior point method, which stops early if data and prior differ much in
+    weight.
     """
     lengths = np.linalg.norm(R[:, :-1], axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -121,7 +121,7 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
 
     The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the cones.
-    The basis of Z is the one in which Clarabel writes a semidefinite matrix.
+    The basis of Z is that of semidefinite matrices in Clarabel.
     """
     clarabel, sparse = scientific('clarabel'), scientific('scipy.sparse')
     rows, size, count = len(R), 10 * bodies, R.shape[1] - 1
@@ -142,12 +142,12 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)], format='csc')
     found = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings).solve()
     if str(found.status) != 'Solved':
-        raise InputError(f'no physical parameters found: the solver reports {found.status}')
+        raise InputError(f'physical parameters: solver status {found.status}; expected Solved')
     return np.asarray(found.x[:count]) / scale
 
 
 def _root(P: Array) -> Array:
-    """Return L with L L^T = P, its eigenvalues lifted off zero."""
+    """Return L with L L^T = P, with eigenvalues of at least `FLOOR`."""
     values, vectors = np.linalg.eigh(P)
     top = float(values[-1])
     return np.asarray(vectors * np.sqrt(np.maximum(values, FLOOR * top if top > 0.0

@@ -1,4 +1,4 @@
-"""One joint's equations factorized once, for any speed at which Coulomb friction sets in."""
+"""QR factorization of the equations of one joint, for any friction speed."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,12 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class Factor:
     """
-    Q R of one joint's equations but for the column of Coulomb friction.
+    QR factorization of the equations of one joint, without the column of Coulomb friction.
 
     Attributes
     ----------
     places : (k,) array of int
-        Which unknowns the columns of R belong to; the torque counts as the last.
+        Unknowns of the columns of R; the torque is the last.
     coulomb : int
         The unknown whose column is missing.
     u : (N,) array
@@ -31,10 +31,10 @@ class Factor:
     R: Array
 
     def with_coulomb(self, speed: float, columns: int) -> Array:
-        """Return R of all columns, that of Coulomb friction at `speed` put in its place."""
+        """Return R of all columns, with that of Coulomb friction at friction speed `speed`."""
         slip = coulomb(self.u, speed)
         along = np.zeros(self.Q.shape[1])
-        for _ in range(2):  # the second time takes away the rounding of the first
+        for _ in range(2):  # twice: the second pass removes rounding errors
             share = self.Q.T @ slip
             slip -= self.Q @ share
             along += share

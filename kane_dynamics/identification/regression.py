@@ -1,13 +1,13 @@
 """
-The linear equations of identification: torque = Y phi + friction and rotor terms.
+Linear equations of identification: torque = Y phi + friction and armature terms.
 
-The unknowns, in order: ten inertial parameters a body as `mechanics.regressor` has them, then for
-each joint damping, Coulomb friction, armature and offset. How fast Coulomb friction sets in
-enters nonlinearly; it is given, or chosen for each joint: by `friction_speeds` beside given
-bodies, by `settled_speeds` beside bodies that are unknown too.
+The unknowns, in order: ten inertial parameters per body as in `mechanics.recursive.regressor`,
+then damping, Coulomb friction, armature and offset of each joint. The friction speed of Coulomb
+friction enters nonlinearly. It is given, or chosen for each joint: by `friction_speeds` for given
+bodies, by `settled_speeds` for unknown bodies.
 
-A joint that stands takes any torque up to that of stiction, so that what it takes says nothing
-about its parameters: rows in which a joint is slower than a bound are left out of its equations
+The torque of a joint at rest is undetermined within the limits of stiction and contains no
+information on its parameters: its equations omit rows in which it is slower than a bound
 (Swevers, Verdonck & De Schutter, IEEE Control Systems 27 (2007), section on friction).
 """
 
@@ -29,19 +29,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 FRICTION = ('damping', 'friction', 'armature', 'friction_offset')
-LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # of what dissipates
+LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # lower bounds of FRICTION
 UNBOUNDED = np.full(4, -np.inf)
 STANDSTILL = 0.02  # rad/s or m/s
 SPEEDS = np.geomspace(0.005, 0.5, 41)  # candidates, rad/s or m/s
-TURNS = 10  # of fitting bodies and speeds, at most
-STAYS = 0.02  # relative change of a speed
-STRETCHES = 4  # of consecutive rows, which are factorized one by one
+TURNS = 10  # largest number of alternating fits of bodies and speeds
+STAYS = 0.02  # relative change of a converged speed
+STRETCHES = 4  # number of blocks of consecutive rows, factorized separately
 
 
 @dataclass(frozen=True, eq=False)
 class RegressionRows:
     """
-    What a recording says of a model.
+    Regression data of a recording and a model.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class RegressionRows:
     rigid : (N, n) array
         Torque of the model's rigid bodies, N m or N.
     rest : (N, n) array
-        Torque that is not identified: springs, payloads, mimic joints' friction.
+        Torque that is not identified: springs, payloads, friction of mimic joints.
     Y : (N, n, 10 bodies) array
         The regressor.
     moving : (N, n) array of bool
@@ -81,7 +81,7 @@ class RegressionRows:
 
     @cached_property
     def factors(self) -> list[Factor]:
-        """Return for each joint the factorized columns that no friction speed changes."""
+        """Return for each joint the factorized columns that do not depend on friction speeds."""
         _, n, inertial = self.Y.shape
         tau, found = self.recording.tau - self.rest, []
         for j in range(n):
@@ -96,7 +96,7 @@ class RegressionRows:
 
 
 def without_losses(model: Model) -> Model:
-    """Return the model without friction and armature at the joints that carry a coordinate."""
+    """Return the model without friction and armature at joints with a coordinate of their own."""
     own = set(model.coordinate_names)
     nothing: dict[str, Any] = dict.fromkeys(FRICTION, 0.0)
     return replace(model, bodies=tuple(
@@ -105,10 +105,10 @@ def without_losses(model: Model) -> Model:
 
 
 def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> RegressionRows:
-    """Return what a recording says of a model; InputError if it is of other joints."""
+    """Return the regression data of a recording; raise InputError for other joints."""
     if recording.tau.shape[1] != model.n:
-        raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
-                         f'{model.n}: {", ".join(model.joint_names)}')
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
+                         f'{", ".join(model.joint_names)}')
     robot = Robot(without_losses(model))
     state = recording.q, recording.u, recording.udot
     Y = robot.regressor(*state)
@@ -118,7 +118,7 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
 
 
 def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
-    """Return what unit damping, friction, armature and offset ask of a joint, (N, 4)."""
+    """Return the torques of unit damping, friction, armature and offset of a joint, (N, 4)."""
     u = recording.u[:, joint]
     return np.column_stack([u, coulomb(u, speed), recording.udot[:, joint], np.ones(len(u))])
 
@@ -126,25 +126,25 @@ def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
 def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array = LOWEST
                  ) -> tuple[Array, float]:
     """
-    Fit a joint's friction and armature, of which `lowest` are bounds, beside the model's bodies.
+    Fit friction and armature of a joint, with lower bounds `lowest`, for given bodies.
 
     Returns
     -------
     (4,) array
         Damping, friction, armature and offset.
     float
-        Sum of squares of what they leave, (N m)^2 or N^2.
+        Sum of squares of the residual, (N m)^2 or N^2.
 
     """
     return _fitted_friction(_friction_factor(data, joint), speed, lowest)
 
 
 def _friction_factor(data: RegressionRows, joint: int) -> Factor:
-    """Return a joint's equations of friction beside the model's bodies, factorized."""
+    """Return the factorized friction equations of a joint for given bodies."""
     moves = data.moving[:, joint]
     if moves.sum() < 10:
-        raise InputError(f'joint number {joint + 1} moves in {moves.sum()} rows of the fit; '
-                         'identification needs all joints in motion')
+        raise InputError(f'joint number {joint + 1}: moves in {moves.sum()} rows of the fit; '
+                         'expected at least 10')
     left = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
     u, udot = data.recording.u[moves, joint], data.recording.udot[moves, joint]
     return Factor(np.array([0, 2, 3, 4]), 1, u, *np.linalg.qr(np.column_stack(
@@ -152,26 +152,26 @@ def _friction_factor(data: RegressionRows, joint: int) -> Factor:
 
 
 def _fitted_friction(factor: Factor, speed: float, lowest: Array) -> tuple[Array, float]:
-    """Return what `fit_friction` does of factorized equations."""
+    """Return the result of `fit_friction` for factorized equations."""
     R = factor.with_coulomb(speed, 5)
     found = scientific('scipy.optimize').lsq_linear(
         R[:, :-1], R[:, -1], bounds=(lowest, np.inf), method='bvls').x
-    x = np.maximum(found, lowest)  # the solver leaves bounds by rounding
+    x = np.maximum(found, lowest)  # the solver exceeds bounds by rounding errors
     missed = R[:, -1] - R[:, :-1] @ x
     return x, float(missed @ missed)
 
 
 def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
     """
-    Return the speed at which each joint's Coulomb friction fits best, (n,), rad/s or m/s.
+    Return the friction speed that fits best for each joint, (n,), rad/s or m/s.
 
-    It is sought among `SPEEDS`, then between the neighbours of the best.
+    It is searched among `SPEEDS`, then between the neighbors of the best one.
     """
     return np.array([_friction_speed(data, joint, lowest) for joint in range(data.rigid.shape[1])])
 
 
 def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
-    """Return the speed at which a joint's Coulomb friction fits best."""
+    """Return the friction speed that fits best for a joint."""
     factor = _friction_factor(data, joint)
 
     def missed(speed: float) -> float:
@@ -189,22 +189,21 @@ def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
 def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array], Array],
                    lowest: Array = LOWEST) -> Array:
     """
-    Return the speeds at which friction sets in, chosen beside bodies that are unknown as well.
+    Return the friction speeds that fit best for unknown bodies.
 
-    Bodies and speeds are fitted in turn until the speeds stay: each lowers the same sum of
-    squares. A speed that was chosen beside wrong bodies makes up for what these leave, and bodies
-    that are fitted beside wrong speeds likewise.
+    Bodies and speeds are fitted alternately until the speeds converge; each fit reduces the same
+    sum of squares. Speeds fitted to wrong bodies compensate part of their error, and vice versa.
 
     Parameters
     ----------
     data : RegressionRows
         The rows to fit.
     speeds : (n,) array
-        To begin with, rad/s or m/s.
+        Initial speeds, rad/s or m/s.
     rigid : callable
-        Given speeds, fits the bodies and returns their torque, (N, n), N m or N.
+        Fits the bodies for given speeds and returns their torque, (N, n), N m or N.
     lowest : (4,) array
-        Of damping, friction, armature and offset.
+        Lower bounds of damping, friction, armature and offset.
 
     """
     for _ in range(TURNS):
@@ -228,33 +227,33 @@ def full_regressor(data: RegressionRows, speeds: Array) -> Array:
 def compressed(data: RegressionRows,
                speeds: Array) -> tuple[list[tuple[Array, Array]], Array, Array]:
     """
-    Return per-joint equations R x = z with the normal equations of all rows that count.
+    Return equations R x = z per joint, with the normal equations of all its rows in motion.
 
     Returns
     -------
     equations : list of (R, z)
-        One a joint; R is square, or shorter, from a QR factorization.
+        One per joint; R is square, or has fewer rows, from a QR factorization.
     floor : (n,) array
-        The sum of squares that no x can take away.
+        Smallest possible sum of squares.
     counts : (n,) array
-        Rows in each.
+        Number of rows of each joint.
 
     """
     columns = data.Y.shape[2] + 4 * data.Y.shape[1]
     counts = data.moving.sum(axis=0)
     for j, count in enumerate(counts):
         if count <= columns + 1:
-            raise InputError(f'joint number {j + 1} moves in {count} rows of the fit; '
-                             f'{columns} unknowns need more')
+            raise InputError(f'joint number {j + 1}: moves in {count} rows of the fit; '
+                             f'expected more than {columns + 1} for {columns} unknowns')
     parts = [factorized(part, speeds) for part in data.stretches]
     whole = [triangle(np.vstack(of_joint)) for of_joint in zip(*parts, strict=True)]
-    # With few columns in use the last row may have gone already.
+    # With few columns in use the last row may be missing.
     floor = [R[-1, -1]**2 if len(R) > columns else 0.0 for R in whole]
     return [(R[:columns, :-1], R[:columns, -1]) for R in whole], np.array(floor), counts
 
 
 def factorized(data: RegressionRows, speeds: Array) -> list[Array]:
-    """Return for each joint R of its equations [X | torque] in the rows that count."""
+    """Return R of each joint's equations [X | torque] in its rows in motion."""
     columns = data.Y.shape[2] + 4 * data.Y.shape[1] + 1
     return [factor.with_coulomb(float(speed), columns)
             for factor, speed in zip(data.factors, speeds, strict=True)]
@@ -267,11 +266,11 @@ def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array, x
 
 
 def triangle(A: Array) -> Array:
-    """Return R of A = Q R: as few rows as there are columns, with the same normal equations."""
+    """Return R of A = Q R, which has the same normal equations and at most as many rows as A."""
     return np.asarray(np.linalg.qr(A, mode='r'))
 
 
 def stacked(equations: list[tuple[Array, Array]], sigma: Array) -> tuple[Array, Array]:
-    """Return the equations of all joints, each by its standard deviation."""
+    """Return the equations of all joints, divided by their standard deviations."""
     return (np.vstack([R / s for (R, _), s in zip(equations, sigma, strict=True)]),
             np.concatenate([z / s for (_, z), s in zip(equations, sigma, strict=True)]))

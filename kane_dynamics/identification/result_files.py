@@ -1,4 +1,4 @@
-"""What was identified as files: a URDF, and a supplement for what a URDF cannot say."""
+"""Write identified models: a URDF, and a supplement for properties that URDF lacks."""
 
 import os
 from pathlib import Path
@@ -19,42 +19,41 @@ PASSIVE = ('damping', 'friction', 'friction_speed', 'friction_offset', 'armature
 
 def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, str]:
     """
-    Return the texts of a URDF and of its supplement that together say what a model says.
+    Return the texts of a URDF and of its supplement that describe a model.
 
-    `load_urdf(urdf, supplement=supplement, ...)` with the arguments of the first load returns the
-    model's dynamics. A moving body's whole inertial stands at its first link; links that are
-    fixed to it lose theirs, as does a payload of the former supplement. Links that joints move
-    which the model has locked keep theirs, so that these joints can still move, and the body's
-    first link has the rest. Where that would leave it no possible inertia, the share of them that
-    leaves half of the possible is kept.
+    `load_urdf(urdf, supplement=supplement, ...)` with the arguments of the first load returns a
+    model with the same dynamics. The first link of a moving body gets its whole inertial; links
+    fixed to it, and a payload of the former supplement, get none. Links behind locked joints keep
+    theirs, so that these joints can still move, and the first link gets the rest. If the rest is
+    no possible inertia, they keep half of the largest possible fraction.
 
     Warns
     -----
     ModelWarning
-        Links behind locked joints keep less than they had; names them.
+        If links behind locked joints keep less than they had; the message names them.
 
     Parameters
     ----------
     source : path, or str or bytes of XML
         The URDF that the model came from.
     model : Model
-        What to say.
+        Model to write.
 
     Raises
     ------
     InputError
-        A body of the model is no link: floating and planar joints cannot be written.
+        If a body of the model is no link: floating and planar joints cannot be written.
     UrdfError
-        The URDF cannot be read, or is not the model's.
+        If the URDF cannot be read, or is not that of the model.
 
     """
     links = {frame.name for frame in model.frames}
     bodies = {body.name: body for body in model.bodies}
     strange = sorted(set(bodies) - links)
     if strange:
-        raise InputError(f'bodies {strange} are no links of the URDF; a model with floating or '
-                         'planar joints cannot be written')
-    inertials = _parted(source, model)
+        raise InputError(f'bodies {strange}: no links of the URDF; expected a model without '
+                         'floating or planar joints')
+    inertials = _link_inertials(source, model)
     riders = [frame.name for frame in model.frames
               if frame.body != WORLD and frame.name not in inertials]
     urdf = rewritten(source, inertials, riders, {
@@ -65,11 +64,11 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
 
 
-def _parted(source: str | bytes | os.PathLike[str], model: Model) -> dict[str, Inertial]:
-    """Return the inertials of all links that joints of the URDF move, locked ones or not."""
+def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dict[str, Inertial]:
+    """Return the inertials of all links that joints of the URDF move, also locked joints."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
-        whole = load_urdf(source, strict=False)  # its fixed joints merge, no other does
+        whole = load_urdf(source, strict=False)  # merges fixed joints only
     given = {body.name: body.inertial for body in whole.bodies}
     found = {body.name: body.inertial for body in model.bodies}
     for number, body in enumerate(model.bodies):
@@ -86,9 +85,9 @@ def _parted(source: str | bytes | os.PathLike[str], model: Model) -> dict[str, I
         most = 1.0 / float(np.linalg.eigvalsh(root @ theirs @ root.T)[-1])
         share = 1.0 if most > 1.0 else 0.5 * most
         if share < 1.0:
-            warnings.warn(f"links {heavy} behind locked joints: heavier than body '{body.name}', "
-                          f'which carries them, was found to be; they keep {share:.1%} of their '
-                          'inertials', ModelWarning, stacklevel=3)
+            warnings.warn(f'links {heavy} behind locked joints: heavier than their identified '
+                          f"body '{body.name}'; they keep {share:.1%} of their inertials; "
+                          'expected at most the inertia of the body', ModelWarning, stacklevel=3)
         found[body.name] = Inertial.from_pseudo_inertia(total - share * theirs)
         for name in heavy:
             found[name] = Inertial.from_pseudo_inertia(share * given[name].pseudo_inertia)
@@ -98,26 +97,26 @@ def _parted(source: str | bytes | os.PathLike[str], model: Model) -> dict[str, I
 def written_payload(supplement: str | os.PathLike[str] | None, link: str, payload: Inertial
                     ) -> str:
     """
-    Return the text of a supplement that also says what a link carries.
+    Return the text of a supplement with the payload of a link.
 
     Parameters
     ----------
     supplement : path, optional
-        What was known before; its comments are lost.
+        Former supplement; its comments are lost.
     link : str
-        In whose axes, and about whose origin, the payload is given.
+        Link in whose axes, about whose origin, the payload is given.
     payload : Inertial
-        What it carries.
+        Payload of the link.
 
     Raises
     ------
     InputError
-        The supplement has a payload already.
+        If the supplement has a payload already.
 
     """
     if read_supplement(supplement).payload is not None:
-        raise InputError(f"supplement '{supplement}' has a payload already; a recording tells "
-                         'what the arm carries besides: take it out first')
+        raise InputError(f"supplement '{supplement}': has a payload already; expected none, "
+                         'since the identified payload would be added to it')
     known: Any = {} if supplement is None else yaml.safe_load(Path(supplement).read_bytes())
     moments = dict(zip(INERTIA_KEYS, six(payload), strict=True))
     return yaml.safe_dump({**(known or {}), 'payload': {

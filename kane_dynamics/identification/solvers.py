@@ -1,4 +1,4 @@
-"""The libraries of the extra `identify`, imported when they are first needed."""
+"""Libraries of the extra `identify`, imported at their first use."""
 
 from collections.abc import Callable
 from functools import partial, wraps
@@ -13,10 +13,9 @@ scientific = partial(extra, name='identify', what='identification')
 
 def on_one_processor(function: Callable[P, R]) -> Callable[P, R]:
     """
-    Return the function with linear algebra on one thread.
+    Return the function with BLAS limited to one thread.
 
-    Its matrices are small: the threads of a BLAS wait for each other in busy loops, for several
-    times the processor time of the work.
+    The matrices are small: threads of a BLAS would mostly wait for each other in busy loops.
     """
     @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -1,13 +1,13 @@
 """
-How sure identified numbers are, the pull of the prior included.
+Standard deviations of identified values, including the bias of the prior.
 
-With P = (A^T A + w G)^-1 and prior deviations d = truth less what one began with, the estimate is
-off by P (A^T e - w G d): by the noise e, and by the prior's pull towards what one began with. If
-w says rightly how near that is to the truth, d has the covariance (w G)^-1, and the error has P.
-But the weight is chosen to predict well, and may believe more in the model than what is found
-bears out. By the evidence (MacKay, Neural Computation 4 (1992), "Bayesian interpolation") the
-weight that the data bear out is the number of parameters that they tell over the squared
-distance found; where the one used is larger, d counts for as much more:
+With P = (A^T A + w G)^-1 and the error of the prior, d = truth - prior, the error of the estimate
+is P (A^T e - w G d): noise e, and bias towards the prior. If the weight w is that of the true
+distribution, d has the covariance (w G)^-1, and the error has the covariance P. But w is chosen by
+cross-validation and may be too large. By the evidence (MacKay, Neural Computation 4 (1992),
+"Bayesian interpolation") the weight supported by the data is the effective number of parameters,
+`told`, divided by the squared distance from the prior. If w is larger, the covariance of d is
+increased by the ratio:
 
     covariance = P (A^T A + w max(1, w distance / told) G) P.
 """
@@ -20,7 +20,7 @@ import numpy as np
 
 
 def friction_statistics(A: Array, model: Model) -> tuple[Array, Array, float]:
-    """Return what `statistics` does if the inertials are given: of these all is NaN."""
+    """Return the result of `statistics` for given inertials, whose deviations are NaN."""
     information = A.T @ A
     own = slice(10 * len(model.bodies), None)
     inverse, condition = _inverse(information[own, own])
@@ -31,27 +31,27 @@ def friction_statistics(A: Array, model: Model) -> tuple[Array, Array, float]:
 def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
                ) -> tuple[Array, Array, float]:
     """
-    Return how sure the unknowns are.
+    Return standard deviations of the unknowns and the condition number.
 
     Parameters
     ----------
     A : (m, 10 bodies + 4 n) array
         Equations, each divided by its standard deviation.
     model : Model
-        Whose inertials are the prior.
+        Its inertials are the prior.
     x : (10 bodies + 4 n,) array
-        What was found.
+        Identified values.
     speeds : (n,) array
-        At which each joint's Coulomb friction sets in, rad/s or m/s.
+        Friction speed of each joint, rad/s or m/s.
     weight : float
-        Of the prior.
+        Weight of the prior.
 
     Returns
     -------
     (n, 4) array
         Standard deviations of damping, friction, armature and offset.
     (bodies, 10) array
-        Of inertial parameters, NaN for those that torques do not tell by themselves.
+        Standard deviations of inertial parameters; NaN if not identifiable by themselves.
     float
         Condition number of the equations with the prior, columns scaled to unit length.
 
@@ -77,7 +77,7 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
 
 
 def _inverse(information: Array) -> tuple[Array, float]:
-    """Return the inverse of an information matrix, and the condition of its equations, scaled."""
+    """Return the inverse of an information matrix, and the condition of its scaled equations."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information / np.outer(scale, scale)
     return (np.asarray(np.linalg.pinv(scaled) / np.outer(scale, scale)),

@@ -1,8 +1,8 @@
 """
 Pictures of motions, bending, tracking, torques, energies and reactions, in one style.
 
-Figures are made without pyplot: no window opens, no backend is chosen, and the style ends with
-the call. Each function returns its figure and, given a path, saves it (png, pdf, svg, ...).
+Figures are created without pyplot: no window opens, no backend is selected, and the style is
+restored after the call. Each function returns its figure and, given a path, saves it.
 """
 
 from kane_dynamics.plot.bending_plots import plot_bending, plot_vibrations

@@ -1,4 +1,4 @@
-"""Pictures of flexible robots: their bent shapes along a motion, and how they vibrate."""
+"""Plots of flexible robots: bent shapes along a motion, and vibration modes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,47 +16,47 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 PLANES = ('xy', 'xz', 'yz', 'xyz')
-FLAT = 1e-6  # of the extent: a robot no thicker than this is drawn in its plane
-SWING = 0.15  # the drawn amplitude of a vibration, of the robot's extent
+FLAT = 1e-6  # of the extent; a thinner robot is drawn in its plane
+SWING = 0.15  # drawn amplitude of a vibration, relative to the extent of the robot
 _AGES = LinearSegmentedColormap.from_list('ages', [BLUE, SKY, ORANGE, RED])
 
-Lines = list[tuple[bool, Array]]  # whether it is a beam, and places (k, 3), m
+Lines = list[tuple[bool, Array]]  # whether it is a beam, and its points (k, 3), m
 
 
 def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
                  path: Path | None = None, *, exaggeration: float = 1.0,
                  plane: str | None = None, title: str = 'Bending arm') -> Figure:
     """
-    Draw a robot's shape at a posture, or at several times of a motion, beams as they bend.
+    Plot the shape of a robot with bent beams, at one or several configurations.
 
     Parameters
     ----------
     model : Model
         A chain or tree.
     q : (n,) or (K, n) array
-        Postures, such as ``trajectory.q[::50]``: rad, m, and modal coordinates.
+        Configurations, such as ``trajectory.q[::50]``: rad, m, and modal coordinates.
     t : (K,) sequence of float, optional
         Their times, s, for the legend.
     path : str or Path, optional
         File to write; its suffix is the format.
     exaggeration : float
-        What deflections are multiplied by in the picture; the title says so.
+        Factor on the drawn deflections; the title contains it.
     plane : str, optional
-        World axes to draw in: xy, xz, yz, or xyz for a view in space; by default the plane that
-        the robot is in, or else space.
+        World axes of the picture: xy, xz, yz, or xyz for a view in space. Default: the plane of
+        the robot, else xyz.
     title : str
-        Above the picture.
+        Title of the picture.
 
     Raises
     ------
     InputError
-        No such plane, or postures that are not the model's.
+        If the plane or the configurations are invalid.
 
     """
-    postures = _checked(model, q)
-    if t is not None and len(t) != len(postures):
-        raise InputError(f't has {len(t)} times for {len(postures)} postures')
-    drawn = [_lines(model, posture, exaggeration) for posture in postures]
+    shapes = _checked(model, q)
+    if t is not None and len(t) != len(shapes):
+        raise InputError(f't: {len(t)} times; expected {len(shapes)}, one per configuration')
+    drawn = [_lines(model, shape, exaggeration) for shape in shapes]
     view = _View(plane, drawn)
     colors = _AGES(np.linspace(0.0, 1.0, len(drawn)))
     times = '' if exaggeration == 1.0 else f', deflections drawn {exaggeration:g} times'
@@ -73,26 +73,26 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
                     count: int = 4, plane: str | None = None,
                     title: str = 'Natural vibrations') -> Figure:
     """
-    Draw the slowest natural vibrations about a posture, each at both ends of its swing.
+    Plot the slowest natural vibrations about a configuration, each at both ends of its swing.
 
     Parameters
     ----------
     robot, q, held
-        As for `natural_vibration`. What does not vibrate (frequency zero, or falling away) is
+        As for `natural_vibration`. Modes that do not vibrate (zero frequency, or unstable) are
         not drawn.
     path : str or Path, optional
         File to write; its suffix is the format.
     count : int
-        How many, at most.
+        Largest number of vibrations.
     plane : str, optional
         As for `plot_bending`.
     title : str
-        Above the picture.
+        Title of the picture.
 
     Raises
     ------
     InputError
-        As of `natural_vibration` and `plot_bending`; or nothing vibrates.
+        As of `natural_vibration` and `plot_bending`; or if no mode vibrates.
 
     """
     rest = _checked(robot.model, q)[0]
@@ -100,7 +100,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
     scale = float(np.abs(found.frequencies).max(initial=0.0))
     shown = [k for k, w in enumerate(found.frequencies) if w > 1e-6 * scale][:max(count, 0)]
     if not shown:
-        raise InputError('nothing vibrates about this posture, or count is not positive')
+        raise InputError(f'count: {count}, no vibration to plot; expected at least one')
     still = _lines(robot.model, rest)
     extent = float(np.ptp(np.concatenate([places for _, places in still]), axis=0).max())
     swings = [_swing(still, robot.model, rest, found.shapes[:, k], SWING * extent) for k in shown]
@@ -121,19 +121,19 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
 
 
 def _checked(model: Model, q: Any) -> Array:
-    """Return postures as a (K, n) array of finite numbers."""
-    postures = np.atleast_2d(np.array(q, dtype=np.float64))
-    if postures.ndim != 2 or postures.shape[1] != model.n or not np.isfinite(postures).all():
-        raise InputError(f'q must be finite, of shape ({model.n},) or (K, {model.n}), for '
-                         f'{", ".join(model.coordinate_names)}; given shape {np.shape(q)}')
-    return postures
+    """Return configurations as a (K, n) array of finite numbers."""
+    rows = np.atleast_2d(np.array(q, dtype=np.float64))
+    if rows.ndim != 2 or rows.shape[1] != model.n or not np.isfinite(rows).all():
+        raise InputError(f'q: shape {np.shape(q)}; expected finite numbers of shape ({model.n},) '
+                         f'or (K, {model.n}), for {", ".join(model.coordinate_names)}')
+    return rows
 
 
 def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
     """
-    Return a robot's lines: beams as they bend; other bodies from joint to joint.
+    Return the lines of a robot: bent beams, and other bodies from joint to joint.
 
-    A body without joints or frames on it is no line.
+    A body without joints or frames has no line.
     """
     q = q.copy()
     beams = {i: body.beam for i, body in enumerate(model.bodies) if body.beam}
@@ -157,25 +157,25 @@ def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
 
 
 def _swing(still: Lines, model: Model, rest: Array, shape: Array, size: float) -> list[Lines]:
-    """Return the lines at both ends of a small swing, so enlarged that it goes by `size`."""
+    """Return the lines at both ends of a small swing, scaled to the amplitude `size`."""
     small = 1e-6 / np.abs(shape).max()
     moves = [moved - places for (_, moved), (_, places) in zip(
         _lines(model, rest + small * shape), still)]
     far = max(np.abs(move).max() for move in moves)
-    scale = size / far if far > 1e-9 * size else 0.0  # mere twist moves no line
+    scale = size / far if far > 1e-9 * size else 0.0  # pure twist moves no line
     return [[(beam, places + sign * scale * move) for (beam, places), move in zip(still, moves)]
             for sign in (1.0, -1.0)]
 
 
 class _View:
-    """Where the eye is: the world axes that are drawn, and limits that everything fits in."""
+    """View: the drawn world axes, and limits that contain all lines."""
 
     def __init__(self, plane: str | None, drawn: Sequence[Lines]) -> None:
-        """Take the plane that everything is in, or space, if there is no wish."""
+        """Choose the given plane; by default the plane of all lines, else space."""
         if plane is not None and plane not in PLANES:
-            raise InputError(f"plane is '{plane}'; valid: {', '.join(PLANES)}")
+            raise InputError(f"plane: '{plane}'; expected one of {', '.join(PLANES)}")
         if not any(drawn):
-            raise InputError('there is nothing to draw: no body has a length')
+            raise InputError('model: no body has a length; expected at least one')
         places = np.concatenate([places for lines in drawn for _, places in lines])
         low, size = places.min(axis=0), np.ptp(places, axis=0)
         if plane is None:
@@ -197,14 +197,14 @@ class _View:
             getattr(axes, f'{which}axis').set_major_locator(MaxNLocator(ticks))
         axes.set_aspect('equal')
         if len(self.names) == 3:
-            axes.set_box_aspect(self._size.copy(), zoom=0.7)  # room for the labels,
-            axes.patch.set_visible(False)  # which the next panel would cover
+            axes.set_box_aspect(self._size.copy(), zoom=0.7)  # room for the labels
+            axes.patch.set_visible(False)  # a patch would cover the labels of the previous panel
             axes.tick_params(labelsize=7.0, pad=0.0)
             axes.zaxis.labelpad = 4.0
         return axes
 
     def draw(self, axes: Any, lines: Lines, color: Any, label: str | None = None) -> None:
-        """Draw a robot: beams thick, and a dot where a line begins."""
+        """Plot a robot with thick beams and a dot at the start of each line."""
         for beam, places in lines:
             places = places[:, self._axes].T
             axes.plot(*places, color=color, label=label, linewidth=2.4 if beam else 1.2)

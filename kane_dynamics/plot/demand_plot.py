@@ -1,4 +1,4 @@
-"""What a motion asks of the motors, against their limits."""
+"""Plot of torque, speed and power of a motion with their limits."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 def plot_demand(asked: 'Demand', path: Path | None = None, *, prismatic: Collection[str] = (),
                 title: str = 'Torque, speed and power against the limits') -> Figure:
     """
-    Draw what a motion asks of each joint's motor, its limits as dashed lines.
+    Plot torque, speed and power of each joint, with its limits as dashed lines.
 
     Parameters
     ----------
     asked : Demand
-        What to draw.
+        Result of `feasibility.demand`.
     path : str or Path, optional
         File to write; its suffix is the format.
     prismatic : collection of str
-        Names of the joints that slide, whose units are m and N.
+        Names of the prismatic joints (units m and N).
     title : str
-        Above the picture.
+        Title of the picture.
 
     """
     names = list(asked.joint_names)

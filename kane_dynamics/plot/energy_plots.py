@@ -1,4 +1,4 @@
-"""Where energy is, and whether power balances."""
+"""Plot of energies, powers and their balance."""
 
 import copy
 
@@ -15,28 +15,28 @@ import numpy as np
 def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                 title: str | None = None) -> Figure:
     """
-    Draw energies, what the motors put in and friction takes, and what does not balance.
+    Plot energies, powers of motors and friction, and the errors of both balances.
 
-    The residual of power judges the equations: torques against the rate of the energies, found
-    from these alone (`power_balance`). The unaccounted energy judges the motion: what the energy
-    gained beyond the integral of power, which is the error of integration and sampling
-    (`unaccounted_energy`); it steps where torques jump between two samples.
+    The residual of power verifies the equations: it compares the power of the torques with the
+    rate of the energies (`power_balance`). The unaccounted energy verifies the motion: it is the
+    change of energy minus the integral of power, which is the error of integration and sampling
+    (`unaccounted_energy`); it jumps where torques jump between two samples.
 
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds; what constrains it does not depend on time.
+        Its speeds are joint rates, and its constraints do not depend on time.
     trajectory : Trajectory
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
     title : str, optional
-        Above the picture; by default with the robot's name.
+        Title of the picture; by default with the name of the robot.
 
     Raises
     ------
     InputError
-        The trajectory holds several motions, or is of other joints; or the robot is another kind.
+        If the trajectory holds several motions or other joints, or the robot is unsupported.
 
     """
     trajectory.require(robot, 'plot_energy')
@@ -73,8 +73,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
 
 
 def strain_energy(robot: Robot, q: Array) -> Array:
-    """Return what springs and bent beams hold, (K,), J: the potential energy without gravity."""
-    weightless = copy.copy(robot)  # with parameters of its own
+    """Return the energy of springs and bent beams, (K,), J: potential energy without gravity."""
+    weightless = copy.copy(robot)  # copies the parameters
     weightless.parameters.gravity = np.zeros(3)
     energy: Array = weightless.potential_energy(q)
     return energy

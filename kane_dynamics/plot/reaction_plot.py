@@ -1,4 +1,4 @@
-"""What joints transmit."""
+"""Plot of joint reactions."""
 
 from kane_dynamics.plot.style import (beside, BLUE, draw, GREEN, INK, legend_below, Path, RED,
                                       show_at_least, styled, time_axis, titled, zero_line)
@@ -13,23 +13,23 @@ _AXES = {'x': RED, 'y': GREEN, 'z': BLUE}
 def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                    title: str | None = None) -> Figure:
     """
-    Draw force and moment at every joint: three components each, and their magnitudes.
+    Plot force and moment at every joint: three components each, and their magnitudes.
 
     Parameters
     ----------
     robot : Robot
-        Whose joints.
+        The robot.
     trajectory : Trajectory
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
     title : str, optional
-        Above the picture; by default with the robot's name.
+        Title of the picture; by default with the name of the robot.
 
     Raises
     ------
     InputError
-        The trajectory holds several motions, or is of other joints.
+        If the trajectory holds several motions or other joints.
 
     """
     trajectory.require(robot, 'plot_reactions')

@@ -1,4 +1,4 @@
-"""What the pictures have in common: colours, type, units, panels, legend and file."""
+"""Common style of the plots: colors, fonts, units, panels, legend and file."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,14 +15,14 @@ import numpy as np
 
 Path = str | os.PathLike[str]
 
-# Okabe & Ito's palette, which all kinds of colour vision tell apart, without its pale yellow.
+# Palette of Okabe & Ito, which is safe for color blindness, without its pale yellow.
 BLUE, ORANGE, GREEN, RED = '#0072B2', '#E69F00', '#009E73', '#D55E00'
 PINK, SKY, GREY, INK = '#CC79A7', '#56B4E9', '#8A8F98', '#22262B'
 LINES = (BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY)
-NEAR = 2.0  # times the values: as far limits are drawn
+NEAR = 2.0  # limits within this multiple of the values are drawn
 MARGIN = 0.06  # of a panel's height, beyond a limit
-NOISE = 1e-9  # of the largest torque, or in rad, m, rad/s, m/s: no more than that is rounding
-THIN = 0.8  # of lines that stand behind, and of measured ones
+NOISE = 1e-9  # of the largest torque, or rad, m, rad/s, m/s: below is rounding error
+THIN = 0.8  # line width of background and of measured values
 _STYLE: Any = {
     'font.family': 'sans-serif', 'font.size': 10.0, 'text.color': INK, 'figure.dpi': 100.0,
     'figure.facecolor': 'white', 'savefig.dpi': 150.0, 'axes.edgecolor': '#C4C8CE',
@@ -34,24 +34,24 @@ _STYLE: Any = {
     'ytick.color': '#5A6068', 'xtick.labelsize': 9.0, 'ytick.labelsize': 9.0,
     'lines.linewidth': 1.6, 'lines.solid_capstyle': 'round', 'legend.frameon': False,
     'legend.fontsize': 10.0, 'legend.handlelength': 1.6, 'path.simplify': True,
-    'svg.hashsalt': 'kane_dynamics',  # the same picture is the same file
+    'svg.hashsalt': 'kane_dynamics',  # reproducible files
 }
 _UNITS = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'), 'Torque': ('N m', 'N'),
           'Power': ('W', 'W')}
 
 
 def check_path(path: Path) -> None:
-    """Raise InputError unless the suffix of a picture's path is a format that can be written."""
+    """Raise InputError if the suffix of a picture's path is no supported format."""
     suffix = os.path.splitext(path)[1]
     valid = [f'.{name}' for name in sorted(FigureCanvasBase.filetypes)]
     if suffix.lower() not in valid:
-        raise InputError(f"the picture's path is '{os.fspath(path)}'; expected a suffix of "
+        raise InputError(f"picture: '{os.fspath(path)}'; expected a suffix of "
                          f'{", ".join(valid)}')
 
 
 @contextmanager
 def styled(width: float, height: float, title: str, path: Path | None) -> Iterator[Figure]:
-    """Give a figure to draw on, in inches; title and save it at the end."""
+    """Yield a figure of a size in inches; add the title and save it at the end."""
     if path is not None:
         check_path(path)
     with matplotlib.rc_context(_STYLE):
@@ -91,24 +91,24 @@ def time_axis(panels: Any) -> None:
 
 
 def draw(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str, Any]]) -> None:
-    """Draw lines by label: values, colour, dash."""
+    """Plot lines by label: values, color, dash."""
     for label, (values, color, dash) in lines.items():
         axes.plot(t, values, color=color, linestyle=dash, label=label)
 
 
 def zero_line(axes: Axes) -> None:
-    """Mark zero, behind all else."""
+    """Plot a zero line behind all other lines."""
     axes.axhline(0.0, color=GREY, linewidth=THIN, zorder=0.5)
 
 
 def show_at_least(axes: Axes, least: float) -> None:
-    """Widen a panel to values of that size: where there is nothing, rounding must not fill it."""
+    """Extend a panel to at least +-size, so that rounding errors do not fill it."""
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -least), max(high, least))
 
 
 def limit_lines(axes: Axes, values: Array, bound: float) -> None:
-    """Draw -bound and bound where values come near them; else write the bound in the corner."""
+    """Plot -bound and bound if values come near them; else write the bound in the corner."""
     if not np.isfinite(bound):
         return
     low, high = axes.get_ylim()
@@ -123,7 +123,7 @@ def limit_lines(axes: Axes, values: Array, bound: float) -> None:
 
 
 def hide_rounding(axes: Axes, noise: float, span: float) -> None:
-    """Give a panel that shows no more than rounding errors a height at which these are a line."""
+    """Extend the height of a panel with only rounding errors until they are a line."""
     low, high = axes.get_ylim()
     lines = [np.asarray(line.get_ydata(), dtype=np.float64) for line in axes.lines]
     if max((float(np.ptp(values)) for values in lines if len(values)), default=0.0) > noise:
@@ -134,24 +134,24 @@ def hide_rounding(axes: Axes, noise: float, span: float) -> None:
 
 
 def titled(given: str | None, what: str, name: str) -> str:
-    """Return the title of a picture of a robot, with its name if none is given."""
+    """Return the given title, else one with the name of the robot."""
     return f'{name}: {what}' if given is None else given
 
 
 def above(axes: Axes, columns: int) -> None:
-    """Put a panel's legend over its right upper corner."""
+    """Place the legend of a panel above its upper right corner."""
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)
 
 
 def beside(axes: Axes, *words: tuple[str, str]) -> None:
-    """Write (text, colour) pairs beside a panel, from the top down, all but the first bold."""
+    """Write (text, color) pairs beside a panel, top down, all but the first in bold."""
     for k, (text, color) in enumerate(words):
         axes.text(1.02, 0.98 - 0.18 * k, text, transform=axes.transAxes, va='top', fontsize=9.0,
                   color=color, fontweight='bold' if k else 'normal')
 
 
 def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
-    """Put one legend of everything that panels show below them; `last` go last, in this order."""
+    """Place one legend of all panels below them; labels in `last` come last, in this order."""
     shown: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -163,7 +163,7 @@ def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
 
 
 def unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:
-    """Return the unit of a panel, of both kinds of joint if it shows both."""
+    """Return the unit of a panel, or both units if it shows both kinds of joints."""
     turning, sliding = _UNITS[what]
     slides = [name in prismatic for name in names]
     return sliding if all(slides) else f'{turning}, {sliding}' if any(slides) else turning

@@ -1,4 +1,4 @@
-"""What torques are made of, and how they compare with measured ones."""
+"""Plots of torques by source, and of measured and computed torques."""
 
 from collections.abc import Collection, Sequence
 
@@ -20,23 +20,23 @@ LABELS = (*_SOURCES, 'sum', 'limit')
 def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                           title: str | None = None) -> Figure:
     """
-    Draw what each joint's torque is made of as areas stacked away from zero, sum and limits.
+    Plot the terms of each joint's torque as stacked areas, their sum and limits.
 
     Parameters
     ----------
     robot : Robot
-        Whose torques.
+        The robot.
     trajectory : Trajectory
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
     title : str, optional
-        Above the picture; by default with the robot's name.
+        Title of the picture; by default with the name of the robot.
 
     Raises
     ------
     InputError
-        The trajectory holds several motions, or is of other joints.
+        If the trajectory holds several motions or other joints.
 
     """
     trajectory.require(robot, 'plot_torque_by_source')
@@ -64,7 +64,7 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
                 limits: Array | None = None,
                 title: str = 'Measured and computed torque') -> Figure:
     """
-    Draw each joint's measured torque, the one computed for the same motion, and the difference.
+    Plot the measured and the computed torque of each joint, and their difference.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
     path : str or Path, optional
         File to write; its suffix is the format.
     prismatic : collection of str
-        Names of the joints that slide, whose unit is N.
+        Names of the prismatic joints (unit N).
     limits : (n,) array, optional
-        Of the torques, N m or N; infinite for none.
+        Limits of the torques, N m or N; infinite for none.
     title : str
-        Above the picture.
+        Title of the picture.
 
     """
     names = list(joint_names)
@@ -109,18 +109,18 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
 
 
 def effort_limits(robot: Robot, speed_names: Sequence[str]) -> list[float]:
-    """Return the effort limit of each speed that is a joint's rate; infinite for others."""
+    """Return the effort limits of speeds that are joint rates; infinity for other speeds."""
     limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
     return [limits.get(name, np.inf) for name in speed_names]
 
 
 def without_rounding(values: Array, beside: Array) -> Array:
-    """Return values with 0 for what is rounding beside all others."""
+    """Return values with 0 in place of rounding errors, relative to all values."""
     return np.where(np.abs(values) < 1e-12 * np.abs(beside).max(initial=0.0), 0.0, values)
 
 
 def stack(axes: Axes, t: Array, terms: Array) -> None:
-    """Draw (K, 5) terms: the positive parts stacked up from zero, the negative ones down."""
+    """Plot (K, 5) terms as areas, stacked from zero: positive parts up, negative ones down."""
     for sign in (np.maximum, np.minimum):
         level = np.zeros(len(t))
         for (label, color), row in zip(_SOURCES.items(), terms.T, strict=True):

@@ -1,4 +1,4 @@
-"""How well a desired motion was followed."""
+"""Plot of tracking errors."""
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
@@ -19,22 +19,22 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
                   sources: tuple[Array, Array] | None = None, prismatic: Collection[str] = (),
                   title: str = 'Tracking of the desired motion') -> Figure:
     """
-    Draw desired against actual positions and the errors of one or more runs, joint by joint.
+    Plot desired and actual positions and tracking errors of one or more runs, for each joint.
 
     Parameters
     ----------
     runs : mapping of str to (t, desired, actual)
         By label, for example 'PD only' and 'PD + feedforward': (K,) s, (K, n) and (K, n) rad or m.
     joint_names : sequence of str
-        In the order of the columns.
+        Names, in the order of the columns.
     path : str or Path, optional
         File to write; its suffix is the format.
     sources : (t, terms), optional
         Adds the torques by source as a third column: (K,) s and `Robot.torque_terms`, (K, 5, n).
     prismatic : collection of str
-        Names of the joints that slide, whose units are m and N.
+        Names of the prismatic joints (units m and N).
     title : str
-        Above the picture.
+        Title of the picture.
 
     """
     names = list(joint_names)
@@ -44,15 +44,15 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
         for i, name in enumerate(names):
             position, error = panels[i, :2]
             milli = 'mm' if name in prismatic else 'mrad'
-            told = [('RMS', INK)]
+            notes = [('RMS', INK)]
             for k, (label, (t, desired, actual)) in enumerate(runs.items()):
                 color = _RUNS[k % len(_RUNS)]
                 e = 1e3 * (np.asarray(actual)[:, i] - np.asarray(desired)[:, i])
                 position.plot(t, np.asarray(actual)[:, i], color=color, label=label)
                 error.plot(t, e, color=color)
                 size = rms(e)
-                told.append((f'{size if size > 1e3 * NOISE else 0.0:.3g} {milli}', color))
-            beside(error, *told)
+                notes.append((f'{size if size > 1e3 * NOISE else 0.0:.3g} {milli}', color))
+            beside(error, *notes)
             t, desired, _ = next(iter(runs.values()))
             position.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)),
                           linewidth=1.2, label='desired')

@@ -1,4 +1,4 @@
-"""Motions over time and in the phase plane."""
+"""Plots of motions over time and in the phase plane."""
 
 from collections.abc import Collection, Mapping
 from itertools import cycle
@@ -16,30 +16,30 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
 
-WIDE, SLIM = 3.4, 1.0  # of lines, from the first joint to the last
+WIDE, SLIM = 3.4, 1.0  # line widths, from the first joint to the last
 
 
 def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                     prismatic: Collection[str] = (), limits: JointLimits | None = None,
                     title: str = 'Simulated motion') -> Figure:
     """
-    Draw positions, speeds, torques and energies of a simulation over time.
+    Plot positions, speeds, torques and energies of a simulation over time.
 
-    Lines get thinner from joint to joint: where several are one on another, all are seen.
+    Line widths decrease from joint to joint, so that coinciding lines are all visible.
 
     Parameters
     ----------
     trajectory : Trajectory
-        What to draw.
+        The motion.
     path : str or Path, optional
         File to write; its suffix is the format.
     prismatic : collection of str
-        Names of the joints that slide, whose units are m and N.
+        Names of the prismatic joints (units m and N).
     limits : JointLimits, optional
-        `Robot.limits`: those of speed and torque are drawn in the joints' colours, as far as they
-        leave the lines recognisable.
+        `Robot.limits`; speed and torque limits are drawn in the colors of the joints, if they are
+        near the values.
     title : str
-        Above the picture.
+        Title of the picture.
 
     """
     joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
@@ -78,23 +78,23 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
 def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
                title: str | None = None) -> Figure:
     """
-    Draw each joint's speed over its position, with the limits of both.
+    Plot the speed of each joint over its position, with the limits of both.
 
     Parameters
     ----------
     robot : Robot
-        Whose joints.
+        The robot.
     trajectory : Trajectory
         A single motion of this robot.
     path : str or Path, optional
         File to write; its suffix is the format.
     title : str, optional
-        Above the picture; by default with the robot's name.
+        Title of the picture; by default with the name of the robot.
 
     Raises
     ------
     InputError
-        The trajectory holds several motions, or is of other joints.
+        If the trajectory holds several motions or other joints.
 
     """
     trajectory.require(robot, 'plot_phase')
@@ -122,7 +122,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
 
 def _limits(axes: Axes, rows: Mapping[str, Array], bounds: Mapping[str, float],
             colors: Mapping[str, str]) -> None:
-    """Draw the limits that joints come near to, and write the largest share of a limit."""
+    """Plot the limits near the values, and write the largest fraction of a limit."""
     shares = {name: float(np.abs(row).max(initial=0.0)) / bounds[name]
               for name, row in rows.items() if np.isfinite(bounds.get(name, np.inf))}
     low, high = axes.get_ylim()
@@ -141,11 +141,11 @@ def _limits(axes: Axes, rows: Mapping[str, Array], bounds: Mapping[str, float],
 
 
 def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
-    """Show values and finite limits along 'x' or 'y': lines, and grey beyond them."""
+    """Set the range of 'x' or 'y' to the values and finite limits; shade beyond limits."""
     bounds = [bound for bound in (lower, upper) if np.isfinite(bound)]
     reach = [*bounds, values.min(), values.max()]
     span = max(reach) - min(reach)
-    margin = MARGIN * span if span > 1e-9 else 1.0  # rounding is no motion
+    margin = MARGIN * span if span > 1e-9 else 1.0  # ignore rounding errors
     ends = (min(reach) - margin, max(reach) + margin)
     (axes.set_xlim if along == 'x' else axes.set_ylim)(*ends)
     line, span = (axes.axvline, axes.axvspan) if along == 'x' else (axes.axhline, axes.axhspan)

@@ -9,7 +9,7 @@ from kane_dynamics.mechanics.constraints.branch_following import followed_postur
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.native.runtime.kernel import Argument, checked
+from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike

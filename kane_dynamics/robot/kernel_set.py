@@ -11,10 +11,10 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
-from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.native.tracing.subroutine import Subroutines
+from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np

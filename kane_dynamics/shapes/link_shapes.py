@@ -1,4 +1,4 @@
-"""Which shapes are drawn on which body."""
+"""Shapes of bodies: those of the URDF, or rods between joints."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,13 +8,13 @@ from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 
-LINK, JOINT = np.array([0.72, 0.75, 0.79]), np.array([0.38, 0.42, 0.48])  # colours
-_THICK = 0.02  # of a rod that stands for a link, in units of the robot's size
+LINK, JOINT = np.array([0.72, 0.75, 0.79]), np.array([0.38, 0.42, 0.48])  # colors
+_THICK = 0.02  # radius of a rod, in units of the robot's size
 
 
 def body_poses(model: Model, q: Array) -> Array:
     """
-    Return the pose of every body, (n_bodies + 1, 4, 4), m; the last one is the fixed world's.
+    Return the pose of every body, (n_bodies + 1, 4, 4), m; the last one is that of the world.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def bounds(model: Model, q: Array) -> tuple[Array, Array]:
 
 
 def size(model: Model, q: Array) -> float:
-    """Return the diagonal of `bounds`, m; 1 for a robot all in one point."""
+    """Return the diagonal of `bounds`, m; 1 if all points coincide."""
     low, high = bounds(model, q)
     return float(np.linalg.norm(high - low)) or 1.0
 
@@ -48,16 +48,16 @@ def size(model: Model, q: Array) -> float:
 def link_shapes(model: Model, visuals: Sequence[Visual],
                 thickness: float) -> list[tuple[int, Visual]]:
     """
-    Return (body, shape in its axes) pairs; rods stand for bodies that look like nothing.
+    Return (body, shape in its axes) pairs; bodies without visuals are drawn as rods.
 
     Parameters
     ----------
     model : Model
         The mechanism.
     visuals : sequence of Visual
-        Of a URDF's links; those of links that are not in the model are left out.
+        Visuals of the links of a URDF; links that are not in the model are ignored.
     thickness : float
-        The robot's size, m, which the rods' radius goes by.
+        Size of the robot, m; the radius of rods is proportional to it.
 
     """
     frames = {frame.name: frame for frame in model.frames}
@@ -94,7 +94,7 @@ def _rods(model: Model, body: int, radius: float) -> Iterator[Visual]:
 
 
 def _turned(z: Array) -> Array:
-    """Return axes, (3, 3), whose third is z."""
+    """Return axes, (3, 3), the third of which is z."""
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x = x / np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)

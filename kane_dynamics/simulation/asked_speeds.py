@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.native.runtime.kernel import Argument
+from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -11,7 +11,8 @@ from weakref import WeakKeyDictionary
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -16,7 +16,7 @@ import warnings
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.runtime.kernel import Argument, checked
+from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import EnergyBalance

@@ -8,7 +8,8 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
                                                               described, stacked)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -11,12 +11,13 @@ from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import driver
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import support
 from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.asked_speeds import tau_from

@@ -8,8 +8,9 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.errors import InputError
+from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
-from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import step_kernel

@@ -19,9 +19,10 @@ from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
-from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import implicit_rates
 import numpy as np

@@ -1,4 +1,4 @@
-"""A robot in the browser: its shape, its motion, and what acts at its joints."""
+"""Viewer of a robot in the browser: shapes, motion, and loads at its joints."""
 
 from kane_dynamics.view.window import Window
 

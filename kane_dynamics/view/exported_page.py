@@ -1,4 +1,4 @@
-"""What an exported page says beside its picture: legend, scale of the arrows, table of joints."""
+"""Panel of an exported page: legend, scale of the arrows, table of joints."""
 
 from html import escape
 import json
@@ -52,22 +52,22 @@ addEventListener('load', () => {
 def add_panel(page: str, robot: Robot, legend: str, t: Array | None, q: Array,
               tau: Array, period: float) -> str:
     """
-    Return a page of viser's with a panel about what its picture shows.
+    Return a page of viser with a panel that describes its picture.
 
     Parameters
     ----------
     page : str
         HTML of `as_html`.
     robot : Robot
-        With the names and limits of the joints.
+        Its joints have the names and limits of the table.
     legend : str
-        HTML: the colours, meanings and scale of the arrows.
+        HTML: colors, meanings and scale of the arrows.
     t : (K,) array, optional
         Times of the states, s; None for a single one, of a configuration at rest.
     q, tau : (K, n_q) arrays
         Positions in rad or m, and torques of the actuators in N m or N, at those times.
     period : float
-        Between two pictures, s.
+        Time between two pictures, s.
 
     """
     name = escape(robot.model.name)
@@ -80,7 +80,7 @@ def add_panel(page: str, robot: Robot, legend: str, t: Array | None, q: Array,
         rows = [[row[1:] for row in joint_rows(robot, *state)] for state in zip(q, tau)]
         motion = {'period': period, 'duration': (len(t) - 1) * period,
                   'times': [f'{moment:.2f}' for moment in t], 'rows': rows}
-        # Numbers and percentages alone: nothing in it ends the element.
+        # Only numbers and percentages: no text can end the element.
         panel += [f'<script id="motion" type="application/json">{json.dumps(motion)}</script>',
                   _SCRIPT]
     head, body, rest = page.rpartition('</body>')

@@ -1,4 +1,4 @@
-"""The table of joints beside the picture: positions, torques, and their limits."""
+"""Table of joints beside the picture: positions, torques, and their limits."""
 
 from collections.abc import Iterator
 from html import escape
@@ -8,11 +8,11 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-_NONE = '–'  # where there is no limit
+_NONE = '–'  # without a limit
 
 
 class JointRow(NamedTuple):
-    """One joint's text; `q_over` and `tau_over` tell whether a limit is passed."""
+    """Text of one joint; `q_over` and `tau_over` are true if a limit is exceeded."""
 
     name: str
     q: str
@@ -29,11 +29,11 @@ def joint_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
     Parameters
     ----------
     robot : Robot
-        With the names and limits of the joints.
+        Its joints have the names and limits of the table.
     q : (n_q,) array
         rad or m.
     tau : (n_q,) array
-        Of the actuators, joint by joint, N m or N.
+        Actuator torque of each joint, N m or N.
 
     """
     limits = robot.limits
@@ -57,7 +57,7 @@ def markdown_table(robot: Robot, q: Array, tau: Array) -> str:
 def html_table(robot: Robot, q: Array, tau: Array) -> str:
     """Return positions, torques and limits as a table in HTML; see `joint_rows`."""
     limits, sliding = robot.limits, robot.model.sliding
-    # Units stand in the head if all joints share them, else behind each joint's name.
+    # Units are in the header if all joints share them, else after the name of each joint.
     place, load = ('', '') if sliding else (' [rad]', ' [N m]')
     head = ''.join(f'<th>{column}</th>' for column in (
         'joint', f'q{place}', 'range', f'τ{load}', 'limit', 'share'))

@@ -1,4 +1,4 @@
-"""What acts at the joints, as arrows."""
+"""Arrows of joint torques and joint reactions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,16 +9,16 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 KINDS = ('torques', 'forces', 'moments')
-LONGEST = 0.4  # of an arrow, in units of the robot's size
-_LEAST = 0.01  # of the longest: shorter ones are left out
+LONGEST = 0.4  # length of the longest arrow, in units of the robot's size
+_LEAST = 0.01  # of the longest; shorter arrows are not drawn
 _ROUNDING = 1e-9
-_SAMPLES = 100  # postures that the largest gravity torques are taken of
+_SAMPLES = 100  # configurations in the search for the largest gravity torques
 
 
 @dataclass(frozen=True, eq=False)
 class LoadArrows:
     """
-    What acts at every joint, at each of some states.
+    Torques and reactions of every joint at several states.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class LoadArrows:
     q : (K, n_q) array
         rad or m.
     tau : (K, n_q) array
-        Of the actuators, joint by joint, N m or N.
+        Actuator torque of each joint, N m or N.
     reactions : (K, n_bodies, 6) array
         `Robot.joint_reactions`, N and N m.
 
@@ -41,16 +41,16 @@ class LoadArrows:
     def along(cls, robot: Robot, q: Array, u: Array, udot: Array, tau: Array,
               t: Array) -> 'LoadArrows':
         """Return the loads of a motion, (K, ...) arrays, tau dual to u."""
-        # One state at a time: batches have kernels of their own, which take seconds to compile.
+        # One state at a time: compiling the kernels of batches would take seconds.
         shared = [robot.joint_torques(tau[k], q[k], t=t[k]) for k in range(len(q))]
         reactions = [robot.joint_reactions(q[k], u[k], udot[k], t=t[k]) for k in range(len(q))]
         return cls(robot, q, np.array(shared), np.array(reactions))
 
     @classmethod
     def at_rest(cls, robot: Robot, q: Array) -> 'LoadArrows':
-        """Return what holds postures, (K, n), against gravity."""
+        """Return the loads at rest under gravity of configurations, (K, n)."""
         still = np.zeros_like(q)
-        tau = np.array([robot.gravity_force(posture) for posture in q])
+        tau = np.array([robot.gravity_force(row) for row in q])
         return cls.along(robot, q, still, still, tau, np.zeros(len(q)))
 
     @cached_property
@@ -58,7 +58,7 @@ class LoadArrows:
         """
         Return the largest magnitude of each of `KINDS`: N m of revolute joints, N, N m.
 
-        Zero for what is only rounding beside the others.
+        Zero for a kind that is only rounding error, relative to the others.
         """
         sliding = [name in self.robot.model.sliding for name in self.robot.joint_names]
         turning = np.logical_not(sliding)
@@ -72,16 +72,16 @@ class LoadArrows:
 
     def arrows(self, k: int, length: float, largest: dict[str, float]) -> dict[str, Array]:
         """
-        Return arrows by kind, (m, 2, 3): where each begins, at its joint's origin, and ends, m.
+        Return arrows by kind, (m, 2, 3): start, at the origin of the joint, and end, m.
 
         Parameters
         ----------
         k : int
-            Of the state.
+            Index of the state.
         length : float
-            Of the arrows of the largest magnitudes, m.
+            Length of the arrows of the largest magnitudes, m.
         largest : dict
-            Those magnitudes; a sliding joint's torque is a force.
+            Largest magnitudes; the torque of a prismatic joint is a force.
 
         """
         robot = self.robot
@@ -101,8 +101,8 @@ class LoadArrows:
         return {kind: np.array(pairs).reshape(-1, 2, 3) for kind, pairs in drawn.items()}
 
 
-def postures(robot: Robot) -> Array:
-    """Return postures all over the range of the joints, (K, n), rad or m."""
+def sampled_configurations(robot: Robot) -> Array:
+    """Return configurations in the whole range of the joints, (K, n), rad or m."""
     lower, upper = (np.where(np.isfinite(bound), bound, end) for bound, end in (
         (robot.limits.lower, -np.pi), (robot.limits.upper, np.pi)))
     return np.asarray(np.random.default_rng(0).uniform(lower, np.maximum(lower, upper),

@@ -1,4 +1,4 @@
-"""The 3D scene: shapes on bodies, arrows at joints, drawn with viser."""
+"""3D scene of a robot in viser: shapes of bodies, arrows at joints."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -52,7 +52,7 @@ class Scene:
                         for i in range(len(model.bodies) + 1)]
         self._shapes: list[Any] = []
         for i, (body, visual) in enumerate(link_shapes(model, visuals, extent)):
-            # The world's body is number -1: the last frame, which never moves.
+            # Body -1 is the world: the last frame, which never moves.
             self._draw(f'{self._frames[body].name}/{i}', visual)
         self._arrows = {kind: scene.add_arrows(
             f'/{kind}', np.zeros((0, 2, 3)), _linear(COLORS[kind]), shaft_radius=0.008 * extent,
@@ -69,12 +69,12 @@ class Scene:
         low, high : (3,) arrays
             Corners of the box, m.
         aside : float
-            How far to the left the box is, in units of the camera's distance.
+            Offset of the box to the left, in units of the camera's distance.
 
         """
         away = np.array([0.65, -0.68, 0.34])
         distance = _AWAY * max(float(np.linalg.norm(high - low)), self.extent)
-        # The controls cover the right: what is shown goes to the left of them.
+        # The controls cover the right side: shift the robot to the left.
         center = 0.5 * (low + high) + aside * distance * np.array([0.72, 0.69, 0.0])
         camera = self.server.initial_camera
         camera.fov = np.radians(40.0)
@@ -82,7 +82,7 @@ class Scene:
         camera.position = tuple(center + distance * away)
 
     def place(self, q: Array, arrows: dict[str, Array]) -> None:
-        """Put bodies and names at q, and arrows, (m, 2, 3) in m by kind, where they are."""
+        """Move bodies and names to q; set the arrows, (m, 2, 3) in m by kind."""
         poses = body_poses(self.model, q)
         with self.server.atomic():
             for frame, pose in zip(self._frames, poses):
@@ -98,7 +98,7 @@ class Scene:
             handle.visible = visible
 
     def set_opacity(self, opacity: float) -> None:
-        """Let what is inside and behind the robot be seen through it, from 0 to 1."""
+        """Set the opacity of the robot, from 0 to 1."""
         for shape in self._shapes:
             shape.opacity = None if opacity >= 1.0 else opacity
 
@@ -126,21 +126,21 @@ class Scene:
 
 
 def _meshes(visual: Visual) -> list[tuple[Any, Array | None]]:
-    """Return the parts of a mesh's file, scaled, with the colours that they have of their own."""
+    """Return the scaled parts of a mesh file with their own colors."""
     try:
         parts = trimesh.load_scene(visual.file, ignore_broken=True).dump()
-    except Exception as error:  # each of many formats fails in its own way
-        raise InputError(f'{visual.file}: cannot be read as a mesh: {error}') from error
+    except Exception as error:  # every format raises other errors
+        raise InputError(f'{visual.file}: {error}; expected a readable mesh') from error
     meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not meshes:
-        raise InputError(f'{visual.file}: holds no triangles; expected a mesh')
+        raise InputError(f'{visual.file}: no triangles; expected a mesh')
     for mesh in meshes:
         mesh.apply_scale(visual.size)
     return [(mesh, _own_color(mesh) if visual.color is None else None) for mesh in meshes]
 
 
 def _own_color(part: Any) -> Array | None:
-    """Return the colour that a file gives to a part of its mesh, from 0 to 1."""
+    """Return the color of a part of a mesh in its file, from 0 to 1."""
     color = getattr(getattr(part.visual, 'material', None), 'main_color', None)
     return None if color is None else np.asarray(color[:3]) / 255.0
 
@@ -151,11 +151,11 @@ def _rgb(color: Array) -> tuple[int, int, int]:
 
 
 def _linear(color: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Return a colour as linear light, which is what viser takes those of arrows for."""
+    """Return a color in linear light, as viser expects those of arrows."""
     return _rgb((np.array(color) / 255.0) ** 2.2)
 
 
 def _nice(length: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, near a length."""
+    """Return the number nearest to a length among 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda x: abs(x * power - length)))

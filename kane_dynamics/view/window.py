@@ -1,4 +1,4 @@
-"""The page: the scene, a slider over time or one for each joint, and what acts at the joints."""
+"""Page of the viewer: scene, time or joint sliders, and table of loads."""
 
 from collections.abc import Sequence
 from contextlib import redirect_stdout
@@ -16,13 +16,14 @@ from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
-from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, postures
+from kane_dynamics.view.load_arrows import (KINDS, LoadArrows, LONGEST,
+                                             sampled_configurations)
 from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np
 from viser import ViserServer
 
 _RATE = 25.0  # pictures a second
-_SHOWN = ('torques', 'forces')  # at first
+_SHOWN = ('torques', 'forces')  # initially visible
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2')
 _CAPTIONS = {'torques': 'joint torques', 'forces': 'reaction forces',
              'moments': 'reaction moments'}
@@ -32,46 +33,46 @@ _MOST = 2000  # states of a trajectory
 
 class Window:
     """
-    A robot in the browser.
+    Viewer of a robot in the browser.
 
-    Without a trajectory each joint has a slider, and the torques hold it against gravity.
+    Without a trajectory each joint has a slider, and the torques are those at rest under gravity.
 
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds and no constraints, unless there is a trajectory.
+        Without a trajectory: a robot whose speeds are joint rates, without constraints.
     trajectory : Trajectory, optional
         A single motion of this robot.
     visuals : sequence of Visual
-        What its links look like (`load_visuals`); rods stand for links without any.
+        Shapes of its links (`load_visuals`); links without shapes are drawn as rods.
     host : str
-        Address to serve at; by default only this machine can see the page.
+        Address to serve at; the default is reachable from this machine only.
     port : int
-        0 for any that is free; if the port is taken, the next free one.
+        Port, or the next free one; 0 chooses any free port.
 
     Raises
     ------
     InputError
-        The trajectory is not of this robot, a mesh cannot be read, or the address is none of this
-        machine's.
+        If the trajectory is not of this robot, a mesh cannot be read, or the address is not one of
+        this machine.
 
     """
 
     def __init__(self, robot: Robot, trajectory: Trajectory | None = None, *,
                  visuals: Sequence[Visual] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
-        """Prepare everything, and begin to serve."""
+        """Build the scene and start the server."""
         self.robot, self.trajectory = robot, trajectory
         if trajectory is None:
             if robot.speed_names != robot.joint_names:
-                raise InputError(f'the speeds of this robot are {list(robot.speed_names)}; '
-                                 'without a trajectory the view needs the joint rates')
+                raise InputError(f'speeds of the robot: {list(robot.speed_names)}; expected the '
+                                 'joint rates, or a trajectory')
             self._q = _neutral(robot)
-            self._largest = LoadArrows.at_rest(robot, postures(robot)).largest
+            self._largest = LoadArrows.at_rest(robot, sampled_configurations(robot)).largest
         else:
             trajectory.require(robot, 'the view')
             self._q = trajectory.q[0]
-            # As many states as a slider can tell apart.
+            # A slider cannot resolve more states.
             K = len(trajectory.t)
             rows = np.linspace(0, K - 1, min(K, _MOST)).astype(int)
             self._t = trajectory.t[rows]
@@ -99,7 +100,7 @@ class Window:
         return f'http://{self.server.get_host()}:{self.server.get_port()}'
 
     def run(self) -> None:
-        """Play while the page asks for it, until interrupted."""
+        """Play the motion while the page is in play mode, until interrupted."""
         before = time.monotonic()
         while True:
             time.sleep(1.0 / _RATE)
@@ -113,12 +114,12 @@ class Window:
             before = now
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop the server."""
         with _quietly():
             self.server.stop()
 
     def export(self, path: Path) -> None:
-        """Write a page that needs no server: what `add_panel` says beside the picture."""
+        """Write a page that needs no server, with the panel of `add_panel`."""
         self._stage.look(*self._box(), aside=_ASIDE)
         serializer = self.server.get_scene_serializer()
         loads, rows, t = LoadArrows.at_rest(self.robot, self._q[None]), [0], None
@@ -137,7 +138,7 @@ class Window:
             file.write(page)
 
     def _box(self) -> tuple[Array, Array]:
-        """Return the corners of the box that the camera should see, (3,) each, m."""
+        """Return the corners of the visible box, (3,) each, m."""
         some = [self._q] if self.trajectory is None else self.trajectory.q[
             ::max(1, len(self.trajectory.q) // 10)]
         corners = [bounds(self.robot.model, q) for q in some]
@@ -145,7 +146,7 @@ class Window:
                 np.max([high for _, high in corners], axis=0))
 
     def _add_controls(self) -> None:
-        """Put the controls on the page."""
+        """Add the controls to the page."""
         gui = self.server.gui
         gui.configure_theme(control_width='medium', show_logo=False, show_share_button=False)
         gui.set_panel_label(self.robot.model.name)
@@ -171,14 +172,14 @@ class Window:
         self._table = gui.add_markdown('')
 
     def _legend(self, kinds: Sequence[str]) -> str:
-        """Return the colours, meanings and scale of some kinds of arrows as HTML."""
+        """Return the colors, meanings and scale of some kinds of arrows as HTML."""
         rows = [f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> {_CAPTIONS[kind]}, the '
                 f'longest {self._largest[kind]:.3g} {"N" if kind == "forces" else "N m"}'
                 for kind in kinds]
         return '<br>'.join(rows)
 
     def _add_time(self, gui: Any) -> None:
-        """Put a slider over time on the page, and what plays the motion."""
+        """Add a time slider, a play button and the speed of the motion to the page."""
         assert self.trajectory is not None
         begin, end = self.trajectory.t[[0, -1]].tolist()
         step = 10.0 ** np.floor(np.log10(max(end - begin, 1e-6) / 100.0))
@@ -188,7 +189,7 @@ class Window:
         self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
 
     def _add_joints(self, gui: Any) -> None:
-        """Put a slider for every coordinate on the page."""
+        """Add a slider for every coordinate to the page."""
         limits = self.robot.limits
         for i, name in enumerate(self.robot.joint_names):
             lower = np.ceil(1e3 * limits.lower[i]) / 1e3 if np.isfinite(limits.lower[i]) else -3.14
@@ -215,7 +216,7 @@ class Window:
         self._show()
 
     def _show(self) -> None:
-        """Draw the state of now: pages ask from threads of their own."""
+        """Draw the current state; called from several threads."""
         with self._lock:
             if self.trajectory is None:
                 loads, k = LoadArrows.at_rest(self.robot, self._q[None]), 0
@@ -225,26 +226,26 @@ class Window:
             self._table.content = markdown_table(self.robot, loads.q[k], loads.tau[k])
 
     def _row(self, t: float) -> int:
-        """Return the row of the state that is nearest to a time."""
+        """Return the row of the state nearest to a time."""
         return int(np.abs(self._t - t).argmin())
 
 
 def _neutral(robot: Robot) -> Array:
-    """Return a posture within the limits, zero where they allow it."""
+    """Return a configuration within the limits, zero if they allow it."""
     return np.clip(np.zeros(robot.n_q), robot.limits.lower, robot.limits.upper)
 
 
 def _quietly() -> redirect_stdout[io.StringIO]:
-    """Keep what viser has to say from the user's output."""
+    """Suppress the output of viser."""
     return redirect_stdout(io.StringIO())
 
 
 def _check_address(host: str, port: int) -> None:
-    """Raise InputError where nothing can be served at all."""
+    """Raise InputError for an address that cannot be served."""
     if not 0 <= port < 65536:
-        raise InputError(f'port is {port}; expected 0 (any that is free) to 65535')
+        raise InputError(f'port: {port}; expected 0 (any free port) to 65535')
     try:
         socket.create_server((host, 0)).close()
     except OSError as error:
-        raise InputError(f"host is '{host}': {error}; expected an address of this machine"
+        raise InputError(f"host: '{host}': {error}; expected an address of this machine"
                          ) from None

@@ -288,7 +288,7 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    (['torque', 'URDF', '--q', '1'], ['--q has 1 numbers', 'expected 2', 'lift, reach']),
+    (['torque', 'URDF', '--q', '1'], ['--q: 1 numbers', 'expected 2', 'lift, reach']),
     (['torque', 'URDF', '--q', '1', 'x'], ['--q', "'x'"]),
     (['torque', 'URDF', '--q', '1', 'nan'], ['q', 'nan']),
     (['torque', 'URDF', '--joints', 'elbow'], ['elbow', 'lift']),
@@ -299,8 +299,8 @@ def test_bench_says_why_there_is_no_comparison(tmp_path, answer):
     (['torque', '/no/such.urdf'], ['/no/such.urdf']),
     (['torque', 'URDF', '--supplement', '/no/such.yaml'], ['/no/such.yaml']),
     (['simulate', 'URDF', '--duration', '-1'], ['duration', '-1']),
-    (['doctor', 'URDF', '--live', 'nan'], ['--live is nan', 'positive']),
-    (['doctor', 'URDF', '--live', '-1'], ['--live is -1.0', 'positive']),
+    (['doctor', 'URDF', '--live', 'nan'], ['--live: nan', 'positive']),
+    (['doctor', 'URDF', '--live', '-1'], ['--live: -1.0', 'positive']),
     (['simulate', 'URDF', '--duration', '0'], ['duration', '0']),
     (['simulate', 'URDF', '--step', '0'], ['step', '0']),
     (['simulate', 'URDF', '--out', 'x.txt'], ['x.txt', '.npz', '.csv']),

@@ -28,7 +28,7 @@ def derived(name, *options):
 
 
 def zero(matrix):
-    """Tell whether a matrix is zero."""
+    """Return whether a matrix is zero."""
     return sp.simplify(sp.Matrix(matrix)).is_zero_matrix
 
 
@@ -115,7 +115,7 @@ def test_the_table_of_partial_velocities_is_csv_and_markdown():
 
 
 @pytest.mark.parametrize('options, words', [
-    ((), 'has 6 coordinates; closed forms are for 1 to 4'),
+    ((), '6 coordinates; expected 1 to 4'),
     (('--latex', '--csv'), 'not allowed with')])
 def test_what_cannot_be_is_refused(options, words):
     done = equations('ur10e', *options)

@@ -40,7 +40,7 @@ def test_what_does_not_fit_is_named_and_exits_1_as_a_process(trajectory, tmp_pat
                            '--trajectory', trajectory, '--plot', str(picture)],
                           capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 1, done.stderr
-    assert 'does NOT fit' in done.stdout and 'highest speed that fits: 0.' in done.stdout
+    assert 'is NOT feasible' in done.stdout and 'highest feasible speed: 0.' in done.stdout
     assert "joint 'shoulder_lift_joint': speed" in done.stdout
     assert picture.read_bytes().startswith(b'\x89PNG')
 
@@ -79,7 +79,7 @@ def test_payload_is_that_of_the_slower_motion(trajectory, capsys):
 
 def test_motion_that_fits_at_no_speed_says_why(trajectory, capsys):
     main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0', '-100'])
-    assert 'at no speed: hardly moving it passes a limit already: joint' in (
+    assert 'at no speed: a limit is exceeded even at the lowest speed: joint' in (
         capsys.readouterr().out)
     assert main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0', '-100',
                  '--out', 'none.csv']) == 2

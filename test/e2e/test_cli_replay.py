@@ -96,7 +96,7 @@ def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
     for arguments, words in (
             ([], 'joint states without effort'),
             (['--topic', '/joint_states'], "no topic '/joint_states' of sensor_msgs/msg/JointS"),
-            (['--joints', 'nobody'], 'nobody')):
+            (['--joints', 'missing'], 'missing')):
         done = command('replay', str(URDF), str(tmp_path / 'run'), *arguments)
         assert done.returncode == 2
         assert words in done.stderr

@@ -31,7 +31,7 @@ controller: {{kind: {{choice: [computed_torque, none]}}, kp: {{loguniform: [50, 
 
 
 def command(*arguments):
-    """Return the words of the command."""
+    """Return the arguments of the command."""
     return [sys.executable, '-m', 'kane_dynamics.cli', 'sweep', *map(str, arguments)]
 
 
@@ -83,7 +83,7 @@ def under_way(path, folder, *options):
 
 
 def gone(pids, within):
-    """Tell whether processes end by themselves."""
+    """Return whether processes end by themselves."""
     deadline = time.monotonic() + within
     while time.monotonic() < deadline:
         if not any(map(words_of, pids)):
@@ -144,17 +144,17 @@ def test_a_file_names_others_beside_it_and_json_will_do(tmp_path, capsys):
     exact, rubbing = read_table(tmp_path / 'out').to_pylist()
     assert [exact[f'q0.joint{k}'] for k in (2, 1)] == [0.1, 0.2]
     assert [exact[f'q.joint{k}'] for k in (2, 1)] == pytest.approx([0.3, 0.4], abs=1e-6)
-    # At the very end the motion is at rest already, which the last step's end is told.
+    # At its very end the motion is at rest, which the end of the last step includes.
     assert exact['rms_error.joint1'] < 1e-5 < 1e-3 < rubbing['rms_error.joint1']
 
 
 @pytest.mark.parametrize('change, words', [
-    ('samples: 500', "there is no 'urdf'"),
-    (f'urdf: {URDF}\nsamples: 10\nsample: 3', "unknown entry 'sample'; valid: urdf"),
+    ('samples: 500', "no 'urdf'; expected"),
+    (f'urdf: {URDF}\nsamples: 10\nsample: 3', "unknown entry 'sample'; expected one of urdf"),
     (f'urdf: {URDF}\nsamples: 10\nsamples: 20', 'given more than once: samples'),
     (f'urdf: {URDF}\nsamples: 10\nfriction: {{uniform: [2, 1]}}', 'expected [low, high]'),
     ('urdf: none.urdf\nsamples: 10', 'none.urdf'),
-    ('- 1', 'holds no mapping')])
+    ('- 1', 'expected entries such as urdf')])
 def test_a_bad_file_is_exit_code_2_and_says_what_and_where(tmp_path, capsys, change, words):
     path = tmp_path / 'sweep.yaml'
     path.write_text(change)
@@ -165,9 +165,9 @@ def test_a_bad_file_is_exit_code_2_and_says_what_and_where(tmp_path, capsys, cha
 
 
 def test_a_cluster_that_is_not_there_is_exit_code_2(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('kane_dynamics.sweep.workers.PATIENCE', 0.3)
+    monkeypatch.setattr('kane_dynamics.sweep.workers.CONNECT_TIMEOUT', 0.3)
     path = tmp_path / 'sweep.yaml'
     path.write_text(FILE.format(urdf=URDF, samples=1, duration=0.01))
     assert main(['sweep', str(path), '-o', str(tmp_path / 'out'), '--dask',
                  'tcp://127.0.0.1:9']) == 2
-    assert "no Dask scheduler at 'tcp://127.0.0.1:9'" in capsys.readouterr().err
+    assert "dask: 'tcp://127.0.0.1:9': " in capsys.readouterr().err

@@ -54,7 +54,7 @@ def test_no_arguments_print_the_help_and_version_the_version(capsys):
     (['torque', 'ARM', '--qdd', '1', '1'], 'unrecognized arguments: --qdd 1 1; expected --udot?'),
     (['simulate', 'ARM', '--steps', '1'], 'expected --step?'),
     (['torque', 'ARM', '--q', '0', 'one'], "--q: 'one'; expected 2 numbers, in the order j1, j2"),
-    (['simulate', 'ARM', '--duration', '-1'], '--duration is -1'),
+    (['simulate', 'ARM', '--duration', '-1'], '--duration: -1 s'),
     (['simulate', 'ARM', '--step', '1ms'], "argument --step: invalid float value: '1ms'"),
     (['torque', 'no.urdf'], "no such file: 'no.urdf'"),
     (['torque', 'ARM', '--motion', 'no.csv'], "no such file: 'no.csv'"),
@@ -62,7 +62,7 @@ def test_no_arguments_print_the_help_and_version_the_version(capsys):
     (['torque', 'ARM', '--supplement', 'no.yaml'], "no such file: 'no.yaml'"),
     (['replay', 'ARM', 'no.csv'], "no such file: 'no.csv'"),
     (['replay', 'ARM', 'no.mcap'], "no such file: 'no.mcap'"),
-    (['torque', 'ARM', '--step', '0.1'], '--step is for a --motion')])
+    (['torque', 'ARM', '--step', '0.1'], '--step: given without --motion')])
 def test_the_message_comes_first_in_the_words_of_the_command_line(files, capsys, arguments,
                                                                   words):
     _, err = said(capsys, *(files / 'arm.urdf' if word == 'ARM' else word for word in arguments),

@@ -141,14 +141,14 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     ("joint_names: 'lift' is missing", {'joint_names': ['turn', 'reach', 'wheel']}),
     ("joint_names: 'wheel' is unknown", {'joint_names': [*JOINTS, 'wheel']}),
     ('a joint is named twice', {'joint_names': [*JOINTS, 'lift']}),
-    ('duration is 0 s; expected', {'duration': 0.0}),
-    ('duration is nan', {'duration': math.nan}),
-    ('duration is inf', {'duration': math.inf}),
+    ('duration: 0 s; expected', {'duration': 0.0}),
+    ('duration: nan', {'duration': math.nan}),
+    ('duration: inf', {'duration': math.inf}),
     ('at most 3600 s', {'duration': 1e9}),
     ('at most 1000000 (parameter simulation.max_steps)', {'duration': 1.0, 'step': 1e-9}),
     ('at most 2000 (parameter simulation.max_points)',
      {'duration': 10.0, 'sample_period': 1e-3}),
-    ('step is -1 s; expected', {'step': -1.0}),
+    ('step: -1 s; expected', {'step': -1.0}),
     ('step: 2 s; expected at most the duration', {'step': 2.0}),
     ('whole number of steps', {'duration': 0.5005}),
     ('torque_source: 9; expected', {'torque_source': 9}),
@@ -232,7 +232,7 @@ def test_an_invalid_goal_is_aborted_with_the_reason(node):
     status, result = Goal(node, duration=-1.0).result()
     assert status == GoalStatus.STATUS_ABORTED
     assert not result.success
-    assert 'duration is -1 s; expected' in result.message
+    assert 'duration: -1 s; expected' in result.message
 
 
 def test_a_full_queue_answers_that_it_is_busy(node):

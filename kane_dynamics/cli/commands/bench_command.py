@@ -1,4 +1,4 @@
-"""What `kane-dynamics bench` measures: calls from Python, beside Pinocchio's of the same arm."""
+"""The command `bench`: times of calls from Python, compared with Pinocchio's."""
 
 from argparse import Namespace
 from timeit import Timer
@@ -12,7 +12,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 BATCH = 10_000  # states
-# What a user types, ours and Pinocchio's.
+# Statements that are timed: ours and Pinocchio's.
 CALLS = {
     'inverse dynamics (rnea)': ('robot.inverse_dynamics(q, u, x)',
                                 'pin.rnea(peer, data, q, u, x)'),
@@ -21,14 +21,14 @@ CALLS = {
     'mass matrix (crba)': ('robot.mass_matrix(q)', 'pin.crba(peer, data, q)'),
     'bound inverse dynamics (rnea)': ('bound.inverse_dynamics()',
                                       'pin.rnea(peer, data, q, u, x)'),
-    'the same, both functions taken out of the loop': ('bound_inverse_dynamics()',
-                                                       'rnea(peer, data, q, u, x)'),
+    'the same, without attribute access': ('bound_inverse_dynamics()',
+                                           'rnea(peer, data, q, u, x)'),
 }
 IN_BATCH = f'inverse dynamics, each of {BATCH}'
 
 
 def bench(options: Namespace) -> None:
-    """Time this robot's calls, in turns with Pinocchio's where it is installed."""
+    """Time calls of this robot, alternating with Pinocchio's if it is installed."""
     model, robot = load(options)
     peer = why = None
     try:
@@ -51,7 +51,7 @@ def bench(options: Namespace) -> None:
 
 
 def _figures(timing: Timing) -> dict[str, float | None]:
-    """Return nanoseconds a call, the peer's, and their ratio; None where the peer has none."""
+    """Return ns per call, ours and Pinocchio's, and their ratio; None without Pinocchio."""
     both = 'theirs' in timing.seconds
     return {'ns': 1e9 * timing.median('ours'),
             'pinocchio_ns': 1e9 * timing.median('theirs') if both else None,
@@ -60,12 +60,12 @@ def _figures(timing: Timing) -> dict[str, float | None]:
 
 def peer_of(source: str | bytes, robot: Robot) -> Any:
     """
-    Return Pinocchio's model of the same arm, every other joint locked at 0.
+    Return Pinocchio's model of the same arm, with every other joint locked at 0.
 
     Raises
     ------
     InputError
-        Pinocchio is not installed, or its model has other coordinates or other torques.
+        If Pinocchio is not installed, or its model has other coordinates or torques.
 
     """
     full = pinocchio_model(source, robot.model)
@@ -74,19 +74,19 @@ def peer_of(source: str | bytes, robot: Robot) -> Any:
     others = [full.getJointId(name) for name in full.names[1:] if name not in names]
     peer = pin.buildReducedModel(full, others, pin.neutral(full)) if others else full
     if tuple(peer.names[1:]) != names or peer.nq != robot.n:
-        raise InputError("Pinocchio's model of it has other coordinates: "
-                         f'{", ".join(peer.names[1:])}')
+        raise InputError(f'Pinocchio: coordinates {", ".join(peer.names[1:])}; expected '
+                         f'{", ".join(names)}')
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     ours = Robot(robot.model, friction=False).inverse_dynamics(q, u, udot)
     theirs = pin.rnea(peer, peer.createData(), q, u, udot)
     if np.abs(ours - theirs).max() > 1e-9 * max(np.abs(ours).max(), 1.0):
-        raise InputError("Pinocchio's model of it gives other torques: it knows no armature, "
-                         'spring or mimic joint of URDF and supplement')
+        raise InputError('Pinocchio: other torques; expected a model without armature, springs '
+                         'and mimic joints, which Pinocchio does not read from a URDF')
     return peer
 
 
 def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
-    """Time `CALLS` on one arm, turn by turn; contenders are called 'ours' and 'theirs'."""
+    """Time `CALLS` on one arm in turns; the contenders are 'ours' and 'theirs'."""
     q, u, x = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     bound: Any = robot.bind()
     bound.q[:], bound.u[:], bound.udot[:] = q, u, x
@@ -105,7 +105,7 @@ def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
 
 
 def _batch_timing(robot: Robot) -> Timing:
-    """Time one state of a batch of inverse dynamics."""
+    """Time inverse dynamics of a batch, per state."""
     states = np.random.default_rng(1).uniform(-1.0, 1.0, (3, BATCH, robot.n))
     timing = interleaved({'ours': lambda: robot.inverse_dynamics(*states)}, turns=9)
     return Timing({'ours': timing.seconds['ours'] / BATCH})

@@ -1,4 +1,4 @@
-"""What the subcommands of `kane-dynamics` do."""
+"""Entry functions of the subcommands of `kane-dynamics`."""
 
 from argparse import Namespace
 import math
@@ -23,13 +23,13 @@ from kane_dynamics.urdf.document import read_source
 
 
 def sweep(options: Namespace) -> None:
-    """Run a sweep, or what is left of it, and sum up its table."""
+    """Run a sweep, or continue it, and print a summary of its table."""
     data = sweep_command.run(options)
     (print_json if options.json else sweep_command.print_result)(data)
 
 
 def inspect(options: Namespace) -> int:
-    """Print what is known about a robot; compare it with a peer on request."""
+    """Print the properties of a robot; on request compare it with Pinocchio."""
     caught: list[str] = []
     model, robot = load(options, caught)
     if not options.verbose:
@@ -37,7 +37,7 @@ def inspect(options: Namespace) -> int:
     facts = inspect_command.describe(model, robot, caught,
                                      operations=options.operations or options.json)
     if options.against:
-        # The peer knows neither a supplement nor friction.
+        # Pinocchio reads no supplement; friction is compared for neither.
         with warnings.catch_warnings():
             warnings.simplefilter('ignore', ModelWarning)
             bare = load_urdf(source_of(options), **selection(options))
@@ -50,7 +50,7 @@ def inspect(options: Namespace) -> int:
 
 
 def export(options: Namespace) -> None:
-    """Write C, and say what is in it."""
+    """Write C source and header; print their paths."""
     _, robot = load(options, wrench_frames=options.wrench_frames,
                     payload_frame=options.payload_frame)
     files = robot.export_c(options.out, split(options.kernel),
@@ -66,7 +66,7 @@ def export(options: Namespace) -> None:
 
 def equations(options: Namespace) -> None:
     """Print or write the closed form of a small mechanism's equations of motion."""
-    closed = extra('kane_dynamics.cli.equations.closed_form', 'equations')  # before the work
+    closed = extra('kane_dynamics.cli.equations.closed_form', 'equations')  # errors early
     model, robot = load(options)
     with progress_bar('deriving', 1.0) as progress:
         form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction,
@@ -84,7 +84,7 @@ def equations(options: Namespace) -> None:
 
 
 def identify(options: Namespace) -> None:
-    """Identify friction and inertials, or a payload; print, and write on request."""
+    """Identify friction and inertials, base parameters or a payload; print, write on request."""
     model, _ = load(options)
     if options.base_parameters:
         data, printed = identify_command.run_base(options, model), identify_command.print_base
@@ -98,15 +98,15 @@ def identify(options: Namespace) -> None:
 
 
 def excite(options: Namespace) -> None:
-    """Find and write a motion that excites what `identify` looks for."""
+    """Compute and write an exciting motion for `identify`."""
     model, _ = load(options)
     data = excite_command.run(options, source_of(options), model)
     (print_json if options.json else excite_command.print_data)(data)
 
 
 def replay(options: Namespace) -> None:
-    """Compare a recording's measured torques with those of the equations of motion."""
-    plot = pictures.plotter(options)  # before the work
+    """Compare the measured torques of a recording with those of the equations of motion."""
+    plot = pictures.plotter(options)  # errors early
     model, robot = load(options)
     recording = identify_command.recorded(options, model)
     warn_degrees(robot, recording.q, options.recording)
@@ -119,8 +119,8 @@ def replay(options: Namespace) -> None:
 
 
 def feasible(options: Namespace) -> int:
-    """Judge a motion by the limits of the joints; return 1 if it does not fit."""
-    plot = pictures.plotter(options)  # before the work
+    """Check a motion against the limits of the joints; return 1 if it exceeds one."""
+    plot = pictures.plotter(options)  # errors early
     model, robot = load(options, payload_frame=options.payload_frame)
     motion = read_motion(options.motion, robot.joint_names)
     warn_degrees(robot, motion.positions, options.motion)
@@ -136,10 +136,10 @@ def feasible(options: Namespace) -> int:
 def doctor(options: Namespace) -> int:
     """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
     if options.live is not None and not 0.0 < options.live < math.inf:
-        raise InputError(f'--live is {options.live}; expected a positive, finite number of s')
+        raise InputError(f'--live: {options.live}; expected a positive, finite time in s')
     caught: list[str] = []
     model, robot = load(options, caught)
-    if model.flexible:  # a mode has no limit, and no message tells of it
+    if model.flexible:  # modes have no limits and are in no message
         model = stiffened(model)
         robot = Robot(model)
     found = model_checks.examine_model(model, robot, caught)

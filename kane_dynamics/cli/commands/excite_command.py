@@ -5,7 +5,7 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import told
+from kane_dynamics.cli.shared import model_warnings
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
@@ -15,10 +15,10 @@ import numpy as np
 
 
 def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
-    """Search, write the motion, and return what it is worth as plain data."""
+    """Optimize and write the motion; return its properties as plain data."""
     if not 0.0 < options.rate < np.inf:
-        raise InputError(f'--rate is {options.rate}; expected a positive, finite number of Hz')
-    with told():
+        raise InputError(f'--rate: {options.rate}; expected a positive, finite number of Hz')
+    with model_warnings():
         shapes = load_collision_shapes(source)
     with progress_bar('searching', 1.0) as progress:
         found = excite(
@@ -44,9 +44,9 @@ def write(found: Excitation, path: str, rate: float) -> None:
 
 
 def print_data(data: dict[str, Any]) -> None:
-    """Print what `run` returned."""
-    print(f'condition number of the base parameters {data["condition"]:.3g}; it starts and ends '
-          'at rest; shares of limits:')
+    """Print the result of `run`."""
+    print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at the start '
+          'and the end; shares of limits:')
     inspect_command.print_table(
         ['joint', 'starts at', *data['uses']],
         [[name, data['start'][j], *(f'{100.0 * use[j]:.0f} %' if use[j] > 0.0 else '-'

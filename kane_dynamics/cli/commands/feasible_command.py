@@ -1,4 +1,4 @@
-"""The command `feasible`: what a motion asks of the motors, and how fast it may be."""
+"""The command `feasible`: torque, speed and power of a motion, and its highest speed."""
 
 from argparse import Namespace
 import math
@@ -18,7 +18,7 @@ import numpy as np
 
 
 def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any], Demand]:
-    """Judge a motion, write what --out asks for; return the result as plain data, and in full."""
+    """Check a motion, write --out; return the result as plain data, and the demand."""
     given: dict[str, Any] = {
         'step': options.step, 'power': options.power[0] if len(options.power) == 1
         else options.power}
@@ -38,23 +38,23 @@ def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any
 
 
 def hopeless(robot: Robot, motion: Motion, given: dict[str, Any]) -> str:
-    """Return in words why a motion fits at no speed."""
+    """Return the reason, as text, why a motion is feasible at no speed."""
     still = demand(robot, motion, speed=LOWEST, **given)
-    return (f'hardly moving it passes a limit already: {still.excesses[0]}' if still.excesses
-            else 'at every speed some limit is passed somewhere')
+    return (f'a limit is exceeded even at the lowest speed: {still.excesses[0]}' if still.excesses
+            else 'at every speed some limit is exceeded')
 
 
 def write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | None,
                   given: dict[str, Any]) -> None:
-    """Write the motion, at the highest speed that fits, as a table of states."""
+    """Write the motion at the highest feasible speed as a table of states."""
     if scale is None or math.isinf(scale.speed):
-        raise InputError('--out writes the motion at the highest speed that fits; '
-                         + ('none does' if scale is None else 'no limit bounds it'))
+        reason = 'no feasible speed' if scale is None else 'no limit of the speed'
+        raise InputError(f'--out: {reason}; expected a motion with a highest feasible speed')
     asked = demand_at(robot, motion, scale.speed, given['step'], given['power'], NONE)
-    # Of two samples at one time the later; at both ends those of the motion, not of rest.
+    # Of two samples at one time keep the later; at both ends those of the motion, not of rest.
     kept = np.append(np.diff(asked.t[:-1]) > 1e-9 * asked.t[-1], [True, False])
-    # A jump of udot has two values at its time. Without the column a reader joins the rows by
-    # cubics, which are the motion again, for a motion with jumps is made of cubics.
+    # A jump of udot has two values at its time. Without the column a reader interpolates by
+    # cubics, which restores the motion, since motions with jumps consist of cubics.
     twice = np.flatnonzero(~kept[1:-2]) + 1
     jump = np.abs(asked.udot[twice + 1] - asked.udot[twice]).max(initial=0.0)
     jumps = jump > 1e-9 * np.abs(asked.udot).max(initial=0.0)
@@ -84,7 +84,7 @@ def as_data(asked: Demand) -> dict[str, Any]:
 
 
 def print_data(data: dict[str, Any]) -> None:
-    """Print what `run` returned first."""
+    """Print the first result of `run`."""
     def percent(use: float, limit: float) -> str:
         return '-' if math.isinf(limit) else f'{100.0 * use:.1f} %'
     torque, velocity, power = data['torque'], data['velocity'], data['power']
@@ -96,7 +96,7 @@ def print_data(data: dict[str, Any]) -> None:
           percent(velocity['use'][j], velocity['limit'][j]), power['peak'][j]]
          for j, name in enumerate(data['joint_names'])])
     print(f'\npeak power of all joints together {power["peak_of_all"]:.4g} W')
-    print('the motion fits' if data['fits'] else 'the motion does NOT fit:')
+    print('the motion is feasible' if data['fits'] else 'the motion is NOT feasible:')
     for excess in data['excesses']:
         print(f'  {excess["words"]}')
     print(_speed_in_words(data))
@@ -107,15 +107,15 @@ def print_data(data: dict[str, Any]) -> None:
 
 
 def _speed_in_words(data: dict[str, Any]) -> str:
-    """Return the highest speed that fits, in words."""
+    """Return the highest feasible speed as text."""
     if data['fastest'] is None:
-        return f'it fits at no speed: {data["hopeless"]}'
-    return 'highest speed that fits: ' + _bound_in_words(
+        return f'feasible at no speed: {data["hopeless"]}'
+    return 'highest feasible speed: ' + _bound_in_words(
         data['fastest'], 'speed', ' times that of the file')
 
 
 def _bound_in_words(found: dict[str, Any], name: str, unit: str) -> str:
-    """Return a number and what bounds it."""
+    """Return a number and the limit that bounds it as text."""
     if math.isinf(found[name]):
         return 'unbounded'
     by = '' if found['joint'] is None else (

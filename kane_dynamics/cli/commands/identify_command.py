@@ -1,4 +1,4 @@
-"""The command `identify`: a table for people, JSON for programs, files for load_urdf."""
+"""The command `identify`: tables, JSON, and files for load_urdf."""
 
 from argparse import Namespace
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ import numpy as np
 
 
 def recorded(options: Namespace, model: Model) -> Recording:
-    """Return the recording that the arguments name, filtered if they say so."""
+    """Return the recording of the arguments, resampled and filtered on request."""
     recording = read_recording(options.recording, model.joint_names, options.topic,
                                numbered=every_joint(options))
     if options.resample is not None:
@@ -39,23 +39,22 @@ def recorded(options: Namespace, model: Model) -> Recording:
 
 
 def checked(options: Namespace, model: Model) -> Recording:
-    """Return the recording; say what is remarkable of it, and refuse what is not the model's."""
+    """Return the recording; print warnings; raise InputError if it contradicts the model."""
     recording = recorded(options, model)
     levels = () if options.as_recorded else ('impossible', 'wrong')
     try:
         found = refuse_unlike(model, recording, levels)
     except InputError as error:
-        raise InputError(f'{error}. Repair it, or give --as-recorded to fit it nevertheless'
-                         ) from None
+        raise InputError(f'{error}; or --as-recorded to fit it unchanged') from None
     for finding in found:
         print(f'kane-dynamics: warning: {finding.words}', file=sys.stderr)
     return recording
 
 
 def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
-    """Identify, write what --out asks for, and return the result as plain data."""
+    """Identify a model, write --out, and return the result as plain data."""
     if options.unbounded and not options.friction_only:
-        raise InputError('--unbounded is for friction alone; give --friction-only with it')
+        raise InputError('--unbounded: given without --friction-only; expected both')
     recording = checked(options, model)
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
@@ -69,10 +68,10 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
 @on_one_processor
 def run_base(options: Namespace, model: Model) -> dict[str, Any]:
     """Estimate base parameters by weighted least squares; return the result as plain data."""
-    refuse(options, '--base-parameters takes no model but its structure')
+    refuse(options, '--base-parameters')
     if options.out or options.payload:
-        raise InputError('--base-parameters are no model and no payload; leave out --out and '
-                         '--payload')
+        raise InputError('--base-parameters: given with --out or --payload; expected neither, '
+                         'since base parameters are no model')
     recording = checked(options, model)
     data = rows(model, recording, options.standstill)
     first, second = data.half(second=False), data.half(second=True)
@@ -86,8 +85,8 @@ def run_base(options: Namespace, model: Model) -> dict[str, Any]:
 
 
 def print_base(data: dict[str, Any]) -> None:
-    """Print what `run_base` returned."""
-    print(f'{data["rows"]} rows: fitted to the first half, judged on the second')
+    """Print the result of `run_base`."""
+    print(f'{data["rows"]} rows: fitted to the first half, validated on the second')
     inspect_command.print_table(['value', '+-', 'base parameter'], [
         (value, f'{deviation:.1g}', name) for name, value, deviation in zip(
             data['names'], data['values'], data['standard_deviations'], strict=True)])
@@ -97,26 +96,26 @@ def print_base(data: dict[str, Any]) -> None:
     print(f'\ncondition number {data["condition"]:.3g}')
 
 
-def refuse(options: Namespace, because: str) -> None:
+def refuse(options: Namespace, kind: str) -> None:
     """Raise InputError if an option is given that the chosen kind of fit does not use."""
     for given, name in ((options.friction_only, '--friction-only'),
                         (options.unbounded, '--unbounded'),
                         (options.weight is not None, '--weight'),
                         (options.no_friction, '--no-friction')):
         if given:
-            raise InputError(f'{because}; leave out {name}')
+            raise InputError(f'{kind}: given with {name}; expected it without {name}')
 
 
 def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
-    """Identify a payload, write what --out asks for, and return the result as plain data."""
-    refuse(options, '--payload takes the arm as known, friction too')
+    """Identify a payload, write --out, and return the result as plain data."""
+    refuse(options, '--payload')
     recording = checked(options, model)
     found = identify_payload(model, recording, options.payload)
     load = found.inertial
     if options.out:
         if not options.out.endswith(('.yaml', '.yml')):
-            raise InputError(f"--out is '{options.out}'; with --payload it is a supplement, "
-                             'expected a name that ends in .yaml')
+            raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, since "
+                             'with --payload it is a supplement')
         text = written_payload(options.supplement, options.payload, load)
         Path(options.out).write_text(text, encoding='utf-8')
     return {
@@ -132,7 +131,7 @@ def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
 
 
 def print_payload(data: dict[str, Any]) -> None:
-    """Print what `run_payload` returned."""
+    """Print the result of `run_payload`."""
     deviations = data['standard_deviations']
     print(f"{data['rows']} rows; payload in axes of '{data['frame']}', condition number "
           f'{data["condition"]:.3g}')
@@ -141,10 +140,10 @@ def print_payload(data: dict[str, Any]) -> None:
     inspect_command.print_table(['', 'value', '+-'], [(name, value, f'{deviation:.1g}') for (
         name, value, deviation) in (
         ('mass [kg]', data['mass'], deviations['mass']),
-        *((f'mass centre {axis} [m]', *pair) for axis, *pair in zip(
+        *((f'center of mass {axis} [m]', *pair) for axis, *pair in zip(
             'xyz', data['com'], deviations['com'], strict=True)), *moments)])
     print()
-    inspect_command.print_table(['joint', 'RMS left', 'held out'], zip(
+    inspect_command.print_table(['joint', 'RMS residual', 'held out'], zip(
         data['joint_names'], data['rms_residual'], data['rms_held_out'], strict=True))
     print('\nparameters of the node:')
     for name, value in data['node_parameters'].items():
@@ -162,13 +161,13 @@ def as_data(found: Identification, recording: Recording) -> dict[str, Any]:
         'friction': {**dict(zip(FRICTION, found.losses.T.tolist(), strict=True)),
                      'friction_speed': found.friction_speed.tolist()},
         'standard_deviations': dict(zip(FRICTION, found.deviations.T.tolist(), strict=True)),
-        'inertials': _told(found),
+        'inertials': _identifiable(found),
         'masses': {body.name: body.inertial.mass for body in bodies},
         'condition': found.condition, 'prior_weight': found.weight}
 
 
-def _told(found: Identification) -> dict[str, dict[str, dict[str, float]]]:
-    """Return value and deviation of the inertial parameters that torques tell one by one."""
+def _identifiable(found: Identification) -> dict[str, dict[str, dict[str, float]]]:
+    """Return value and deviation of the inertial parameters that are identifiable one by one."""
     if found.friction_only:
         return {}
     values = inertial_parameters(found.model).reshape(-1, 10)
@@ -180,16 +179,16 @@ def _told(found: Identification) -> dict[str, dict[str, dict[str, float]]]:
 
 
 def print_data(data: dict[str, Any]) -> None:
-    """Print what `as_data` returned."""
-    print(f'{data["rows"]} rows: fitted to the first half, judged on the second; RMS of torque '
-          'error')
+    """Print the result of `as_data`."""
+    print(f'{data["rows"]} rows: fitted to the first half, validated on the second; RMS of '
+          'torque error')
     inspect_command.print_table(['joint', 'before', 'fitted', 'held out'], zip(
         data['joint_names'], data['rms_before'], data['rms_fitted'], data['rms_held_out'],
         strict=True))
     print()
     deviations = data['standard_deviations']
     inspect_command.print_table(
-        ['joint', *(word for name in FRICTION for word in (name, '+-')), 'sets in at'],
+        ['joint', *(word for name in FRICTION for word in (name, '+-')), 'friction speed'],
         [[joint, *(word for name in FRICTION
                    for word in (data['friction'][name][k], f'{deviations[name][k]:.1g}')),
           data['friction']['friction_speed'][k]]
@@ -198,13 +197,13 @@ def print_data(data: dict[str, Any]) -> None:
                 for joint, value in zip(data['joint_names'], data['friction'][name], strict=True)
                 if value < lowest]
     if negative:
-        print(f'\nnegative, as no joint\'s is: {", ".join(negative)}\n'
-              'Inertials or torques are wrong there; no model can be made of this.')
-    told = [(f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}')
-            for body, row in data['inertials'].items() for name, pair in row.items()]
-    if told:
-        print('\ninertial parameters that torques tell by themselves; kg, m, about the origin')
-        inspect_command.print_table(['parameter', 'value', '+-'], told)
+        print(f'\nnegative: {", ".join(negative)}; expected values >= 0\n'
+              'Inertials or torques of these joints are wrong; no model can be written.')
+    known = [(f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}')
+             for body, row in data['inertials'].items() for name, pair in row.items()]
+    if known:
+        print('\ninertial parameters that are identifiable one by one; kg, m, about the origin')
+        inspect_command.print_table(['parameter', 'value', '+-'], known)
     print(f'\ncondition number {data["condition"]:.3g}, weight of the prior '
           f'{data["prior_weight"]:g}')
     for path in data['files']:
@@ -216,7 +215,7 @@ def write_files(source: str | bytes, model: Model, out: str) -> Sequence[str]:
     urdf, supplement = written(source, model)
     stem = out.removesuffix('.urdf')
     if not Path(stem).name:
-        raise InputError(f"--out is '{out}'; expected the name of a URDF to write")
+        raise InputError(f"--out: '{out}'; expected the name of a URDF to write")
     paths = f'{stem}.urdf', f'{stem}.supplement.yaml'
     for path, text in zip(paths, (urdf, supplement), strict=True):
         Path(path).write_text(text, encoding='utf-8')

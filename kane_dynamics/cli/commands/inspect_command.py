@@ -1,4 +1,4 @@
-"""Facts about a robot for people to read, and its comparison with a peer."""
+"""Properties of a robot as tables, and its comparison with Pinocchio."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -13,8 +13,8 @@ from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-STATES = 100  # random states of a comparison
-TOLERANCE = 1e-12  # of a comparison, relative to the largest torque
+STATES = 100  # random states of the comparison
+TOLERANCE = 1e-12  # of the comparison, relative to the largest torque
 _DEEPEST = 16  # levels of the tree that are indented
 
 
@@ -23,8 +23,8 @@ def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
     """
     Return bodies, joints, limits and masses as plain data.
 
-    Problems are what makes the dynamics impossible; on request also the operations of the kernels,
-    without those that a problem leaves out.
+    The problems are defects that make the dynamics impossible. Operation counts of the kernels are
+    added on request; kernels that a problem makes impossible are left out.
     """
     bodies = []
     for body in model.bodies:
@@ -47,18 +47,18 @@ def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
 
 
 def _operations(robot: Robot) -> dict[str, dict[str, int]]:
-    """Return the operations of one call of every kernel that there is."""
+    """Return the operation counts of all available kernels."""
     found = {}
     for name in robot.kernels.names:
         try:
             found[name] = asdict(robot.kernels.program(name).operation_count())
         except ModelError:
-            continue  # no forward dynamics with massless joints: that is among the problems
+            continue  # with massless joints there is no forward dynamics
     return found
 
 
 def print_facts(facts: dict[str, Any]) -> None:
-    """Print what `describe` and a comparison returned."""
+    """Print the results of `describe` and of a comparison."""
     print(f'{facts["name"]}: {len(facts["joint_names"])} degrees of freedom, '
           f'{len(facts["bodies"])} moving bodies of {facts["moving_mass"]:.6g} kg on '
           f'{facts["base"]} of {facts["base_mass"]:.6g} kg\n')
@@ -92,13 +92,13 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     """
     Compare inverse dynamics without friction with Pinocchio's at random states.
 
-    Joints that do not move here are held at zero there; what mimic joints feel is added to their
-    masters. So parts of a robot and mimic joints compare as well.
+    Joints that do not move here are held at zero there; torques of mimic joints are added to those
+    of the joints that they follow. So parts of a robot and mimic joints are compared too.
 
     Raises
     ------
     InputError
-        Pinocchio is not installed, or a floating or planar joint has no counterpart in it.
+        If Pinocchio is not installed, or the model has a floating or planar joint.
 
     """
     peer = pinocchio_model(source, model)
@@ -107,8 +107,8 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     joints = [body.joint for body in model.bodies]
     for joint in joints:
         if not peer.existJointName(joint.name):
-            raise InputError(f"joint '{joint.name}' is part of a floating or planar joint, whose "
-                             'coordinates Pinocchio chooses differently: no comparison')
+            raise InputError(f"joint '{joint.name}': part of a floating or planar joint, whose "
+                             'coordinates differ in Pinocchio; expected single joints')
     rng = np.random.default_rng(0)
     worst = largest = 0.0
     for _ in range(STATES):
@@ -132,11 +132,11 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
 
 
 def pinocchio_model(source: str | bytes, model: Model) -> Any:
-    """Return Pinocchio's model of the whole URDF; InputError if it is not installed."""
+    """Return Pinocchio's model of the whole URDF; raise InputError if it is not installed."""
     try:
         import pinocchio as pin
     except ImportError:
-        raise InputError('Pinocchio is not installed; pip install pin') from None
+        raise InputError('Pinocchio: not installed; expected pip install pin') from None
     peer = (pin.buildModelFromXML(source.decode()) if isinstance(source, bytes)
             else pin.buildModelFromXML(source) if source.lstrip().startswith('<')
             else pin.buildModelFromUrdf(str(Path(source))))
@@ -145,7 +145,7 @@ def pinocchio_model(source: str | bytes, model: Model) -> Any:
 
 
 def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Print columns: words to the left, numbers to the right, six digits each."""
+    """Print a table: texts aligned left, numbers right, with six digits."""
     lines = [[cell if isinstance(cell, str) else f'{cell + 0.0:.6g}' for cell in row]
              for row in rows]
     numeric = [all(_is_number(line[k]) for line in lines) for k in range(len(header))]
@@ -156,7 +156,7 @@ def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
 
 
 def _projected(joints: Sequence[Joint], n: int, torques: Sequence[float]) -> Array:
-    """Return what joints feel as torques of the coordinates that move them."""
+    """Return torques of joints as torques of the coordinates that move them."""
     tau = np.zeros(n)
     for joint, value in zip(joints, torques, strict=True):
         tau[joint.coordinate] += joint.multiplier * value

@@ -1,4 +1,4 @@
-"""Timing on a noisy machine: contenders take turns, ratios are formed turn by turn."""
+"""Timing on a noisy machine: contenders alternate; ratios are computed for each turn."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ TURN_SECONDS = 0.01
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds a call of each contender, one a turn."""
+    """Seconds per call of each contender, one value per turn."""
 
     seconds: Mapping[str, np.ndarray]
 
@@ -23,17 +23,17 @@ class Timing:
         return float(np.median(self.seconds[name]))
 
     def ratio(self, slow: str, fast: str) -> tuple[float, float, float]:
-        """Return how many times faster `fast` is: median, and the 10th and 90th percentile."""
+        """Return the ratio slow / fast: median, 10th and 90th percentile."""
         ratios = self.seconds[slow] / self.seconds[fast]
         low, middle, high = np.percentile(ratios, [10, 50, 90])
         return float(middle), float(low), float(high)
 
 
-Contender = Callable[[], object] | Timer  # a Timer's statement is timed without a call around it
+Contender = Callable[[], object] | Timer  # a Timer avoids the cost of a function call
 
 
 def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS) -> Timing:
-    """Let contenders take turns in shuffled order, each for about `TURN_SECONDS` a turn."""
+    """Time contenders alternately in shuffled order, each for about `TURN_SECONDS` per turn."""
     counts = {name: _calls_a_turn(call) for name, call in contenders.items()}
     seconds: dict[str, list[float]] = {name: [] for name in contenders}
     order = list(contenders)
@@ -56,8 +56,8 @@ def _time(call: Contender, count: int) -> float:
 
 
 def _calls_a_turn(call: Contender) -> int:
-    """Return how many calls fill a turn."""
-    _time(call, 1)  # the first may compile, which says nothing of the others
+    """Return the number of calls that fill a turn."""
+    _time(call, 1)  # the first call may compile
     count = 1
     while (took := _time(call, count)) < 0.2 * TURN_SECONDS:
         count *= 4

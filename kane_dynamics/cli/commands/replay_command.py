@@ -1,4 +1,4 @@
-"""The command `replay`: torques along a recording, beside those that were measured."""
+"""The command `replay`: computed and measured torques of a recording."""
 
 from argparse import Namespace
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def run(options: Namespace, robot: Robot, recording: Recording) -> dict[str, Any]:
-    """Compare, write what --out asks for, and return the result as plain data."""
+    """Compare the torques, write --out, and return the result as plain data."""
     data = compared(robot, recording)
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
@@ -25,12 +25,12 @@ def run(options: Namespace, robot: Robot, recording: Recording) -> dict[str, Any
 
 def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
     """
-    Return computed torques, their difference from the measured ones, and what that tells.
+    Return computed torques, their difference from the measured ones, and remarks.
 
     Raises
     ------
     InputError
-        Positions, speeds and times contradict each other.
+        If positions, speeds and times contradict each other.
 
     """
     remarks = [finding.words for finding in refuse(robot.model, recording, ('impossible',))]
@@ -50,7 +50,7 @@ def rms(values: Array) -> Array:
 
 
 def print_comparison(data: dict[str, Any]) -> None:
-    """Print what `run` returned."""
+    """Print the result of `run`."""
     print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
     inspect_command.print_table(
         ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],

@@ -1,4 +1,4 @@
-"""`kane-dynamics simulate`: forward dynamics over time."""
+"""The command `simulate`: forward dynamics over time."""
 
 from argparse import Namespace
 import math
@@ -10,8 +10,8 @@ from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import (load, print_json, split, told, vector, warn_degrees,
-                                      without_rounding)
+from kane_dynamics.cli.shared import (load, model_warnings, print_json, split, vector,
+                                      warn_degrees, without_rounding)
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
@@ -19,19 +19,19 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import simulate
 import numpy as np
 
-_MOST_EVENTS = 10  # printed for people
+_MOST_EVENTS = 10  # printed; --json has all
 
 
 def simulation(options: Namespace) -> None:
-    """Simulate, save, draw and sum up."""
+    """Simulate; save and plot on request; print a summary."""
     if options.out and not options.out.endswith(('.npz', '.csv')):
-        raise InputError(f"--out is '{options.out}'; expected a name that ends in .npz or .csv")
-    plot = pictures.plotter(options)  # before the work
+        raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or .csv")
+    plot = pictures.plotter(options)  # report errors early
     _, robot = load(options)
     q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
     with progress_bar('simulating', duration) as progress, (
-            told(verbose=options.verbose)):
+            model_warnings(verbose=options.verbose)):
         result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
                           progress=progress, integrator=options.integrator)
     wall = time.perf_counter() - start
@@ -83,10 +83,10 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
 
 
 def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
-    """Return the torques of a file as one row a step."""
+    """Return the torques of a file as one row per step."""
     states = read_states(path, robot.joint_names)
     if states.tau is None:
-        raise InputError(f"{path}: has no columns 'tau.<joint>'")
+        raise InputError(f"{path}: no columns 'tau.<joint>'; expected the torques of all joints")
     if states.t is None or not step > 0.0:
         return states.tau
     increasing(states.t, len(states.tau), f"{path}: column 't'")

@@ -1,4 +1,4 @@
-"""The command `sweep`: a sweep's file read, run, and summed up."""
+"""The command `sweep`: read a description, run it, print a summary."""
 
 from argparse import Namespace
 from collections.abc import Mapping
@@ -8,46 +8,46 @@ from pathlib import Path
 import time
 from typing import Any
 
-from kane_dynamics._util.yaml_io import read_yaml
+from kane_dynamics._util.yaml_io import read_yaml, SHORT
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import load, told
+from kane_dynamics.cli.shared import load, model_warnings
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import GRAVITY
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 import numpy as np
 
-FILES = ('urdf', 'supplement', 'motion')  # relative to the sweep's own folder
+FILES = ('urdf', 'supplement', 'motion')  # relative to the folder of the sweep's file
 ROBOT = ('urdf', 'supplement', 'base', 'tip', 'joints', 'gravity')
 SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name != 'model')
-SHOWN = 5  # kinds of errors
+SHOWN = 5  # different errors in the summary
 
 
 def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     """
-    Return the sweep that a YAML or JSON file describes.
+    Return the sweep described by a YAML or JSON file.
 
-    Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file, and what
-    chooses the robot: `urdf`, `supplement`, `base`, `tip`, `joints`, `gravity`.
+    Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file, and those
+    of the robot: `urdf`, `supplement`, `base`, `tip`, `joints`, `gravity`.
 
     Raises
     ------
     KaneError
-        Names the file, the entry, its value and what is valid.
+        If an entry is invalid; the message names the file, the entry and its value.
 
     """
     given = _content(path)
     for key in given:
         if key not in (*ROBOT, *SWEEP):
-            raise InputError(f'{path}: unknown entry {key!r}; valid: '
+            raise InputError(f'{path}: unknown entry {key!r}; expected one of '
                              f'{", ".join((*ROBOT, *SWEEP))}')
     for key in ('urdf', 'samples'):
         if key not in given:
-            raise InputError(f"{path}: there is no '{key}'")
+            raise InputError(f"{path}: no '{key}'; expected urdf and samples")
     for key in FILES:
         if given.get(key) is not None:
             if not isinstance(given[key], str):
-                raise InputError(f'{path}: {key} is {given[key]!r}; expected the path of a file')
+                raise InputError(f'{path}: {key}: {given[key]!r}; expected the path of a file')
             given[key] = str(Path(path).parent / Path(given[key]).expanduser())
     model, _ = load(Namespace(
         urdf=given['urdf'], supplement=given.get('supplement'), base=given.get('base'),
@@ -63,10 +63,10 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
 
 
 def run(options: Namespace) -> dict[str, Any]:
-    """Run the sweep of a file, and return what came of it as plain data."""
+    """Run the sweep of a file and return a summary as plain data."""
     sweep = read_sweep(options.sweep)
     start = time.perf_counter()
-    with told():
+    with model_warnings():
         done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)
     wall = time.perf_counter() - start
     rows = read_table(options.out).select(['ok', 'error', 'limit_events', 'energy_closes'])
@@ -83,7 +83,8 @@ def run(options: Namespace) -> dict[str, Any]:
 
 def print_result(data: Mapping[str, Any]) -> None:
     """Print what `run` returned."""
-    print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s, {data["found"]} were there')
+    print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s, {data["found"]} found in the '
+          'table')
     inspect_command.print_table(['', 'simulations'], [
         ['ok', data['ok']], ['past a limit', data['past_a_limit']], ['failed', data['failed']],
         *([['energy balance missed', data['energy_missed']]] if data['energy_missed'] else [])])
@@ -93,10 +94,10 @@ def print_result(data: Mapping[str, Any]) -> None:
 
 
 def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what a file holds."""
+    """Return the entries of a file."""
     found = read_yaml(path, 'sweep', InputError)
     if not isinstance(found, dict):
-        raise InputError(f'{path} holds no mapping; expected entries such as urdf and samples')
+        raise InputError(f'{path}: {SHORT.repr(found)}; expected entries such as urdf and samples')
     return found
 
 
@@ -104,13 +105,13 @@ def _names(path: Any, joints: Any) -> list[str] | None:
     """Return joints as a list of names."""
     if joints is None or (isinstance(joints, list) and all(isinstance(x, str) for x in joints)):
         return joints
-    raise InputError(f'{path}: joints is {joints!r}; expected a list of names')
+    raise InputError(f'{path}: joints: {joints!r}; expected a list of names')
 
 
 def _gravity(path: Any, gravity: Any) -> Any:
-    """Return gravity as a tuple; `load_urdf` judges the numbers."""
+    """Return gravity as a tuple; `load_urdf` checks the numbers."""
     if gravity is None:
         return GRAVITY
     if not isinstance(gravity, list):
-        raise InputError(f'{path}: gravity is {gravity!r}; expected three numbers, m/s^2')
+        raise InputError(f'{path}: gravity: {gravity!r}; expected three numbers, m/s^2')
     return tuple(gravity)

@@ -13,19 +13,20 @@ import numpy as np
 
 
 def torque(options: Namespace) -> None:
-    """Print the torques of one state, or write those of a trajectory."""
+    """Print the torques of one state, or print or write those of a motion."""
     plot = pictures.plotter(options)
     if options.motion is None:
         for name in ('out', 'plot', 'step'):
             if getattr(options, name):
-                raise InputError(f'--{name} is for a --motion; the torque of one state is printed')
+                raise InputError(f'--{name}: given without --motion; expected it with '
+                                 '--motion only')
     model, robot = load(options)
     if options.motion is None:
         _print_state(options, model, robot)
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
-        raise InputError('--motion holds the states; leave out --q, --u and --udot')
-    from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states  # YAML too
+        raise InputError('--motion: given with a state; expected no --q, --u and --udot with it')
+    from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states  # slow import
     t, state = read_rows(options.motion, robot.joint_names, options.step)
     warn_degrees(robot, state[0], options.motion)
     rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
@@ -47,7 +48,7 @@ def torque(options: Namespace) -> None:
 
 
 def _print_state(options: Namespace, model: Model, robot: Robot) -> None:
-    """Print the torque of one state, and what it is made of."""
+    """Print the torque of one state and its terms."""
     state = [vector(options, name, robot) for name in ('q', 'u', 'udot')]
     tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
     if options.json:

@@ -4,7 +4,7 @@ from argparse import Namespace
 import webbrowser
 
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics.cli.shared import load, print_json, source_of, told
+from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
 from kane_dynamics.cli.tables import read_trajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.urdf.visuals import load_visuals
@@ -13,10 +13,10 @@ from kane_dynamics.urdf.visuals import load_visuals
 def run(options: Namespace) -> None:
     """Serve the page until interrupted, or write it to a file."""
     if options.export and not options.export.endswith('.html'):
-        raise InputError(f"--export is '{options.export}'; expected a name that ends in .html")
-    view = extra('kane_dynamics.view', 'view')  # before the work
+        raise InputError(f"--export: '{options.export}'; expected a name that ends in .html")
+    view = extra('kane_dynamics.view', 'view')  # report a missing extra early
     _, robot = load(options)
-    with told(verbose=options.verbose):
+    with model_warnings(verbose=options.verbose):
         visuals = load_visuals(source_of(options))
     trajectory = read_trajectory(options.motion, robot) if options.motion else None
     window = view.Window(robot, trajectory, visuals=visuals, host=options.host,
@@ -26,12 +26,12 @@ def run(options: Namespace) -> None:
             window.export(options.export)
             _say(options, 'file', options.export, 'wrote')
             return
-        _say(options, 'url', window.url, 'Ctrl+C ends what is shown at')
+        _say(options, 'url', window.url, 'press Ctrl+C to stop; page at')
         if not options.no_open:
             webbrowser.open(window.url)
         window.run()
     except KeyboardInterrupt:
-        pass  # that is how it ends
+        pass  # the user ends it by Ctrl+C
     finally:
         window.close()
 

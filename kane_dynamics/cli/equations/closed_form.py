@@ -17,7 +17,7 @@ from kane_dynamics.native.tracing.program import OperationCount
 import numpy as np
 import sympy as sp
 
-MOST = 4  # coordinates: the closed forms of more fill pages
+MOST = 4  # coordinates; closed forms of more are too long to read
 DIGITS = 6
 
 
@@ -35,7 +35,7 @@ class ClosedForm:
     M : (n, n) SymPy Matrix
     bias : (n, 1) SymPy Matrix
     partials : dict of str to (6, n) SymPy Matrix
-        By body: omega^r, then v^r of the mass centre, in the body's own axes.
+        By body: omega^r, then v^r of the center of mass, in the axes of the body.
 
     """
 
@@ -48,7 +48,7 @@ class ClosedForm:
     partials: dict[str, Any]
 
     def operations(self) -> dict[str, OperationCount]:
-        """Return the arithmetic of mass matrix and bias, common subexpressions shared."""
+        """Return operation counts of mass matrix and bias with shared common subexpressions."""
         n = len(self.q)
         upper = [self.M[r, s] for r in range(n) for s in range(r, n)]
         return {'mass_matrix': _count(upper), 'bias_force': _count(list(self.bias))}
@@ -68,17 +68,17 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
     friction : bool
         Whether damping and Coulomb friction are part of the equations.
     progress : callable
-        Called with the share of the work that is done.
+        Called with the finished fraction of the work.
 
     Raises
     ------
     InputError
-        The model has more than `MOST` coordinates, or expressions of too many terms.
+        If the model has more than `MOST` coordinates, or expressions of too many terms.
 
     """
     n = model.n
     if not 0 < n <= MOST:
-        raise InputError(f"'{model.name}' has {n} coordinates; closed forms are for 1 to {MOST}: "
+        raise InputError(f"closed form of '{model.name}': {n} coordinates; expected 1 to {MOST}: "
                          'choose fewer with --joints, --base or --tip')
     q, q_scalar = symbols(f'q{r + 1}' for r in range(n))
     u, u_scalar = symbols(f'u{r + 1}' for r in range(n))
@@ -108,7 +108,7 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
 
 
 def as_text(form: ClosedForm, compiled: dict[str, OperationCount]) -> str:
-    """Return everything as plain text; `compiled` are the kernels' counts of operations."""
+    """Return everything as plain text; `compiled` has the operation counts of the kernels."""
     n = len(form.q)
     lines = [f'{form.model.name}: M(q) udot + bias(q, u) = tau, u = qdot', '']
     lines += [f'{row[0]:6}{row[1]:12}{row[2]}' for row in legend(form)]
@@ -142,11 +142,11 @@ def as_latex(form: ClosedForm) -> str:
     return '\n'.join(lines) + '\n'
 
 
-CAPTION = "omega, and v of the mass centre, in each body's own axes"
+CAPTION = 'omega, and v of the center of mass, in the axes of each body'
 
 
 def as_markdown(form: ClosedForm) -> str:
-    """Return the table of partial velocities: a row a speed, two columns a body."""
+    """Return the table of partial velocities: one row per speed, two columns per body."""
     header = ['r', *(f'{symbol} of {body}' for body in form.partials for symbol in ('omega', 'v'))]
     rows = [[f'{r + 1}', *(_vector(table[rows, r]) for table in form.partials.values()
                            for rows in (slice(0, 3), slice(3, 6)))] for r in range(len(form.q))]
@@ -166,7 +166,7 @@ def as_csv(form: ClosedForm) -> str:
 
 
 def as_data(form: ClosedForm, compiled: dict[str, OperationCount]) -> dict[str, Any]:
-    """Return everything as plain data; expressions are text that SymPy reads."""
+    """Return everything as plain data; expressions are texts for SymPy."""
     n = len(form.q)
     return {'joint_names': form.model.joint_names, 'q': list(map(str, form.q)),
             'u': list(map(str, form.u)),
@@ -193,7 +193,7 @@ def legend(form: ClosedForm) -> list[tuple[str, str, str]]:
 
 
 def _exact(model: Model) -> Any:
-    """Return a model whose parameters are SymPy's numbers, for arithmetic without rounding."""
+    """Return a model whose parameters are exact SymPy numbers."""
     view, parameters = parametrised(model)
     values = {p.symbol: unwrapped(p.value) for p in parameters}
 
@@ -211,7 +211,7 @@ def _exact(model: Model) -> Any:
 
 
 def _rounded(expression: Any) -> Any:
-    """Return an expression with its numbers, exponents and small fractions apart, rounded."""
+    """Return an expression with rounded numbers, except exponents and small fractions."""
     if not expression.args:
         plain = not expression.is_Rational or expression.is_Integer
         return expression if plain else sp.Float(f'{float(expression):.{DIGITS}g}')
@@ -223,14 +223,14 @@ def _rounded(expression: Any) -> Any:
 
 
 def _count(expressions: list[Any]) -> OperationCount:
-    """Return the arithmetic of expressions whose common subexpressions are shared."""
+    """Return the operation count of expressions with shared common subexpressions."""
     shared, reduced = sp.cse(expressions)
     return sum((_operations(x) for x in (*(value for _, value in shared), *reduced)),
                OperationCount())
 
 
 def _operations(x: Any) -> OperationCount:
-    """Return the arithmetic of one expression; signs are free."""
+    """Return the operation count of one expression; signs cost nothing."""
     inner = sum(map(_operations, x.args), OperationCount())
     if x.is_Add:
         return inner + OperationCount(additions=len(x.args) - 1)

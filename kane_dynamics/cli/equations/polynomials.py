@@ -1,9 +1,9 @@
 """
-Expressions multiplied out: polynomials in sines, cosines, symbols and square roots.
+Expand expressions to polynomials in sines, cosines, symbols and square roots.
 
-SymPy's `expand` multiplies a nested expression out before anything in it can cancel, which a
-mechanism with oblique axes makes hopeless. Here each node of the expression becomes a polynomial
-of SymPy's sparse rings, once, and sin^2 = 1 - cos^2 is used after every product.
+SymPy's `expand` expands a nested expression before terms cancel, which takes too long for
+mechanisms with oblique axes. Here each node of the expression is converted once to a polynomial
+of SymPy's sparse rings, and sin^2 = 1 - cos^2 is applied after every product.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,22 +13,22 @@ from kane_dynamics.errors import InputError
 import sympy as sp
 from sympy.polys.rings import ring
 
-MOST_TERMS = 5000  # of a polynomial: beyond that nobody reads it
+MOST_TERMS = 5000  # of a polynomial; more are too many to read
 
 
 class Polynomials:
     """
-    Polynomials of expressions that share their generators.
+    Polynomials of expressions with common generators.
 
     Parameters
     ----------
     expressions : sequence of SymPy expressions
-        All that will be multiplied out.
+        All expressions that will be expanded.
 
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        """Gather the generators, and the rules that lower their powers."""
+        """Collect the generators, and the rules that reduce their powers."""
         self.plain = _Trig(expressions)
         atoms = sorted(self.plain.atoms, key=sp.default_sort_key)
         self.ring, *generators = ring(atoms, sp.QQ) if atoms else (ring('x', sp.QQ)[0],)
@@ -46,7 +46,7 @@ class Polynomials:
         Raises
         ------
         InputError
-            It has more than `MOST_TERMS` terms.
+            If it has more than `MOST_TERMS` terms.
 
         """
         if expression not in self._values:
@@ -54,7 +54,7 @@ class Polynomials:
         return self._values[expression]
 
     def by(self, polynomial: Any, variables: Iterable[Any]) -> dict[Any, Any]:
-        """Return the coefficients of a polynomial in some generators, by products of these."""
+        """Return the coefficients of a polynomial by products of some generators."""
         places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
         found: dict[Any, Any] = {}
         for powers, coefficient in polynomial.terms():
@@ -83,12 +83,12 @@ class Polynomials:
 
     def _bounded(self, polynomial: Any) -> Any:
         if len(polynomial) > MOST_TERMS:
-            raise InputError(f'a closed form has more than {MOST_TERMS} terms; valid: fewer '
+            raise InputError(f'closed form: more than {MOST_TERMS} terms; expected fewer '
                              'joints (--joints), or numbers for symbols (--numbers)')
         return polynomial
 
     def _lowered(self, polynomial: Any) -> Any:
-        """Return a polynomial without second powers of sines and roots."""
+        """Return a polynomial with second powers of sines and roots replaced."""
         for place, square in self._rules:
             while any(powers[place] > 1 for powers in polynomial):
                 low, high = self.ring.zero, self.ring.zero
@@ -103,10 +103,10 @@ class Polynomials:
 
 
 class _Trig:
-    """Expressions in the atoms that generate them: trigonometric sums apart, roots of primes."""
+    """Atoms of expressions: trigonometric sums are expanded, roots are those of primes."""
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        """Gather the atoms."""
+        """Collect the atoms."""
         self.atoms: set[Any] = set()
         self._forms: dict[Any, Any] = {}
         waiting, seen = list(expressions), set()
@@ -127,7 +127,7 @@ class _Trig:
     def form(self, x: Any) -> Any:
         """Return a node as a sum or a product of simpler ones, or as it is."""
         if isinstance(x, sp.sin | sp.cos):
-            if x not in self._forms:  # an offset's own sine and cosine would double the terms
+            if x not in self._forms:  # expanding a constant offset would double the terms
                 offset = x.args[0].as_coeff_Add()[0]
                 self._forms[x] = sp.expand_trig(x) if offset == 0 else x
             return self._forms[x]

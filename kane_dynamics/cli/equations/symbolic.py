@@ -1,4 +1,4 @@
-"""The mechanics on SymPy symbols: a scalar, a model whose constants are symbols, short forms."""
+"""Mechanics with SymPy symbols: scalar type, symbolic models, simplification."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ import numpy as np
 import sympy as sp
 from sympy.simplify.fu import TR8
 
-MOST_SHORTENED = 200  # terms: the search for a shorter form of more takes minutes
+MOST_SHORTENED = 200  # terms; simplifying more takes minutes
 ROOTS = (sp.sqrt(2) / 2, sp.sqrt(3) / 2, sp.sqrt(2), sp.sqrt(3))
 
 
 class Symbolic:
-    """A SymPy expression as a scalar of the mechanics; numbers in it are exact."""
+    """SymPy expression as a scalar type for the mechanics; its numbers are exact."""
 
     __slots__ = ('value',)
 
     def __init__(self, value: Any) -> None:
-        """Take an expression or a number."""
+        """Create a scalar from an expression or a number."""
         self.value = value if isinstance(value, sp.Basic) else exact(float(value))
 
     def __add__(self, other: Any) -> Any:
@@ -72,7 +72,7 @@ class Symbolic:
 
 
 def exact(value: float) -> Any:
-    """Return a number as SymPy's: what its shortest decimal says, or a root that it rounds."""
+    """Return a number as exact SymPy number: its shortest decimal, or a root that it rounds."""
     for root in ROOTS:
         if abs(abs(value) - float(root)) < 1e-15:
             return root if value > 0.0 else -root
@@ -85,14 +85,14 @@ def unwrapped(value: Any) -> Any:
 
 
 def symbols(names: Iterable[str], **assumptions: bool) -> tuple[tuple[Any, ...], Any]:
-    """Return SymPy symbols, real, and an array of them as scalars of the mechanics."""
+    """Return real SymPy symbols, and an array of them as `Symbolic` scalars."""
     plain = tuple(sp.Symbol(name, real=True, **assumptions) for name in names)
     return plain, np.array([Symbolic(symbol) for symbol in plain], dtype=object)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of the mechanism that has a symbol."""
+    """Constant of the mechanism and its symbol."""
 
     symbol: Any
     value: float
@@ -101,10 +101,10 @@ class Parameter:
 
 
 class Parameters:
-    """Symbols for the constants of a model, one for each size, in the order of their use."""
+    """Symbols for the constants of a model, in the order of their use."""
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Create an empty collection."""
         self.found: dict[str, Parameter] = {}
 
     def scalar(self, name: str, value: float, unit: str, meaning: str) -> Any:
@@ -116,7 +116,7 @@ class Parameters:
         return Symbolic(symbol if value > 0.0 else -symbol)
 
     def vector(self, name: str, values: Any, unit: str, meaning: str) -> Any:
-        """Return a vector; its components have their axis in the name where there are several."""
+        """Return a vector; the names of several nonzero components contain the axis."""
         several = np.count_nonzero(values) > 1
         return np.array([self.scalar(name + (axis if several else ''), value, unit,
                                      f'{meaning}, along {"-" if value < 0.0 else ""}{axis}')
@@ -139,7 +139,7 @@ class Parameters:
 
 def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     """
-    Return a model whose constants are symbols, for the functions of `mechanics.kane`.
+    Return a model whose constants are symbols, for `mechanics.definition.kane`.
 
     Parameters
     ----------
@@ -149,19 +149,19 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     Returns
     -------
     model : object
-        With the attributes of a Model; axes, rotations and multipliers stay numbers.
+        Object with the attributes of a Model; axes, rotations and multipliers stay numbers.
     parameters : list of Parameter
-        m mass, r mass centre, I moment of inertia, l place of the joint, k stiffness, s rest
+        m mass, r center of mass, I moment of inertia, l place of the joint, k stiffness, s rest
         position, d damping, f friction and w its speed, J armature, with the body's number.
 
     Raises
     ------
     ModelError
-        A body of it bends.
+        If a body is flexible.
 
     """
     if model.flexible:
-        raise ModelError(f"model '{model.name}' bends: closed forms are of rigid bodies")
+        raise ModelError(f"closed form of '{model.name}': flexible bodies; expected rigid bodies")
     given = Parameters()
     g = model.gravity
     bodies = [SimpleNamespace(name=body.name, parent=body.parent,
@@ -177,7 +177,7 @@ def _inertial(given: Parameters, k: int, body: Body) -> Any:
     own = body.inertial
     return SimpleNamespace(
         mass=given.scalar(f'm{k}', own.mass, 'kg', f'mass of {body.name}'),
-        com=given.vector(f'r{k}', own.com, 'm', f'mass centre of {body.name}'),
+        com=given.vector(f'r{k}', own.com, 'm', f'center of mass of {body.name}'),
         inertia=given.tensor(f'I{k}', own.inertia, f'central moment of inertia of {body.name}'))
 
 
@@ -195,9 +195,9 @@ def _joint(given: Parameters, k: int, joint: Joint) -> Any:
                                  f'{meaning} {joint.name}')
               for name, (letter, unit, meaning) in one.items()}
     speed = (given.scalar(f'w{k}', joint.friction_speed, f'{length}/s',
-                          f'speed at which friction sets in at {joint.name}')
+                          f'friction speed at {joint.name}')
              if joint.friction else 1.0)
-    place = given.vector(f'l{k}', joint.translation, 'm', f'place of {joint.name}')
+    place = given.vector(f'l{k}', joint.translation, 'm', f'position of {joint.name}')
     return SimpleNamespace(name=joint.name, kind=joint.kind, axis=joint.axis,
                            rotation=joint.rotation, translation=place,
                            coordinate=joint.coordinate, multiplier=joint.multiplier,
@@ -208,22 +208,22 @@ def _joint(given: Parameters, k: int, joint: Joint) -> Any:
 def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (), *,
               progress: Callable[[float], object] = lambda done: None) -> list[Any]:
     """
-    Return expressions in a short form: sin^2 + cos^2 folded, or angles summed.
+    Return simplified expressions, with sin^2 + cos^2 = 1 and sums of angles applied.
 
     Parameters
     ----------
     expressions : sequence of SymPy expressions
-        In sines and cosines of q, and polynomial in u (tanh of it apart).
+        Expressions in sines and cosines of q, polynomial in u and tanh(u).
     q, u : symbols
-        Coordinates and speeds; the coefficient of each product of speeds is shortened by itself,
-        and left multiplied out where it has more than `MOST_SHORTENED` terms.
+        Coordinates and speeds; the coefficient of each product of speeds is simplified by itself,
+        and left expanded if it has more than `MOST_SHORTENED` terms.
     progress : callable
-        Called with the share of the expressions that is done.
+        Called with the finished fraction of the expressions.
 
     Raises
     ------
     InputError
-        An expression has too many terms.
+        If an expression has too many terms.
 
     """
     angles, polynomials, short = list(q), Polynomials(expressions), []
@@ -236,7 +236,7 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
 
 
 def _short(polynomial: Any, q: list[Any]) -> Any:
-    """Return the shorter of a polynomial in sines and cosines of q, and in those of sums."""
+    """Return the shorter form of a polynomial: in sines and cosines of q, or of sums of q."""
     products = polynomial.as_expr()
     if len(polynomial) > MOST_SHORTENED:
         return products
@@ -247,7 +247,7 @@ def _short(polynomial: Any, q: list[Any]) -> Any:
 
 
 def _lowered(expression: Any, high: Any, low: Any) -> Any:
-    """Return a polynomial in which high^2 is replaced by 1 - low^2."""
+    """Return a polynomial with high^2 replaced by 1 - low^2."""
     terms = sp.Poly(expression, high, domain='EX').terms()
     return sp.expand(sp.Add(*(coefficient * high**(k % 2) * (1 - low**2)**(k // 2)
                               for (k,), coefficient in terms)))

@@ -9,7 +9,7 @@ from kane_dynamics.identification.payload.payload_fit import (covariance_of, loa
                                                               PayloadRegressor)
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
-from kane_dynamics.native.runtime.kernel import Argument, checked
+from kane_dynamics.native.runtime.argument import Argument, checked
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,4 +1,4 @@
-"""Joint states out of a ROS 2 bag, without ROS: MCAP or SQLite, through rosbags."""
+"""Read joint states from a ROS 2 bag (MCAP or SQLite) with rosbags, without ROS."""
 
 from collections.abc import Iterator, Sequence
 import os
@@ -10,27 +10,27 @@ from kane_dynamics.errors import InputError
 import numpy as np
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-MOST_OUT_OF_ORDER = 0.01  # share of messages that may repeat a stamp or come too late
+MOST_OUT_OF_ORDER = 0.01  # fraction of messages with a repeated or an earlier stamp
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path is a bag: a folder with metadata, or the file in one."""
+    """Return whether a path is a bag: a folder with metadata, or the file in it."""
     return path.suffix in ('.mcap', '.db3') or (path / 'metadata.yaml').exists()
 
 
 def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
              ) -> dict[str, Array]:
     """
-    Return the joint states on a topic as columns, like those of a file: t, q, u, tau.
+    Return the joint states of a topic as columns t, q, u, tau.
 
     Parameters
     ----------
     path : Path
-        Of a bag's folder, or of its .mcap or .db3 file.
+        Folder of a bag, or its .mcap or .db3 file.
     joint_names : sequence of str
-        The joints that count, in their order; others in the messages are left aside.
+        Joints, in the order of the result; other joints in the messages are ignored.
     topic : str, optional
-        By default the bag's only one of joint states.
+        Default: the only topic of joint states in the bag.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     Raises
     ------
     InputError
-        Names what is missing: the bag, the topic, a joint, the efforts; or messages out of order.
+        If the bag, the topic, a joint or the efforts are missing, or messages are out of order.
 
     """
     rows = list(_messages(path, joint_names, topic))
@@ -49,7 +49,7 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     kept = np.flatnonzero(stamps > before)
     if len(rows) - len(kept) > MOST_OUT_OF_ORDER * len(rows):
         raise InputError(f'{path}: {len(rows) - len(kept)} of {len(rows)} joint states repeat a '
-                         'stamp or come out of order: do several publishers share the topic?')
+                         'stamp or come out of order; expected a single publisher on the topic')
     columns = {'t': (stamps[kept] - stamps[0]) * 1e-9 if len(kept) else np.zeros(0)}
     for name, part in (('q', 0), ('u', 1), ('tau', 2)):
         values = [rows[k][1][part] for k in kept]
@@ -57,19 +57,19 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
             if name == 'u':
                 continue
             raise InputError(f"{path}: joint states without {'effort' if part else 'position'}; "
-                             'a comparison needs both')
+                             'expected both')
         columns[name] = np.array(values).reshape(len(kept), len(joint_names))
     return columns
 
 
 def _messages(path: Path, joint_names: Sequence[str],
               topic: str | None) -> Iterator[tuple[int, list[Any]]]:
-    """Yield each message's stamp, ns, and position, velocity and effort of the joints, or None."""
+    """Yield stamp, ns, and position, velocity and effort (or None) of each message."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import get_typestore, Stores
     except ImportError:
-        raise InputError("reading bags needs 'rosbags', which is not installed; pip install "
+        raise InputError("bag: 'rosbags' is not installed; expected pip install "
                          "'kane_dynamics[identify]'") from None
     folder = path if path.is_dir() else path.parent
     if not path.exists():
@@ -86,33 +86,33 @@ def _messages(path: Path, joint_names: Sequence[str],
                 yield (stamp.sec * 10**9 + stamp.nanosec or logged,
                        _of_joints(message, joint_names, path))
     except AnyReaderError as error:
-        raise InputError(f'{path}: {error}') from None
+        raise InputError(f'{path}: {error}; expected a readable ROS 2 bag') from None
 
 
 def _connections(connections: Sequence[Any], path: Path, topic: str | None) -> list[Any]:
-    """Return those of the wanted topic of joint states."""
+    """Return the connections of the chosen topic of joint states."""
     topics = sorted({c.topic for c in connections if c.msgtype == JOINT_STATE})
     if topic is None and len(topics) == 1:
         topic = topics[0]
     if topic not in topics:
-        asked = 'several topics' if topic is None and topics else f"no topic '{topic}'"
+        found = 'several topics' if topic is None and topics else f"no topic '{topic}'"
         if topic is None and not topics:
-            asked = 'no topic'
-        raise InputError(f"{path}: {asked} of {JOINT_STATE}; it has {topics or 'none'}")
+            found = 'no topic'
+        raise InputError(f"{path}: {found} of {JOINT_STATE}; expected one of {topics or 'none'}")
     return [c for c in connections if c.topic == topic and c.msgtype == JOINT_STATE]
 
 
 def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any]:
-    """Return position, velocity and effort in the order of the joints; None what is empty."""
+    """Return position, velocity and effort in the order of the joints; None if empty."""
     places = {name: k for k, name in enumerate(message.name)}
     missing = [name for name in joint_names if name not in places]
     if missing:
-        raise InputError(f'{path}: a joint state lacks {missing}; it has {list(message.name)}')
+        raise InputError(f'{path}: joint states of {list(message.name)}; expected also {missing}')
     index = [places[name] for name in joint_names]
     parts: list[Any] = []
     for values in (message.position, message.velocity, message.effort):
         if len(values) not in (0, len(message.name)):
-            raise InputError(f'{path}: a joint state has {len(message.name)} names and '
-                             f'{len(values)} values')
+            raise InputError(f'{path}: a joint state with {len(values)} values; expected '
+                             f'{len(message.name)}, one per name')
         parts.append(np.asarray(values, dtype=np.float64)[index] if len(values) else None)
     return parts

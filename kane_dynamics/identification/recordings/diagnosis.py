@@ -1,10 +1,10 @@
 """
-Whether a recording is of the model at all: units, signs, exchanged joints, gravity, delay.
+Check that a recording matches the model: units, signs, exchanged joints, gravity, delay.
 
 Positions, speeds and times are compared with each other. Torques are compared with those of the
-model, plus friction and armature that each joint may have: a repair of the recording counts as a
-finding where it at least halves what is left of the joints that it is about. Repairs are made one
-after the other, the most successful first. The masses of a URDF are never so wrong.
+model, plus fitted friction and armature of each joint. A correction of the recording is a finding
+if it at least halves the residuals of its joints. Corrections are applied one after the other,
+the most effective first. Errors of URDF masses are much smaller.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,13 +23,13 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
 
-CLEARLY = 0.5  # of the error: so much less is a finding
-MOST_ROWS = 1500  # that are looked at, evenly spread
+CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a finding
+MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
-SLIP = 0.05  # rad/s or m/s: where friction is taken to set in
-FLOOR = 0.03  # of the measured torque: an error that small needs no repair
-NOISE = 0.3  # share of the accelerations
-WINDOWS = 200  # of a recording, over which positions and speeds are compared
+SLIP = 0.05  # assumed friction speed, rad/s or m/s
+FLOOR = 0.03  # of the measured torque: smaller errors need no correction
+NOISE = 0.3  # fraction of the accelerations
+WINDOWS = 200  # number of windows in which positions and speeds are compared
 UNITS = ((math.degrees(1.0), 'degrees a second'),
          (math.radians(1.0), 'beside positions in degrees'),
          (1e3, 'beside times in milliseconds'), (1e6, 'beside times in microseconds'),
@@ -39,13 +39,13 @@ UNITS = ((math.degrees(1.0), 'degrees a second'),
 @dataclass(frozen=True)
 class Finding:
     """
-    What is wrong with a recording.
+    Problem of a recording.
 
     Attributes
     ----------
     level : 'impossible', 'wrong' or 'remark'
-        Positions, speeds and times that contradict each other; torques that are not the model's
-        in the way that the words say; what a fit may still use.
+        'impossible': positions, speeds and times contradict each other. 'wrong': torques
+        contradict the model. 'remark': a fit is still possible.
     words : str
 
     """
@@ -55,7 +55,7 @@ class Finding:
 
 
 class _Repair(NamedTuple):
-    """A repaired recording, the joints it is about, and what was wrong with them."""
+    """Corrected recording, its joints, and the description of their error."""
 
     kind: str
     joints: tuple[int, ...]
@@ -67,17 +67,17 @@ class _Repair(NamedTuple):
 @on_one_processor
 def diagnose(model: Model, recording: Recording) -> list[Finding]:
     """
-    Return what is wrong with a recording, worst first; nothing for a good one.
+    Return the problems of a recording, most severe first.
 
     Raises
     ------
     InputError
-        The recording is of another number of joints.
+        If the recording has another number of joints.
 
     """
     if recording.tau.shape[1] != model.n:
-        raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
-                         f'{model.n}: {", ".join(model.joint_names)}')
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
+                         f'{", ".join(model.joint_names)}')
     found = [Finding('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
         found.append(Finding('wrong', 'the measured efforts are all 0: the recording has none'))
@@ -94,16 +94,16 @@ def diagnose(model: Model, recording: Recording) -> list[Finding]:
 
 def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impossible', 'wrong')
            ) -> list[Finding]:
-    """Return what is remarkable about a recording; InputError where a finding is of `levels`."""
+    """Return the findings about a recording; raise InputError if one is of these levels."""
     found = diagnose(model, recording)
     worst = [finding.words for finding in found if finding.level in levels]
     if worst:
-        raise InputError(f'the recording does not fit the model: {"; ".join(worst)}')
+        raise InputError(f'recording: {"; ".join(worst)}; expected one of this model')
     return found
 
 
 def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
-    """Return joints in words."""
+    """Return names of joints as text."""
     if len(joints) == model.n:
         return 'all joints' if model.n > 1 else f"joint '{model.joint_names[0]}'"
     names = [f"'{model.joint_names[j]}'" for j in joints]
@@ -111,7 +111,7 @@ def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
 
 
 def _motion(model: Model, recording: Recording) -> Iterator[str]:
-    """Yield what is impossible about positions, speeds and times."""
+    """Yield contradictions of positions, speeds and times."""
     limits = Robot(model).limits
     turning = np.array([name not in model.sliding for name in model.joint_names])
     most = np.abs(recording.q).max(axis=0)
@@ -137,7 +137,7 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
     with np.errstate(invalid='ignore', divide='ignore'):
         likeness = (W.T @ D) / np.outer(np.linalg.norm(W, axis=0), size)
         factor = np.sum(W * D, axis=0) / size**2
-    said: dict[str, list[int]] = {}
+    reports: dict[str, list[int]] = {}
     for j in moves:
         own = likeness[j, j]
         other = int(np.nanargmax(np.where(np.arange(len(size)) == j, -1.0, likeness[j])))
@@ -153,13 +153,13 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
             words = f"the derivative of the positions of joint '{model.joint_names[other]}'"
         else:
             words = 'not the derivative of the positions'
-        said.setdefault(words, []).append(int(j))
-    for words, joints in said.items():
+        reports.setdefault(words, []).append(int(j))
+    for words, joints in reports.items():
         yield f'speeds of {_named(model, joints)} are {words}; expected rad/s or m/s and seconds'
 
 
 def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
-    """Yield what is wrong with torques, by the repairs that help."""
+    """Yield errors of torques, found by the corrections that reduce the residual."""
     given = recording
     if len(given) > 100 and (given.acceleration_noise() > NOISE).any():
         given = given.filtered(min(10.0, 0.2 / float(np.diff(given.t).mean())))
@@ -192,12 +192,12 @@ def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
 
 
 def _thinned(recording: Recording, every: int) -> Recording:
-    """Return every so-manieth row."""
+    """Return every n-th row."""
     return recording.rows(slice(None, None, every))
 
 
 def _errors(robot: Robot, recording: Recording) -> Array:
-    """Return for each joint the RMS of torque that model and any friction leave, (n,)."""
+    """Return the RMS of each joint's torque residual with fitted friction, (n,)."""
     rigid = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
     return np.array([_fitted(recording, j, recording.tau[:, j] - rigid[:, j])[0]
                      for j in range(robot.n)])
@@ -205,7 +205,7 @@ def _errors(robot: Robot, recording: Recording) -> Array:
 
 def _fitted(recording: Recording, j: int, left: Array, model: Array | None = None
             ) -> tuple[float, float]:
-    """Return what friction leaves of a torque, no less than the floor, and a model's factor."""
+    """Return the residual of a torque with fitted friction, and the factor of a model torque."""
     u, tau = recording.u[:, j], recording.tau[:, j]
     columns = [u, coulomb(u, SLIP), recording.udot[:, j], *([] if model is None else [model])]
     R: Array = np.asarray(np.linalg.qr(np.column_stack([*columns, left]), mode='r'))
@@ -216,7 +216,7 @@ def _fitted(recording: Recording, j: int, left: Array, model: Array | None = Non
 
 
 def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
-    """Yield recordings that differ by one fault each."""
+    """Yield recordings with one correction each."""
     n, once = robot.n, math.log(1.0 / CLEARLY)
     q, tau, gravity = r.q, r.tau, robot.gravity_force(r.q)
     rigid = robot.inverse_dynamics(q, r.u, r.udot)
@@ -241,9 +241,9 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
                           'these without gravity', joints,
                           with_tau(lambda tau: gravity - tau, joints), once * len(joints))
     factors = np.array([_fitted(r, j, tau[:, j], rigid[:, j])[1] for j in range(n)])
-    told = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
+    clear = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
     for joints in sets:
-        known = [j for j in joints if told[j]]
+        known = [j for j in joints if clear[j]]
         if not known:
             continue
         factor = float(np.median(factors[known]))
@@ -273,7 +273,7 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
 
 
 def _delays(model: Model, robot: Robot, r: Recording, every: int) -> Iterator[Finding]:
-    """Yield by how much torques come too late or too early."""
+    """Yield delays of torques."""
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
     step = float(np.median(np.diff(r.t)))
     most = min(int(0.2 / step), len(r) // 4)

@@ -1,4 +1,4 @@
-"""Recordings from files: CSV, npz, and the bags of ROS 2."""
+"""Read recordings from files: CSV, npz, ROS 2 bags."""
 
 from collections.abc import Mapping, Sequence
 import os
@@ -14,7 +14,7 @@ from kane_dynamics.identification.recordings.bag import is_bag, read_bag
 from kane_dynamics.identification.recordings.recording import NAMES, real, Recording
 import numpy as np
 
-# What a column may be called: `<word>.<joint>`, or `<word><number>` counted from the base.
+# Names of columns: `<word>.<joint>`, or `<word><number>` counted from the base.
 WORDS = {'q': ('q',), 'u': ('u', 'v'), 'udot': ('udot', 'a'), 'tau': ('tau',)}
 TIMES = ('t', 'time')
 OURS = re.compile(rf'({"|".join(word for words in WORDS.values() for word in words)})'
@@ -26,7 +26,7 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                    topic: str | None = None, *, numbered: Sequence[str] | None = None
                    ) -> Recording:
     """
-    Return the recording in a CSV file with a header, in an npz file, or in a ROS 2 bag.
+    Return the recording of a CSV file with a header, an npz file, or a ROS 2 bag.
 
     Columns (in npz: arrays) are `t` or `time`, and for each joint `q`, `u` or `v`, `udot` or `a`,
     and `tau`, either as `q.<joint>` or numbered from the base as `q1`. An npz may also hold (N, n)
@@ -37,21 +37,21 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     Parameters
     ----------
     path : path
-        Of the file, or of a bag's folder.
+        Path of the file, or of the folder of a bag.
     joint_names : sequence of str
-        The joints that are wanted, in their order.
+        Joints, in the order of the result.
     topic : str, optional
-        Of a bag.
+        Topic of a bag.
     numbered : sequence of str, optional
-        The robot's joints from the base, if those that are wanted are some of them, or in another
-        order. There must be as many numbers as joints of the robot, or as joints wanted; the
-        latter then are numbered among themselves.
+        All joints of the robot from the base, if `joint_names` are a part of them or in another
+        order. Numbered columns are those of all joints of the robot, or of `joint_names` only,
+        depending on their count.
 
     Raises
     ------
     InputError
-        Names the file and the column that is missing, not numeric, there twice, or numbered so
-        that it may be of several joints.
+        If a column is missing, not numeric, duplicate, or its number is ambiguous; the message
+        names the file and the column.
 
     """
     file = Path(path)
@@ -66,11 +66,12 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                              for name in NAMES}
     for name in ('q', 'tau'):
         if found[name] is None:
-            raise InputError(f"{path}: has no '{name}' of the joints; expected "
+            raise InputError(f"{path}: no '{name}' of the joints; expected "
                              f"'{name}.{joint_names[0]}' or '{name}1', and so on")
     for name, value in found.items():
         if value is not None and len(value) != len(t):
-            raise InputError(f"{path}: '{name}' has {len(value)} rows, the time has {len(t)}")
+            raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, as many as "
+                             'times')
     derived = tuple(name for name in ('u', 'udot') if found[name] is None)
     for name, source in (('u', 'q'), ('udot', 'u')):
         if name in derived:
@@ -82,7 +83,7 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
 
 
 def no_header(path: Any, names: Sequence[str], example: str) -> None:
-    """Raise InputError if what should be the names of columns are numbers."""
+    """Raise InputError if the names of columns are numbers: the header is missing."""
     try:
         [float(name) for name in names]
     except ValueError:
@@ -91,16 +92,16 @@ def no_header(path: Any, names: Sequence[str], example: str) -> None:
 
 
 def distinct(path: Any, names: Sequence[str]) -> None:
-    """Raise InputError if a name stands above two columns."""
+    """Raise InputError for duplicate names of columns."""
     twice = sorted({name for name in names if name and names.count(name) > 1})
     if twice:
-        raise InputError(f'{path}: several columns are called {twice}; expected each name once')
+        raise InputError(f'{path}: several columns {twice}; expected each name once')
     if all(name in names for name in TIMES):
-        raise InputError(f"{path}: has columns 't' and 'time'; expected one of them")
+        raise InputError(f"{path}: columns 't' and 'time'; expected one of them")
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the columns or arrays of a file that may be part of a recording, by name."""
+    """Return the columns or arrays of a recording in a file, by name."""
     try:
         if path.suffix != '.npz':
             return _csv(path)
@@ -109,7 +110,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz file, or a '
                          'ROS 2 bag') from None
     except OSError as error:
-        raise InputError(f'{path}: {error.strerror or error}') from None
+        raise InputError(f'{path}: {error.strerror or error}; expected a readable file') from None
     distinct(path, list(arrays))
     return {name: array.astype(str).ravel().tolist() if name in LABELS
             else real(array, f"{path}: '{name}'") for name, array in arrays.items()}
@@ -127,7 +128,8 @@ def _csv(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise InputError(f'{path}: {error}; expected named columns of numbers') from None
     if rows.shape[1] != len(header):
-        raise InputError(f'{path}: {len(header)} names stand above {rows.shape[1]} columns')
+        raise InputError(f'{path}: {len(header)} names for {rows.shape[1]} columns; expected one '
+                         'name per column')
     distinct(path, header)
     return dict(zip(header, rows.T, strict=True))
 
@@ -136,19 +138,19 @@ def _time(columns: Mapping[str, Any], path: Any) -> Array:
     """Return the times, (N,)."""
     name = next((name for name in TIMES if name in columns), None)
     if name is None:
-        raise InputError(f"{path}: has no column 't'; it has {sorted(columns)[:20]}")
+        raise InputError(f"{path}: columns {sorted(columns)[:20]}; expected a column 't'")
     t: Array = columns[name]
     if t.ndim != 1:
-        raise InputError(f"{path}: '{name}' has shape {t.shape}; expected (N,)")
+        raise InputError(f"{path}: '{name}': shape {t.shape}; expected (N,)")
     if len(t) < 3:
-        raise InputError(f'{path}: has {len(t)} rows; expected 3 or more')
+        raise InputError(f'{path}: {len(t)} rows; expected 3 or more')
     increasing(t, len(t), f'{path}: t')
     return t
 
 
 def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
               numbered: list[str], path: Any) -> Any:
-    """Return a quantity of all joints, (N, n); None if no column is of it."""
+    """Return a quantity of all joints, (N, n); None without a column of it."""
     for word in WORDS[name]:
         if word in columns and columns[word].ndim > 1:
             return _of_array(columns, word, joint_names, numbered, path)
@@ -162,9 +164,9 @@ def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
             continue
         lacking = [column for column in wanted if column not in columns]
         if lacking:
-            raise InputError(f'{path}: has no columns {lacking}')
+            raise InputError(f'{path}: no columns {lacking}; expected one per joint')
         if any(columns[column].ndim != 1 for column in wanted):
-            raise InputError(f"{path}: '{wanted[0]}' and so on are no columns; expected shapes "
+            raise InputError(f"{path}: '{wanted[0]}' and so on: several columns; expected shapes "
                              '(N,)')
         return np.column_stack([columns[column] for column in wanted])
     return None
@@ -172,33 +174,33 @@ def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
 
 def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
               numbered: list[str], path: Any) -> Array:
-    """Return the joints' columns of an (N, n) array, by the file's own names if it has any."""
+    """Return the joints' columns of an (N, n) array, by the names in the file if it has any."""
     values: Array = columns[word]
     if values.ndim != 2:
-        raise InputError(f"{path}: '{word}' has shape {values.shape}; expected (N, n): one motion")
+        raise InputError(f"{path}: '{word}': shape {values.shape}; expected (N, n): one motion")
     labels = columns.get('joint_names')
     if labels is None:
         return values[:, _places(values.shape[1], word, joint_names, numbered, path)]
     if columns.get('speed_names', labels) != labels:
-        raise InputError(f"{path}: its speeds {columns['speed_names']} are not those of the "
-                         'joints; a recording needs these')
+        raise InputError(f"{path}: speeds {columns['speed_names']}; expected those of the "
+                         'joints')
     distinct(path, labels)
     lacking = [joint for joint in joint_names if joint not in labels]
     if lacking:
-        raise InputError(f'{path}: is of the joints {labels}; lacks {lacking}')
+        raise InputError(f'{path}: joints {labels}; expected also {lacking}')
     if len(labels) != values.shape[1]:
-        raise InputError(f"{path}: '{word}' has {values.shape[1]} columns for the joints {labels}")
+        raise InputError(f"{path}: '{word}': {values.shape[1]} columns; expected {len(labels)}")
     return values[:, [labels.index(joint) for joint in joint_names]]
 
 
 def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[str], path: Any
             ) -> list[int]:
-    """Return which of so many numbers each joint has."""
+    """Return the column of each joint among numbered columns."""
     among = [joint for joint in numbered if joint in joint_names]
     for order in (numbered, among):
         if len(order) == count:
             return [order.index(joint) for joint in joint_names]
     robot = f', or of all {len(numbered)} of the robot' if len(numbered) > len(among) else ''
-    raise InputError(f"{path}: '{word}' is numbered to {count}; expected numbers of the "
+    raise InputError(f"{path}: '{word}': numbered to {count}; expected numbers of the "
                      f'{len(among)} joints {among}{robot}; or name the columns '
                      f"'{word}.{joint_names[0]}' and so on")

@@ -1,4 +1,4 @@
-"""Recordings of an arm in motion, and their filter."""
+"""Recordings of the motion of an arm: resampling and filtering."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,8 +11,8 @@ from kane_dynamics.identification.solvers import scientific
 import numpy as np
 
 NAMES = ('q', 'u', 'udot', 'tau')
-EVEN = 0.02  # relative: steps of time that differ by less count as equal
-ORDER = 4  # of the Butterworth filter, before it runs both ways
+EVEN = 0.02  # relative deviation of time steps that are regarded as equal
+ORDER = 4  # of the Butterworth filter, which is applied forward and backward
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class Recording:
     tau : (N, n) array
         Measured torques, N m or N.
     derived : tuple of str
-        Which of 'u' and 'udot' were not measured, but are differences of q or u.
+        Those of 'u' and 'udot' that are not measured, but differences of q or u.
 
     Raises
     ------
     InputError
-        The shapes differ, something is no number or not finite, or the time does not increase.
+        If shapes differ, values are not finite numbers, or the time does not increase.
 
     """
 
@@ -46,20 +46,21 @@ class Recording:
     derived: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that the parts fit together."""
+        """Check shapes, numbers and times."""
         for name in ('t', *NAMES):
             freeze(self, name, real(getattr(self, name), f'recording: {name}'))
         if self.t.ndim != 1 or self.tau.ndim != 2:
-            raise InputError(f'recording: t and tau have shapes {self.t.shape} and '
+            raise InputError(f'recording: t and tau of shapes {self.t.shape} and '
                              f'{self.tau.shape}; expected (N,) and (N, n)')
         for name in NAMES:
             value = getattr(self, name)
             if value.shape != (len(self.t), self.tau.shape[1]):
-                raise InputError(f'recording: {name} has shape {value.shape}; expected '
+                raise InputError(f'recording: {name}: shape {value.shape}; expected '
                                  f'({len(self.t)}, {self.tau.shape[1]})')
             if not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise InputError(f'recording: {name} is not finite in row {row + 1}')
+                raise InputError(f'recording: {name}: not finite in row {row + 1}; expected '
+                                 'finite numbers')
         increasing(self.t, len(self.t), 'recording: t')
 
     def __len__(self) -> int:
@@ -78,22 +79,22 @@ class Recording:
 
     def resampled(self, rate: float | None = None) -> 'Recording':
         """
-        Return evenly spaced rows, by cubic splines through the given ones.
+        Return evenly spaced rows, interpolated by cubic splines.
 
         Parameters
         ----------
         rate : float, optional
-            Rows a second; by default as many rows as there are.
+            Rows per second. Default: the mean rate.
 
         Raises
         ------
         InputError
-            The rate is not positive and finite, or leaves fewer than 3 rows.
+            If the rate is not positive and finite, or too small for 3 rows.
 
         """
         duration = float(self.t[-1] - self.t[0])
         if rate is not None and not 2.0 / duration <= rate < np.inf:
-            raise InputError(f'rate is {rate:g} Hz; expected a finite number, {2.0 / duration:g} '
+            raise InputError(f'rate: {rate:g} Hz; expected a finite number, {2.0 / duration:g} '
                              f'or more for a recording of {duration:g} s')
         count = len(self) if rate is None else int(duration * rate + 1e-9) + 1
         t = (np.linspace(self.t[0], self.t[-1], count) if rate is None
@@ -104,33 +105,33 @@ class Recording:
 
     def filtered(self, cutoff: float) -> 'Recording':
         """
-        Return what was measured low-passed without delay, with the rates of that.
+        Return the recording low-pass filtered without delay.
 
-        A Butterworth filter of order 4 runs forth and back over q, tau and, where they were
-        measured, u. Speeds that were not become central differences of the filtered q, and udot
-        those of u: deriving once amplifies noise less than twice. Uneven rows are resampled first.
+        A Butterworth filter of order 4 is applied forward and backward to q, tau and measured u.
+        Speeds that are not measured are central differences of the filtered q, and udot those of
+        u: one differentiation amplifies noise less than two. Uneven rows are resampled first.
 
         Parameters
         ----------
         cutoff : float
-            Hz, below half the sampling rate: several times the fastest motion.
+            Hz, below half the sampling rate and several times the highest frequency of the motion.
 
         Raises
         ------
         InputError
-            The cutoff is out of range, or the rows are too few.
+            If the cutoff is out of range, or there are too few rows.
 
         """
         if self.uneven:
             return self.resampled().filtered(cutoff)
         mean = float(np.diff(self.t).mean())
         if not 0.0 < cutoff < 0.5 / mean:
-            raise InputError(f'cutoff is {cutoff:g} Hz; expected above 0, below half the sampling '
+            raise InputError(f'cutoff: {cutoff:g} Hz; expected above 0, below half the sampling '
                              f'rate, {0.5 / mean:g} Hz')
         signal = scientific('scipy.signal')
         sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
         if len(self) <= 6 * ORDER:
-            raise InputError(f'recording: {len(self)} rows; a filter needs more than {6 * ORDER}')
+            raise InputError(f'recording: {len(self)} rows; expected more than {6 * ORDER}')
         q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u, self.tau))
         if 'u' in self.derived:
             u = np.gradient(q, mean, axis=0)
@@ -139,11 +140,10 @@ class Recording:
 
     def acceleration_noise(self) -> Array:
         """
-        Return the share of each joint's accelerations that is noise, (n,), from 0 to about 1.
+        Return the noise of each joint's accelerations relative to their RMS, (n,), 0 to about 1.
 
-        A smooth signal hardly leaves the parabola through its neighbours: what five rows leave of
-        a least-squares one is noise, of which they keep 18 of 35 parts. NaN where a joint has no
-        acceleration.
+        A smooth signal is near the least-squares parabola through five rows. The residual is
+        noise; its variance is 18/35 of that of the noise. NaN for a joint without acceleration.
         """
         if len(self) < 5:
             return np.full(self.tau.shape[1], np.nan)
@@ -155,11 +155,11 @@ class Recording:
 
 
 def real(value: Any, what: str) -> Array:
-    """Return real numbers as an array of float64; InputError names what is none."""
+    """Return real numbers as an array of float64; raise InputError for others."""
     try:
         array = np.asarray(value)
     except ValueError:
-        raise InputError(f'{what} is not a rectangular array') from None
+        raise InputError(f'{what}: not rectangular; expected an array of numbers') from None
     if array.dtype.kind not in 'fiu':
-        raise InputError(f'{what} has dtype {array.dtype}; expected real numbers')
+        raise InputError(f'{what}: dtype {array.dtype}; expected real numbers')
     return array.astype(np.float64, copy=False)

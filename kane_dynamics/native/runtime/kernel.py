@@ -2,9 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import partial
-import sys
 from threading import Lock, RLock
 from typing import Any
 
@@ -16,6 +14,7 @@ from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import EntryTable
+from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
 from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
                                                      Strided)
 from kane_dynamics.native.runtime.gc_pause import gc_paused
@@ -27,64 +26,6 @@ SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = RLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
-
-
-@dataclass(frozen=True)
-class Argument:
-    """
-    Name, shape and default of a kernel argument.
-
-    Attributes
-    ----------
-    name : str
-    shape : tuple of int
-        Shape for a single state; a batch has one more leading axis.
-    labels : tuple of str
-        Names of the entries of the last axis, for messages.
-    default : array, optional
-        Used when the argument is not given; read at each call.
-
-    """
-
-    name: str
-    shape: Shape
-    labels: tuple[str, ...] = ()
-    default: Array | None = None
-
-
-def checked(argument: Argument, value: Any) -> Array:
-    """Return a value as a finite C-contiguous float64 array; raise InputError otherwise."""
-    array = _converted(argument, value)
-    _require_finite(argument, array)
-    return array
-
-
-def _converted(argument: Argument, value: Any) -> Array:
-    """Return a value as a C-contiguous float64 array of one state or a batch."""
-    name, shape = argument.name, argument.shape
-    expected = f'{shape} or (N, {", ".join(map(str, shape))})'
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise InputError(f'{name}: not a rectangular array; expected shape {expected}') from None
-    if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape {expected}')
-    if array.shape != shape and array.shape[1:] != shape:
-        raise InputError(f'{name}: shape {array.shape}; expected {expected}')
-    return np.asarray(array, dtype=np.float64, order='C')
-
-
-def _require_finite(argument: Argument, array: Array) -> None:
-    """Raise InputError that names the first entry that is not finite or too large."""
-    most = size_limit(argument.name)
-    good = np.abs(array) <= min(most, sys.float_info.max)
-    if good.all():
-        return
-    place = tuple(int(k) for k in np.argwhere(~good)[0])
-    at = ', '.join(map(str, place))
-    label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
-    raise InputError(f'{argument.name}[{at}]{label}: {array[place]}; expected a finite number'
-                     + (f' of at most {most:g} rad or m' if np.isfinite(array[place]) else ''))
 
 
 def _same_rows(a: Array, b: Array) -> bool:
@@ -211,7 +152,7 @@ class Kernel:
             finite.
 
         """
-        arrays = [self._default(a) if v is None else _converted(a, v)
+        arrays = [self._default(a) if v is None else converted(a, v)
                   for a, v in zip(self.arguments, values, strict=True)]
         count = self._count(values, arrays)
         shape = self.shape if count is None else (count, *self.shape)
@@ -234,7 +175,7 @@ class Kernel:
     def _single(self, arrays: Sequence[Array], result: Array) -> None:
         """Compute the result of one state."""
         for argument, array in zip(self.arguments, arrays):
-            _require_finite(argument, array)
+            require_finite(argument, array)
         blocks = [*arrays, self.parameters, result]
         repeat(self.address, [block.ctypes.data for block in blocks], [0] * len(blocks), 1)
         self._check(result, arrays, None)
@@ -249,7 +190,7 @@ class Kernel:
         flags = run_batch(self.lane_address, rows, count)
         if flags & BAD_INPUT:
             for argument, array in zip(self.arguments, arrays):
-                _require_finite(argument, array)
+                require_finite(argument, array)
         if flags & (BAD_INPUT | BAD_RESULT):
             self._check(result, arrays, count)
 

@@ -10,7 +10,7 @@ any input is a plain float. Arrays of dtype object hold expressions, and numpy's
 The graph is independent of dynamics, differentiation and LLVM.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import math
 import numbers
 from typing import Any, Union
@@ -277,24 +277,6 @@ def _quotient(x: Scalar, y: Scalar) -> Scalar:
     if not isinstance(x, Expr) and x == 0.0:
         return 0.0
     return y.trace.node('div', x if isinstance(x, Expr) else float(x), y)
-
-
-def call(program: Any, *arguments: Iterable[Any]) -> list['Expr']:
-    """
-    Call a traced program as a subroutine and return its outputs as a flat list.
-
-    Parameters
-    ----------
-    program : Program
-        The subroutine; it becomes a separate function of the compiled module.
-    arguments : iterables of scalars
-        The entries of each of its inputs, in order.
-
-    """
-    flat: list[Scalar] = [x for argument in arguments for x in np.ravel(np.asarray(argument))]
-    trace = next(x.trace for x in flat if isinstance(x, Expr))
-    node = trace.node('call', program, *flat)
-    return [trace.node('output', node, k) for k in range(program.n_outputs)]
 
 
 def operands(node: Expr) -> Sequence[Any]:

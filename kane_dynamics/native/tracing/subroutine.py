@@ -1,9 +1,9 @@
 """Subroutines: parts of a traced function that are compiled once and called repeatedly."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from kane_dynamics.native.tracing.expression import call, Expr
+from kane_dynamics.native.tracing.expression import Expr, Scalar
 from kane_dynamics.native.tracing.program import Program, trace_program
 import numpy as np
 
@@ -59,3 +59,21 @@ def _filled(pattern: tuple[float | None, ...], traced: Any) -> Any:
     """Return an argument's entries: the pattern's constants and the traced values."""
     rest = iter(traced)
     return np.array([next(rest) if x is None else x for x in pattern], dtype=object)
+
+
+def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
+    """
+    Call a traced program as a subroutine and return its outputs as a flat list.
+
+    Parameters
+    ----------
+    program : Program
+        The subroutine; it becomes a separate function of the compiled module.
+    arguments : iterables of scalars
+        The entries of each of its inputs, in order.
+
+    """
+    flat: list[Scalar] = [x for argument in arguments for x in np.ravel(np.asarray(argument))]
+    trace = next(x.trace for x in flat if isinstance(x, Expr))
+    node = trace.node('call', program, *flat)
+    return [trace.node('output', node, k) for k in range(program.n_outputs)]

@@ -1,4 +1,4 @@
-"""Promises of the progress bar: seen on terminals only, gone when done, with and without rich."""
+"""Progress bar: on terminals only, removed at the end, with and without rich."""
 
 import io
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 
 class Terminal(io.StringIO):
-    """A stream that says that it is a terminal."""
+    """Stream that claims to be a terminal."""
 
     def isatty(self):
         """Return True."""
@@ -16,10 +16,10 @@ class Terminal(io.StringIO):
 
 
 def put_terminal(monkeypatch, rich):
-    """Put a terminal in the place of stderr and lose all patience; with rich or without."""
+    """Replace stderr by a terminal, without delay of the bar; with rich or without."""
     stream = Terminal()
     monkeypatch.setattr(sys, 'stderr', stream)
-    monkeypatch.setattr(progress, 'PATIENCE', -1.0)
+    monkeypatch.setattr(progress, 'DELAY', -1.0)
     monkeypatch.setattr(progress, 'find_spec', lambda name: rich)
     return stream
 

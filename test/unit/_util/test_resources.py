@@ -1,4 +1,4 @@
-"""Files that the package ships are found in a checkout, and in any prefix it is installed to."""
+"""Files of the package are found in a checkout and in any installation prefix."""
 
 from importlib import metadata
 from pathlib import Path
@@ -15,7 +15,7 @@ FOLDERS = ('config', 'launch', 'urdf')
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
-    """Pretend that the module lies in site-packages, with nothing beside it, and no prefix."""
+    """Simulate a module in site-packages without other files, and without prefixes."""
     monkeypatch.setattr(resources, '__file__',
                         str(tmp_path / 'site/kane_dynamics/_util/resources.py'))
     monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'prefix'))
@@ -50,7 +50,7 @@ def test_file_is_found_in_every_ament_prefix(installed, monkeypatch):
 
 def test_unknown_file_is_refused_with_those_that_exist(installed):
     _ship(installed / 'prefix', 'arm.urdf')
-    with pytest.raises(KaneError, match=r"'leg\.urdf' in urdf; there are: arm\.urdf"):
+    with pytest.raises(KaneError, match=r"'leg\.urdf' in urdf; expected one of arm\.urdf"):
         resources.resource_path('urdf', 'leg.urdf')
 
 

@@ -1,4 +1,4 @@
-"""Promises of the benchmarks' report: no gate passes unmeasured, and every figure is told."""
+"""Report of the benchmarks: no gate passes unmeasured, and every figure is printed."""
 
 import json
 import math
@@ -10,19 +10,19 @@ MACHINE = {'processor': 'Some CPU', 'cores': 2}
 
 
 def race(gate, robot, ratio):
-    """Return a race that a gate looks at."""
+    """Return a race for a gate."""
     return {'robot': robot, 'axes': 6, 'what': gate.what, 'peer': gate.peer, 'ours': 1e-7,
             'theirs': ratio * 1e-7, 'ratio': [ratio, 0.9 * ratio, 1.1 * ratio]}
 
 
 def all_races(factor):
-    """Return races for every gate on every robot, at `factor` times what it asks for."""
+    """Return races for every gate on every robot, at `factor` times its limit."""
     return [race(gate, robot, factor * gate.least)
             for gate in report.gates() for robot in gate.robots]
 
 
 def start(factor):
-    """Return times of a start, `factor` times faster than asked for."""
+    """Return start times, `factor` times faster than their limits."""
     return {what: [most / factor for most, _ in limits]
             for what, limits in report.START_GATES.items()}
 

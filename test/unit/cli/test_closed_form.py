@@ -1,4 +1,4 @@
-"""Closed forms are the mechanics: with numbers put in, they give what Kane's sums give."""
+"""Closed forms, evaluated with numbers, agree with Kane's definition."""
 
 from dataclasses import replace
 from itertools import product
@@ -23,7 +23,7 @@ def hanging():
 
 
 def crane():
-    """Return a boom on a skew axis that a sprung and damped slide lengthens."""
+    """Return a boom on an oblique axis with a prismatic joint, spring and damper."""
     b = ModelBuilder(gravity=(0, -3, -9))
     b.body('boom', axis=(0, 3, 4), matter=Inertial(2, (0.4, 0.1, 0), np.eye(3)), friction=0.3)
     b.body('slide', 'boom', 'prismatic', axis=(1, 0, 0), at=(1, 0, 0), damping=0.7, stiffness=30,
@@ -32,7 +32,7 @@ def crane():
 
 
 def geared():
-    """Two links, the second turning twice as far as the first."""
+    """Return two links; the second rotates twice as far as the first."""
     b = ModelBuilder()
     b.body('first', axis=(0, 1, 0), matter=Inertial(2, (0.5, 0, 0)))
     b.body('second', 'first', axis=(0, 1, 0), at=(1, 0, 0), matter=Inertial(1, (0.3, 0, 0)))
@@ -42,7 +42,7 @@ def geared():
 
 
 def general():
-    """Two links on axes that are skew in every way."""
+    """Return two links on oblique axes."""
     return random_model(3, 2, prismatic=0.0, branching=0.0, passive=False)
 
 
@@ -111,7 +111,7 @@ def test_a_body_without_matter_has_no_line_in_the_table():
 
 @pytest.mark.parametrize('n', [5, 9])
 def test_a_mechanism_with_many_coordinates_is_refused_with_a_way_out(n):
-    with pytest.raises(InputError, match=f'has {n} coordinates.*1 to 4.*--joints'):
+    with pytest.raises(InputError, match=f'{n} coordinates; expected 1 to 4.*--joints'):
         closed_form(random_model(0, n))
 
 
@@ -136,7 +136,7 @@ def test_what_cancels_is_not_multiplied_out_before():
 
 def test_a_closed_form_that_fills_pages_is_refused_with_a_way_out(monkeypatch):
     monkeypatch.setattr(polynomials, 'MOST_TERMS', 20)
-    with pytest.raises(InputError, match=r'more than 20 terms; valid: fewer joints .*--numbers'):
+    with pytest.raises(InputError, match=r'more than 20 terms; expected fewer joints .*--numbers'):
         closed_form(hanging())
 
 

@@ -1,4 +1,4 @@
-"""Promises of the files of states: exact, by name, and refused in words."""
+"""Files of states: exact values, columns by name, errors that name the place."""
 
 import io
 
@@ -41,7 +41,7 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_left_alone(tmp_pa
     ('', ['0 lines', 'header']),
     ('t,q.lift,q.reach\n', ['1 lines']),
     ('t,x\n0,1\n', ['q.lift', "['t', 'x']"]),
-    ('t,q.lift\n0,1\n', ["'q' of some joints", 'reach']),
+    ('t,q.lift\n0,1\n', ["no column 'q.reach'", 'q of other joints']),
     ('t,q.lift,q.reach\n0,1,2\n1,x,3\n', ['row 2', 'q.lift', "'x'"]),
     ('t,q.lift,q.reach\n0,1\n', ['row 1', 'q.reach', 'missing']),
 ])
@@ -84,7 +84,7 @@ def test_a_bad_motion_file_is_refused_by_name(tmp_path, name, text, words):
 def test_rows_of_states_must_go_on_in_time(tmp_path, second, words):
     path = file(tmp_path, f't,lift,reach,u.lift,u.reach,udot.lift,udot.reach\n1{",0" * 6}\n'
                           f'{second}{",0" * 6}\n')
-    with pytest.raises(InputError, match=f"states.csv: column 't' .*{words}"):
+    with pytest.raises(InputError, match=f"states.csv: column 't': .*{words}"):
         read_rows(str(path), NAMES)
 
 
@@ -108,5 +108,5 @@ def test_a_message_as_ros2_prints_it_is_read_and_two_of_them_are_refused(tmp_pat
     path.write_text(message)
     assert read_motion(path, ['j']).duration == 2.0
     path.write_text(2 * message)
-    with pytest.raises(InputError, match='holds 2 YAML documents; expected one'):
+    with pytest.raises(InputError, match=': 2 YAML documents; expected one'):
         read_motion(path, ['j'])

@@ -39,7 +39,7 @@ def test_it_waits_while_a_child_makes_progress(program, child, monkeypatch):
     monkeypatch.setattr(demo, 'PATIENCE', 1.5)
     wait(busy, 3.0)
     monkeypatch.setattr(demo, 'MOST', 0.5)
-    with pytest.raises(DemoError, match='the arm: nothing for'):
+    with pytest.raises(DemoError, match='the arm: no progress for'):
         wait(busy, 3.0)
 
 
@@ -47,7 +47,7 @@ def test_it_ends_where_no_child_makes_progress(child, monkeypatch):
     idle = child(IDLE)
     time.sleep(1.0)  # its start is progress
     monkeypatch.setattr(demo, 'PATIENCE', 0.5)
-    with pytest.raises(DemoError, match='the arm: nothing for'):
+    with pytest.raises(DemoError, match='the arm: no progress for'):
         wait(idle, 10.0)
 
 

@@ -1,4 +1,4 @@
-"""Promises of the diagnosis of recordings: each fault is named by joint, a good one is not."""
+"""Diagnosis of recordings: each fault is named with its joints; a good one has none."""
 
 from dataclasses import replace
 from functools import cache
@@ -20,7 +20,7 @@ FRICTION = {joint: {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_
 
 @cache
 def model():
-    """Return an arm as its URDF has it, without friction."""
+    """Return the arm of the URDF, without friction."""
     return load_urdf(URDF)
 
 
@@ -44,7 +44,7 @@ def exchanged(r, names, a=1, b=2):
 
 
 def gravity(r):
-    """Return what gravity asks of the joints."""
+    """Return the gravity force of the joints."""
     return Robot(model()).gravity_force(r.q)
 
 

@@ -1,4 +1,4 @@
-"""Promises of identification: on simulated arms, whose truth is known, and on real ones."""
+"""Identification of simulated arms with known parameters, and of real arms."""
 
 from dataclasses import replace
 from functools import cache
@@ -40,7 +40,7 @@ def arm():
 
 @cache
 def wrong():
-    """Return the arm as a poor URDF would have it: other masses, no friction."""
+    """Return the arm of an inaccurate URDF: other masses, no friction."""
     rng = np.random.default_rng(3)
     plain = load_urdf(URDF)
     return replace(plain, bodies=tuple(
@@ -58,7 +58,7 @@ def noisy():
 
 @cache
 def identified_arm():
-    """Return what the recording tells of the arm."""
+    """Return the identified arm."""
     return identify(wrong(), noisy())
 
 
@@ -118,7 +118,7 @@ def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_pa
 
 @pytest.mark.parametrize(('factor', 'share'), [(1.2, 1.0), (1e-4, None)])
 def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
-    """The identified URDF has the identified dynamics, and MuJoCo and `load_urdf` take it."""
+    """The identified URDF has the identified dynamics, and MuJoCo and `load_urdf` read it."""
     hand = URDF.with_name('human_hand.urdf')
     names = load_urdf(hand).joint_names
     chosen = names[:2]
@@ -147,7 +147,7 @@ def test_left_out_fingers_keep_mass_so_that_they_can_still_move(factor, share):
 
 
 def test_bounded_friction_is_never_below_its_bound():
-    """The solver leaves bounds by rounding; a damping of -1e-16 makes no model."""
+    """The solver exceeds bounds by rounding errors; a damping of -1e-16 is invalid."""
     rng = np.random.default_rng(0)
     for seed in range(20):
         u = rng.normal(size=(200, 1))
@@ -186,7 +186,7 @@ def heavier(model, factor):
 
 @pytest.mark.parametrize(('seed', 'weight'), [(0, None), (10, None), (20, 1000.0)])
 def test_what_is_stated_of_an_arm_holds_although_the_urdf_is_wrong(seed, weight):
-    """Onset of friction, deviations with the prior's pull, and the error on unseen rows."""
+    """Friction speeds, deviations with the bias of the prior, and the held-out error."""
     small = URDF.with_name('two_link.urdf')
     truth = heavier(load_urdf(small, supplement={'joints': {
         'joint1': {'damping': 1.5, 'friction': 2.0},
@@ -248,7 +248,7 @@ def test_identified_arm_beats_the_reference_residuals_of_a_real_recording(name):
 
 @cache
 def with_friction_alone(name, bounded):
-    """Return friction fitted to the first half of a real recording, judged on the second."""
+    """Return friction fitted to the first half of a real recording, validated on the second."""
     _, _, model, recording = recorded(name)
     return identify(model, recording, friction_only=True, bounded=bounded)
 

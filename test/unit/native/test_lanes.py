@@ -12,10 +12,11 @@ from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.backends.llvm_simd import lane_text
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import threads
+from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, BAD_RESULT, run_batch, Strided
-from kane_dynamics.native.runtime.kernel import Argument, Kernel
-from kane_dynamics.native.tracing.expression import call
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes
 from mechanisms import random_model
 import numpy as np

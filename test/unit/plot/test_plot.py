@@ -1,4 +1,4 @@
-"""Promises of the pictures: labels with units, honest numbers, and no trace left in matplotlib."""
+"""Plots: labels with units, exact values, and no change of global matplotlib state."""
 
 import copy
 from functools import cache
@@ -28,13 +28,13 @@ TRAJECTORY = SimpleNamespace(t=T, q=Q, u=Q, tau=Q, energy=np.stack([T, 3.0 - T],
 
 @cache
 def arm():
-    """Return a robot with springs and friction whose joints turn and slide."""
+    """Return a robot with springs, friction, revolute and prismatic joints."""
     return Robot(random_model(9, n=3))
 
 
 @cache
 def push():
-    """Return a motion of it under torques that vary smoothly."""
+    """Return a motion of the robot under smooth torques."""
     def torque(t, q, u):
         return np.array([3.0, 5.0, -1.0]) * np.cos(4.0 * t)
     return simulate(arm(), np.array([0.3, 0.1, -0.4]), np.zeros(3), 0.4, step=2e-3, torque=torque,

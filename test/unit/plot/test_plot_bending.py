@@ -1,4 +1,4 @@
-"""Promises of the pictures of bending: beams where they are, in their plane, at their Hz."""
+"""Plots of flexible robots: points of beams, planes, and frequencies."""
 
 from functools import cache
 
@@ -72,11 +72,11 @@ def test_vibrations_are_drawn_with_their_frequencies_to_both_sides():
 
 
 @pytest.mark.parametrize('call, words', [
-    (lambda: plot_bending(robot().model, np.zeros(4)), r'q must be finite, of shape \(5,\)'),
-    (lambda: plot_bending(robot().model, POSTURES, [0.0]), 't has 1 times for 2 postures'),
-    (lambda: plot_bending(robot().model, POSTURES, plane='zx'), "plane is 'zx'; valid: xy, xz"),
-    (lambda: plot_vibrations(robot(), np.zeros(5), count=0), 'nothing vibrates'),
-    (lambda: plot_bending(single(), np.zeros(1)), 'there is nothing to draw')])
+    (lambda: plot_bending(robot().model, np.zeros(4)), r'q: .*; expected finite .* \(5,\)'),
+    (lambda: plot_bending(robot().model, POSTURES, [0.0]), 't: 1 times; expected 2'),
+    (lambda: plot_bending(robot().model, POSTURES, plane='zx'), "plane: 'zx'; expected one of xy"),
+    (lambda: plot_vibrations(robot(), np.zeros(5), count=0), 'no vibration to plot'),
+    (lambda: plot_bending(single(), np.zeros(1)), 'no body has a length')])
 def test_what_cannot_be_drawn_is_said(call, words):
     with pytest.raises(InputError, match=words):
         call()

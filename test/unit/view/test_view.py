@@ -1,4 +1,4 @@
-"""Promises of the view: what is drawn is where the robot is, and arrows are what acts there."""
+"""Viewer: shapes are at the poses of the robot, and arrows show the loads of its joints."""
 
 from dataclasses import replace
 from functools import cache
@@ -37,7 +37,7 @@ ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></materia
 
 @cache
 def tree():
-    """Return a robot whose joints turn and slide, and one of whose joints follows another."""
+    """Return a robot with revolute and prismatic joints and a mimic joint."""
     return Robot(random_model(4, n=5, mimics=1))
 
 
@@ -149,9 +149,9 @@ def test_a_window_refuses_what_it_cannot_show(arm):
     other = Trajectory.along(tree(), np.arange(3.0), *np.zeros((3, 3, 5)))
     with pytest.raises(InputError, match='lift'):
         Window(robot, other, port=0)
-    with pytest.raises(InputError, match=r"host is 'no\.such\.host\.invalid'"):
+    with pytest.raises(InputError, match=r"host: 'no\.such\.host\.invalid'"):
         Window(robot, host='no.such.host.invalid', port=0)
-    with pytest.raises(InputError, match='port is 70000'):
+    with pytest.raises(InputError, match='port: 70000'):
         Window(robot, port=70000)
     (arm.parents[1] / 'meshes' / 'bar.stl').write_text('no mesh')
     with pytest.raises(InputError, match=r'bar\.stl'):

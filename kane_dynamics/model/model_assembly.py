@@ -1,0 +1,139 @@
+"""Bodies, frames and inertia of a model under construction; whole models mounted on frames."""
+
+from dataclasses import replace
+import warnings
+
+from kane_dynamics._util.text import listing
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ModelError, ModelWarning
+from kane_dynamics.model.builder_checks import check_moments, further, pose
+from kane_dynamics.model.model import Body, Frame, Inertial, Model, WORLD
+from kane_dynamics.model.placement import Placement
+from numpy.typing import ArrayLike
+
+ORIGIN = (0.0, 0.0, 0.0)
+NOTHING = Inertial()
+
+
+class ModelAssembly:
+    """Collection of bodies, coordinates and named frames that becomes a `Model`."""
+
+    def __init__(self, name: str, gravity: Array, strict: bool) -> None:
+        """Create a mechanism without bodies."""
+        self.name = name
+        self.gravity = gravity
+        self.strict = strict
+        self._impossible: list[str] = []  # bodies with inertias that strict=True refuses
+        self._bodies: list[Body] = []
+        self._coordinates: list[str] = []
+        self._places = {'world': Placement(WORLD)}
+        self._base = NOTHING
+
+    def load(self, on: str, matter: Inertial) -> None:
+        """
+        Add inertia, given in the axes of a frame.
+
+        Raises
+        ------
+        ModelError
+            If the frame does not exist, or the moments of inertia are impossible.
+
+        """
+        place = self._place(on, 'load')
+        self._check_moments(on, matter)
+        moved = matter.moved(place.rotation, place.translation)
+        if place.body == WORLD:
+            self._base = self._base + moved
+        else:
+            body = self._bodies[place.body]
+            self._bodies[place.body] = replace(body, inertial=body.inertial + moved)
+
+    def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN,
+              rpy: ArrayLike = ORIGIN) -> None:
+        """Add a frame fixed in another, at a point, m, and roll, pitch, yaw, rad."""
+        self._check_new(name)
+        self._places[name] = self._place(on, f"frame '{name}'").frame(
+            *pose(at, rpy, f"frame '{name}'"))
+
+    def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+              prefix: str = '') -> None:
+        """
+        Attach a whole model, such as an arm from `load_urdf`.
+
+        Parameters
+        ----------
+        model : Model
+            The model; its gravity is ignored. Further bodies can be attached to its frames.
+        on : str
+            Frame to which its base is attached.
+        at, rpy : (3,) arrays
+            Pose of its base in frame `on`, m and rad.
+        prefix : str
+            Prefix of the names of its bodies, joints and frames.
+
+        Raises
+        ------
+        ModelError
+            If a name exists already; choose a prefix.
+
+        """
+        base = self._place(on, f"model '{model.name}'").frame(*pose(at, rpy, 'mount'))
+        names = {prefix + frame.name for frame in model.frames} | {prefix + model.base_name}
+        for name in sorted(names):
+            self._check_new(name)
+        for body in model.bodies:
+            self._check_joint(prefix + body.joint.name)
+        first, joints = len(self._bodies), len(self._coordinates)
+        for body in model.bodies:
+            joint = replace(body.joint, name=prefix + body.joint.name,
+                            coordinate=joints + body.joint.coordinate,
+                            deflection=further(body.joint.deflection, joints))
+            parent = first + body.parent
+            if body.parent == WORLD:
+                place = base.frame(joint.rotation, joint.translation)
+                parent = place.body
+                joint = replace(joint, rotation=place.rotation, translation=place.translation)
+            self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial,
+                                     further(body.beam, joints)))
+        self._coordinates += [prefix + name for name in model.coordinate_names]
+        self._places[prefix + model.base_name] = base
+        for frame in model.frames:
+            start = base if frame.body == WORLD else Placement(first + frame.body)
+            self._places[prefix + frame.name] = start.frame(frame.rotation, frame.translation)
+        self.load(prefix + model.base_name, model.base_inertial)
+
+    def model(self) -> Model:
+        """Return the model; raise ModelError if it has no body."""
+        if not self._bodies:
+            raise ModelError(f"mechanism '{self.name}': no body; expected at least one")
+        if self._impossible:
+            names = ', '.join(dict.fromkeys(self._impossible))
+            warnings.warn('inertias that no rigid body can have, accepted by strict=False: '
+                          f'{names}', ModelWarning, stacklevel=2)
+        frames = [Frame(name, place.body, place.rotation, place.translation)
+                  for name, place in self._places.items()]
+        return Model(self.name, tuple(self._bodies), tuple(self._coordinates), tuple(frames),
+                     self.gravity, 'world', self._base)
+
+    def _check_moments(self, on: str, matter: Inertial) -> None:
+        """Refuse moments of inertia that no rigid body can have, or remember them to warn of."""
+        try:
+            check_moments(on, matter)
+        except ModelError:
+            if self.strict:
+                raise
+            self._impossible.append(on)
+
+    def _place(self, on: str, what: str) -> Placement:
+        if on not in self._places:
+            raise ModelError(f"{what}: no body or frame '{on}'; expected one of "
+                             f'{listing(self._places)}')
+        return self._places[on]
+
+    def _check_new(self, name: str) -> None:
+        if name in self._places:
+            raise ModelError(f"body or frame '{name}': exists already; expected a unique name")
+
+    def _check_joint(self, name: str) -> None:
+        if name in (body.joint.name for body in self._bodies):
+            raise ModelError(f"joint '{name}': exists already; expected a unique name")

@@ -1,0 +1,69 @@
+"""Arguments of kernels: name, shape and default; checks of given values."""
+
+from dataclasses import dataclass
+import sys
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.backends.llvm_math import size_limit
+from kane_dynamics.native.tracing.program import Shape
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Argument:
+    """
+    Name, shape and default of a kernel argument.
+
+    Attributes
+    ----------
+    name : str
+    shape : tuple of int
+        Shape for a single state; a batch has one more leading axis.
+    labels : tuple of str
+        Names of the entries of the last axis, for messages.
+    default : array, optional
+        Used when the argument is not given; read at each call.
+
+    """
+
+    name: str
+    shape: Shape
+    labels: tuple[str, ...] = ()
+    default: Array | None = None
+
+
+def checked(argument: Argument, value: Any) -> Array:
+    """Return a value as a finite C-contiguous float64 array; raise InputError otherwise."""
+    array = converted(argument, value)
+    require_finite(argument, array)
+    return array
+
+
+def converted(argument: Argument, value: Any) -> Array:
+    """Return a value as a C-contiguous float64 array of one state or a batch."""
+    name, shape = argument.name, argument.shape
+    expected = f'{shape} or (N, {", ".join(map(str, shape))})'
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise InputError(f'{name}: not a rectangular array; expected shape {expected}') from None
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape {expected}')
+    if array.shape != shape and array.shape[1:] != shape:
+        raise InputError(f'{name}: shape {array.shape}; expected {expected}')
+    return np.asarray(array, dtype=np.float64, order='C')
+
+
+def require_finite(argument: Argument, array: Array) -> None:
+    """Raise InputError that names the first entry that is not finite or too large."""
+    most = size_limit(argument.name)
+    good = np.abs(array) <= min(most, sys.float_info.max)
+    if good.all():
+        return
+    place = tuple(int(k) for k in np.argwhere(~good)[0])
+    at = ', '.join(map(str, place))
+    label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
+    raise InputError(f'{argument.name}[{at}]{label}: {array[place]}; expected a finite number'
+                     + (f' of at most {most:g} rad or m' if np.isfinite(array[place]) else ''))
