@@ -101,7 +101,7 @@ def _prescribed(robot: Robot, q: Any, t: Any) -> Any:
     equations: Any = robot.equations
     states = np.atleast_2d(np.asarray(q, dtype=np.float64))
     times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(states))
-    rows = [np.array(equations.mechanism.rows(equations.mechanism.posture(at, moment)).b,
+    rows = [np.array(equations.mechanism.rows(equations.mechanism.state(at, moment)).b,
                      dtype=np.float64) for at, moment in zip(states, times)]
     return np.reshape(rows, (*np.shape(q)[:-1], len(equations.mechanism.labels)))
 

@@ -1,7 +1,6 @@
 """`Robot`: a model with its dynamics compiled, what users hold."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 import os
 from pathlib import Path
@@ -10,19 +9,17 @@ from typing import Any, TYPE_CHECKING
 from kane_dynamics._util.attribute_hints import missing, refused
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS, RANK, SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
-from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.configuration_methods import Configurations
-from kane_dynamics.robot.dynamics_methods import DynamicsMethods
+from kane_dynamics.robot.methods.configuration_methods import Configurations
+from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
-from kane_dynamics.robot.frame_methods import FrameMethods
+from kane_dynamics.robot.methods.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
@@ -213,31 +210,6 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         other._entries = {}
         return other
 
-    @property
-    def n(self) -> int:
-        """Return the number of independent generalized speeds."""
-        return self.equations.n
-
-    @property
-    def n_q(self) -> int:
-        """Return the number of coordinates."""
-        return self.equations.n_q
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints that move freely, in the order of q."""
-        return self.model.joint_names
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the entries of q."""
-        return self.model.coordinate_names
-
-    @property
-    def frame_names(self) -> tuple[str, ...]:
-        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
-        return tuple(frame.name for frame in self.model.frames)
-
     def equals(self, other: 'Robot') -> bool:
         """Tell whether another robot has the same equations and now the same parameters."""
         return self is other or bool(
@@ -247,33 +219,6 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
     def bind(self) -> Workspace:
         """Return arrays with zero-argument calls on them, for a loop that must not allocate."""
         return Workspace(self.kernels)
-
-    def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
-        """
-        Compile kernels now that would compile at their first use.
-
-        Parameters
-        ----------
-        *names : str
-            Which; without any, all but those of frames and joint reactions.
-        batches : bool
-            Also for batches, which take several states at once by kernels of their own.
-
-        Raises
-        ------
-        InputError
-            No such kernel; the message lists the valid names.
-
-        """
-        names = names or self.kernels.names
-        run_concurrently([partial(self._compile, name, batches) for name in names])
-
-    def _compile(self, name: str, batches: bool) -> None:
-        with suppress(ModelError):  # no forward dynamics with massless joints; a call says so
-            kernel = self.kernels.quantity(name)
-            if batches:
-                kernel.compile_lanes()
-            getattr(self, name)
 
     def verify(self, states: int = 5) -> float:
         """
@@ -295,10 +240,6 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         """
         from kane_dynamics.robot.verification import verified  # and with it the definition
         return verified(self, states)
-
-    def operation_count(self) -> dict[str, OperationCount]:
-        """Return the arithmetic of one call of every kernel."""
-        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
 
     def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS,
                  *, scalar: str = 'float64', self_test: bool = True) -> tuple[Path, Path]:

@@ -63,7 +63,7 @@ def _driven(robot: Robot) -> bool:
 
     def given(state: Any) -> Any:
         q, _, time = np.split(state, [robot.n_q, robot.n_q + robot.n])
-        right = mechanism.system(mechanism.posture(q, *time))[1]
+        right = mechanism.system(mechanism.state(q, *time))[1]
         found.extend(not is_zero(x) for x in right)
         return right
     trace_program('given_rates', given, [('state', (_size(robot),))])

@@ -8,7 +8,6 @@ loop over time, without the GIL. Many simulations go through it several at once.
 
 from collections.abc import Callable
 from dataclasses import replace
-import math
 import time
 from typing import Any
 import warnings
@@ -16,22 +15,19 @@ import warnings
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
+from kane_dynamics.simulation.simulation_arguments import (
+    checked_torque, initial_states, MOST_STEPS, steps_per_sample, whole_steps)
 from kane_dynamics.simulation.speed_switching import SwitchingInput
-from kane_dynamics.simulation.step_kernels import margin_count, state_names
-from kane_dynamics.simulation.step_size import step_warning
-from kane_dynamics.simulation.torque_input import asked_torque, torque_input
+from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.step_size import diverged_error, step_warning
+from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
-CLOSED = 1e-8  # m or rad: a larger gap at the start is the caller's mistake
-MOST_STEPS = 100_000_000
-MOST_SAMPLES = 1_000_000
-DEFAULT_SAMPLES = 1000
 CHUNK_SECONDS = 0.01  # of native code between two looks at progress: half of the promised bound
 CHUNK_BYTES = 2**27  # of states between two looks, unless a single step of all takes more
 FIRST_CHUNK = 256  # steps
@@ -109,15 +105,15 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         that began. Both are in `Trajectory.warnings` too.
 
     """
-    starts = _starts(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
+    starts = initial_states(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
-    count = _whole('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
+    count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
     doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
     if doubt is not None:
         warnings.warn(doubt, ModelWarning, stacklevel=2)
-    every = _sampling(count, step, sample, N, single)
+    every = steps_per_sample(count, step, sample, N, single)
     if callable(torque) and not single:
         raise InputError('torque is a function, which is asked state by state; for '
                          f'{N} initial states give None, an array or a ComputedTorque')
@@ -209,10 +205,10 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
         j = k % FIRST_CHUNK
         state = buffer[0, j].copy()
         t = t0 + k * step
-        seen = (source.asked_state(0, state, k) if isinstance(source, SwitchingInput) else
+        seen = (source.user_state(0, state, k) if isinstance(source, SwitchingInput) else
                 (state[:n_q], state[n_q:n_q + n]))
-        tau = _vector(robot, f'torque at {t:.6g} s',
-                      asked_torque(torque, t, *(x.copy() for x in seen)))
+        tau = checked_torque(robot, f'torque at {t:.6g} s',
+                      evaluated_torque(torque, t, *(x.copy() for x in seen)))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)
@@ -239,64 +235,11 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
     return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
 
 
-def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
-    """Return the initial state, as `state_names`, or all of them, (N, ...)."""
-    q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
-    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
-    if q.shape[:-1] != u.shape[:-1]:
-        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
-                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
-    if robot.constraint_names and q.size:
-        gap = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
-        i, k = np.unravel_index(np.argmax(gap), gap.shape)
-        if gap[i, k] > max(CLOSED, 2.0 * robot.mechanism.rank_tolerance):
-            which = '' if q.ndim == 1 else f' of state {i}'
-            raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
-                             '(m or rad): start from robot.closed_posture(q0)')
-    time = np.full((*q.shape[:-1], 1 if robot.equations.timed else 0), t0)
-    margins = np.ones((*q.shape[:-1], margin_count(robot)))
-    return np.concatenate([q, u, time, margins], axis=-1)
-
-
 def _watched(robot: Robot) -> JointLimits:
     """Return the limits that a state shows: speeds of joints are in it where they are u."""
     if robot.speed_names == robot.joint_names:
         return robot.limits
     return replace(robot.limits, velocity=np.full(robot.n_q, np.inf))
-
-
-def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int:
-    """Return the number of steps between two rows of the result; InputError past their cap."""
-    if sample is None:
-        rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
-        every = max(1, -(-count // rows))
-    else:
-        every = _whole('sample', positive_time(sample, 'sample'), step, MOST_STEPS)
-    rows = count // every + 1
-    if N * (rows + 1) > MOST_SAMPLES:
-        which = '' if single else f' for each of {N} initial states'
-        remedy = 'a longer sample time' if single else 'a longer sample time or fewer states'
-        raise InputError(f'{count} steps sampled every {every} would give {rows} rows{which}; '
-                         f'at most {MOST_SAMPLES}{"" if single else " together"}: choose {remedy}')
-    return every
-
-
-def _vector(robot: Robot, name: str, value: Any) -> Array:
-    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
-    if array.ndim != 1:
-        raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
-    return array
-
-
-def _whole(name: str, value: float, step: float, most: int) -> int:
-    """Return how many steps a time is; InputError unless that is a whole number in bounds."""
-    count = round(value / step) if math.isfinite(value / step) else 0
-    if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
-        raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
-                         'whole number of steps')
-    if count > most:
-        raise InputError(f'{name} is {value} s, {count} steps of {step} s; at most {most} steps')
-    return count
 
 
 def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
@@ -307,6 +250,4 @@ def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -
     k = int(np.argmax(at.any(axis=(0, 2))))
     i, j = (int(index) for index in np.argwhere(at[:, k])[0])
     which = 'the simulation' if single else f'simulation {i}'
-    raise InputError(f'{which} leaves the finite numbers at {(done + k) * step:.6g} s, '
-                     f"'{state_names(robot)[j]}' first: is the mass matrix singular there, or the "
-                     f'step of {step} s too long?')
+    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j])

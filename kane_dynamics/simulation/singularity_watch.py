@@ -89,7 +89,7 @@ class SingularityWatch:
         inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
 
         def rows(q: Any, *rest: Any) -> Any:
-            here = mechanism.posture(q, rest[0][()] if equations.timed else 0.0, geometry)
+            here = mechanism.state(q, rest[0][()] if equations.timed else 0.0, geometry)
             return np.concatenate([here.speed_rows(mechanism.speeds.names)[0] * mechanism.units,
                                    mechanism.rows(here).J * mechanism.units
                                    / np.array(mechanism.sizes)[:, None]])

@@ -17,14 +17,14 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
                                                               figure, LIMITS, SHARE, SINGULAR,
                                                               singular_error, stacked, WELL_CHOSEN)
-from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
-from kane_dynamics.simulation.asked_speeds import AskedSpeeds, tau_from
 from kane_dynamics.simulation.singularity_watch import SingularityWatch
-from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_kernels import next_configuration, step_kernel
+from kane_dynamics.simulation.step_size import diverged_error
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
+from kane_dynamics.simulation.user_speeds import UserSpeeds
 import numpy as np
 
 STEP_RESIDUAL = 1e-3  # m or rad: what one step may open a loop by before it is closed again
@@ -81,7 +81,7 @@ class SwitchingInput:
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        self._asked = AskedSpeeds(source.robot)
+        self._asked = UserSpeeds(source.robot)
         self._watch = SingularityWatch(source.robot, source.step)
         self.changes: list[SpeedChange] = []
 
@@ -219,7 +219,7 @@ class SwitchingInput:
         q, u = self._parts(state)
         new = self.robot.in_choice(choice.free, choice.kept)
         at: dict[str, Any] = {'t': t} if old.equations.timed else {}
-        Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.posture(
+        Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.state(
             q, t).speed_rows(new.speed_names))
         state = state.copy()
         state[old.n_q:old.n_q + old.n] = Y @ old.joint_rates(q, u, **at) + Z
@@ -235,30 +235,16 @@ class SwitchingInput:
         self._elsewhere.add(i)
 
     def _next(self, i: int, state: Array, done: int) -> Array:
-        """Return the configuration one step on, before loops are closed, in plain numbers."""
-        robot = self._phases[i].robot
-        equations: Any = robot.equations
-        n_q, n = robot.n_q, robot.n
-        block = robot.parameters.block[:robot.parameters.physical]
-        wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+        """Return the configuration after the next step, before loops are closed."""
         table = self.torque[min(i, len(self.torque) - 1)]
         tau = table[min(done, len(table) - 1)]
+        try:
+            return next_configuration(self._phases[i].robot, state, tau, self.robot.speed_names,
+                                      self.step)
+        except (ConstraintError, ZeroDivisionError):
+            raise self._diverged(i, done + 1) from None
 
-        def rates(x: Any, given: Any) -> Any:
-            time = x[n_q + n:-1]
-            t = time[0] if len(time) else 0.0
-            acting = tau_from(equations, self.robot.speed_names, x[:n_q], tau, t)
-            found = equations.state_rates(x[:n_q], x[n_q:n_q + n], acting, wrench, block, t)
-            return np.array([*found, *(1.0 for _ in time), 0.0],
-                            dtype=np.float64)
-        with np.errstate(all='ignore'):
-            try:
-                after = runge_kutta_4(rates, state, (tau, tau, tau), self.step)
-            except (ConstraintError, ZeroDivisionError):
-                raise self._diverged(i, done + 1) from None
-        return np.asarray(after[:n_q], dtype=np.float64)
-
-    def asked_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
+    def user_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
         """Return q and the user's own speeds of simulation i at a state that it is in."""
         q, u = self._parts(state)
         robot = self._phases[i].robot
@@ -279,7 +265,7 @@ class SwitchingInput:
         return self._source.torques(kept, q, u)
 
     def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
-        """Return what follows from kept states, in the user's own speeds; see `AskedSpeeds`."""
+        """Return what follows from kept states, in the user's own speeds; see `UserSpeeds`."""
         times = self._source.start + kept * np.float64(self.step)
         return self._asked.results(self._history, kept, times, states, tau)
 
@@ -289,7 +275,7 @@ class SwitchingInput:
         times = self._source.start + (done + np.arange(len(rows))) * np.float64(self.step)
         self._watch.look(phase.robot, phase.limit > ROOM * self._usual, self._parts(rows)[0],
                          times, lambda k: self._where(i, done + k),
-                         lambda k: self.asked_state(i, rows[k], done + k)[1])
+                         lambda k: self.user_state(i, rows[k], done + k)[1])
 
     def _parts(self, state: Array) -> tuple[Array, Array]:
         n_q, n = self.robot.n_q, self.robot.n
@@ -304,5 +290,4 @@ class SwitchingInput:
 
     def _diverged(self, i: int, done: int) -> InputError:
         which = 'the simulation' if self._single else f'simulation {i}'
-        return InputError(f'{which} leaves the finite numbers at {self._time(done):.6g} s: is the '
-                          f'mass matrix singular there, or the step of {self.step} s too long?')
+        return diverged_error(which, self._time(done), self.step)

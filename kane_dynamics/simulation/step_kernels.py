@@ -3,11 +3,12 @@
 from functools import partial
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.mechanism import speed_places
+from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -20,8 +21,8 @@ from kane_dynamics.native.tracing.expression import call
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.asked_speeds import tau_from
 from kane_dynamics.simulation.energy_kernels import compile_balance
+from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
@@ -146,7 +147,7 @@ def _program(robot: Robot, name: str, feedback: bool,
             q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
             if equations.watched:  # an entry that no next step reads: to wait would cost time
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
-            after[:n_q] = equations.closer(q, t)
+            after[:n_q] = equations.closure_step(q, t)
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 
@@ -207,3 +208,43 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
         ('parameters', robot.parameters.block.shape)])
+
+
+def next_configuration(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+                       step: float) -> Array:
+    """
+    Return q, (n_q,), after one Runge-Kutta step in NumPy, without the correction of closed loops.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    state : (size,) array
+        Entries as `state_names`; rad or m, and s.
+    tau : (n,) array
+        Dual to the speeds named `dual_to`, held during the step; N m or N.
+    dual_to : tuple of str
+        Names of independent speeds.
+    step : float
+        s.
+
+    Raises
+    ------
+    ConstraintError, ZeroDivisionError
+        The mass matrix, or the system of speeds and constraints, is singular.
+
+    """
+    equations: Any = robot.equations
+    n_q, n = robot.n_q, robot.n
+    block = robot.parameters.block[:robot.parameters.physical]
+    wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+
+    def rates(x: Any, given: Any) -> Any:
+        time = x[n_q + n:-1]
+        t = time[0] if len(time) else 0.0
+        own = tau_from(equations, dual_to, x[:n_q], tau, t)
+        found = equations.state_rates(x[:n_q], x[n_q:n_q + n], own, wrench, block, t)
+        return np.array([*found, *(1.0 for _ in time), 0.0], dtype=np.float64)
+    with np.errstate(all='ignore'):
+        after = runge_kutta_4(rates, state, (tau, tau, tau), step)
+    return np.asarray(after[:n_q], dtype=np.float64)

@@ -5,6 +5,7 @@ import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -118,3 +119,10 @@ def _radii() -> Array:
         inside = np.abs(1.0 + z * (1.0 + z * (1.0 + z * (1.0 + z / 4.0) / 3.0) / 2.0)) <= 1.0
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
     return low
+
+
+def diverged_error(which: str, t: float, step: float, entry: str = '') -> InputError:
+    """Return the error for a simulation whose state is not finite at t, s."""
+    first = f" ('{entry}' first)" if entry else ''
+    return InputError(f'{which}: the state diverged (is not finite) at {t:.6g} s{first} with a '
+                      f'step of {step} s; expected a regular mass matrix and a shorter step')

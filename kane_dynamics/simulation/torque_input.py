@@ -192,7 +192,7 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
     return table
 
 
-def asked_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
+def evaluated_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
                  u: Array) -> Any:
     """Return what a torque function returns; InputError if it takes or returns another thing."""
     try:

@@ -157,7 +157,7 @@ def test_joints_carry_what_constraints_exert(kind):
                     - robot.joint_rates(q - h * rate, u - h * udot, t=T - h)) / (2 * h)
     needed = tree.inverse_dynamics(q, rate, acceleration)
     forces = robot.constraint_forces(q, u, tau, t=T)
-    here = robot.mechanism.posture(q, T)
+    here = robot.mechanism.state(q, T)
     J = np.array(robot.mechanism.rows(here).J, dtype=float)
     supplied = robot.joint_torques(tau, q, t=T) + J.T @ forces
     np.testing.assert_allclose(supplied, needed, atol=1e-5 * (1.0 + np.abs(needed).max()))

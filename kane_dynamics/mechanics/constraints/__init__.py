@@ -12,12 +12,12 @@ All functions here run over any scalar. World axes, SI units.
 from typing import Any, get_args
 
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.closure import Closure
-from kane_dynamics.mechanics.constraints.constraint_rows import ConstraintRows, Geometry
-from kane_dynamics.mechanics.constraints.position_constraints import Coupling, Prescribed
-from kane_dynamics.mechanics.constraints.rolling import Rolling
-from kane_dynamics.mechanics.constraints.velocity_constraints import (DependentSpeeds, knife_edge,
-                                                                      PointVelocity)
+from kane_dynamics.mechanics.constraints.types.closure import Closure
+from kane_dynamics.mechanics.constraints.types.constraint_rows import ConstraintRows, Geometry
+from kane_dynamics.mechanics.constraints.types.position_constraints import Coupling, Prescribed
+from kane_dynamics.mechanics.constraints.types.rolling import Rolling
+from kane_dynamics.mechanics.constraints.types.velocity_constraints import (
+    DependentSpeeds, knife_edge, PointVelocity)
 
 Constraint = PointVelocity | Rolling | DependentSpeeds | Closure | Coupling | Prescribed
 

@@ -60,7 +60,7 @@ def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None)
         Use their kinematics, the ones that are compiled.
 
     """
-    here = mechanism.posture(q, t, links)
+    here = mechanism.state(q, t, links)
     S, s = mechanism.system(here)
     inverse = mechanism.solved(S, np.eye(len(S)))
     rows = mechanism.rows(here)
@@ -148,7 +148,7 @@ class Choice:
 def stacked(mechanism: Mechanism, q: Array, t: float = 0.0) -> Stack:
     """Return speeds and rows at a configuration, (n_q,), and time; not finite where they are."""
     with np.errstate(all='ignore'):
-        here = mechanism.posture(np.asarray(q, dtype=np.float64), t)
+        here = mechanism.state(np.asarray(q, dtype=np.float64), t)
         rows = mechanism.rows(here)
         Y, Z = mechanism.speeds.of(here.q, t)
         return Stack(*(np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, [

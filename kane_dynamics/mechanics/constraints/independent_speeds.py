@@ -15,14 +15,14 @@ from kane_dynamics.mechanics.constraints import (checked_constraints, checked_na
                                                  DependentSpeeds, PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
 from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
-from kane_dynamics.mechanics.constraints.constraint_rows import positive
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
+from kane_dynamics.mechanics.constraints.types.constraint_rows import positive
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, closing_iterations,
+                                                              STRIDE)
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
 
-CLOSED = 1e-11  # m or rad: a gap this small is closed
-ITERATIONS = 100
-STRIDE = 0.5  # rad or m: longest step of the search for a closed posture
 STARTS = 12  # postures from which closing is tried
 SAMPLES = 4  # closed postures at which the structure is looked at
 
@@ -66,7 +66,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
-            constraint.rows(everything.posture(start))
+            constraint.rows(everything.state(start))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
     places = (_closed_postures(everything) if configuration is None
@@ -107,76 +107,6 @@ def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
     return [size if size > mechanism.rank_tolerance * max(largest) else 1.0 for size in largest]
 
 
-def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
-                   fixed: Sequence[str] = ()) -> Array:
-    """
-    Return the posture near q at which every condition on positions is met.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Whose conditions to meet.
-    q : (n_q,) array
-        Where to start.
-    t : float
-        s.
-    fixed : sequence of str
-        Names of coordinates to leave as they are (a crank).
-
-    Raises
-    ------
-    ConstraintError
-        None is found; names the constraint with the largest remaining gap.
-
-    """
-    names = mechanism.model.coordinate_names
-    try:
-        here, at = np.array(q, dtype=np.float64), float(t)
-    except (TypeError, ValueError):
-        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
-                         ) from None
-    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
-        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
-                         f'({", ".join(names)}) and a time in s')
-    fixed = checked_names(fixed, 'fixed') or ()
-    unknown = sorted(set(fixed) - set(names))
-    if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
-    moves = np.array([name not in fixed for name in names])
-    here, gap, labels, closed = _closing(mechanism, here, moves, t)
-    if closed:
-        return here
-    worst = int(np.argmax(np.abs(gap)))
-    raise ConstraintError(f"no posture found that closes '{labels[worst]}': {abs(gap[worst]):.3g} "
-                          f'(m or rad) remain after {ITERATIONS} steps')
-
-
-def _closing(mechanism: Mechanism, start: Array, moves: Array,
-             t: float) -> tuple[Array, Array, list[str], bool]:
-    """Return where Newton's method ends, (n_q,), the residuals, their labels, whether closed."""
-    here, tolerance = start.copy(), mechanism.rank_tolerance
-    for _ in range(ITERATIONS):
-        J, gap, labels = _gaps(mechanism, here, t)
-        missed = np.abs(gap).max(initial=0.0)
-        if missed < CLOSED:
-            return here, gap, labels, True
-        step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
-        longest = np.abs(step).max(initial=0.0)
-        if tolerance > RANK and missed < tolerance and longest < CLOSED:
-            return here, gap, labels, True  # what is left is what the tolerance allows
-        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
-    return here, gap, labels, False
-
-
-def _gaps(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
-    """Return the rows that have a condition on positions, their gaps, their labels."""
-    rows = mechanism.rows(mechanism.posture(q, t))
-    places = [k for k, gap in enumerate(rows.gap) if gap is not None]
-    return (np.array(rows.J[places], dtype=np.float64),
-            np.array([rows.gap[k] for k in places], dtype=np.float64),
-            [mechanism.labels[k] for k in places])
-
-
 def _closed_postures(mechanism: Mechanism) -> list[Array]:
     """Return up to `SAMPLES` closed postures, from the middle of the joints' range and about."""
     limits = [joint.limits for joint in mechanism.model.coordinate_joints]
@@ -195,7 +125,7 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
         if len(found) == SAMPLES:
             return found
     if not found:
-        nearest = min((_closing(mechanism, start, np.ones(len(lower), bool), 0.0)
+        nearest = min((closing_iterations(mechanism, start, np.ones(len(lower), bool), 0.0)
                        for start in starts), key=lambda end: np.abs(end[1]).max(initial=0.0))
         raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
     return found
@@ -236,7 +166,7 @@ def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
 
 def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
     """Return C and d of C u = d, the constraints in terms of all speeds."""
-    here = mechanism.posture(q)
+    here = mechanism.state(q)
     rows = mechanism.rows(here)
     Y, Z = (np.array(x, dtype=np.float64) for x in mechanism.speeds.of(q, 0.0))
     if not np.linalg.cond(Y) < 1.0 / RANK:

@@ -15,20 +15,17 @@ evidence (Kane & Levinson, section 4.9).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows
+from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
-from kane_dynamics.mechanics.constraints.speeds import chosen, Speeds
-from kane_dynamics.mechanics.definition import kinematics
-from kane_dynamics.mechanics.recursive import frame_kinematics
+from kane_dynamics.mechanics.constraints.speeds import chosen
 from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.model.model import Frame, Model, WORLD
+from kane_dynamics.model.model import Model
 import numpy as np
 
 
@@ -55,67 +52,6 @@ class JointMotion:
     T: Any
     N: Any
     T_rate: Any
-
-
-class MechanismState:
-    """A mechanism at one posture and time: what constraints ask (`constraints.Geometry`)."""
-
-    def __init__(self, model: Model, speeds: Speeds, q: Any, t: Any,
-                 links: Sequence[Link] | None = None) -> None:
-        """Use the textbook's kinematics, or those of the links that are compiled."""
-        self.model, self.q, self.t = model, q, t
-        self.width = model.n  # of rows
-        self._speeds = speeds
-        self._links = links
-
-    @cached_property
-    def _bodies(self) -> tuple[kinematics.Configuration, ...]:
-        return kinematics.configurations(self.model, self.q)
-
-    @cached_property
-    def _link_poses(self) -> list[tuple[Any, Any]]:
-        return frame_kinematics.link_poses(self._links or (), self.q)
-
-    def carrier(self, first: str, second: str) -> Frame:
-        """Return the axes of the last body that carries both frames, or of the world."""
-        one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
-        return Frame('', max(set(one) & set(other), default=WORLD))
-
-    def _frame(self, frame: str | Frame) -> Frame:
-        return frame if isinstance(frame, Frame) else self.model.frame(frame)
-
-    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
-        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
-        at = self._frame(frame)
-        if self._links is None:
-            return kinematics.frame_pose(self.model, at, self.q, self._bodies)
-        return frame_kinematics.frame_axes(self._links, at, self._link_poses)
-
-    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
-        of = self._frame(frame)
-        if self._links is None:
-            return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
-        return frame_kinematics.partial_velocities(self._links, of, self.q, at, self._link_poses)
-
-    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
-        """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
-        names = self.model.coordinate_names
-        if name not in names:
-            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; valid: "
-                                  f'{", ".join(names)}')
-        k = names.index(name)
-        return np.eye(self.model.n)[k], self.q[k]
-
-    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
-        """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
-        Y, Z = self._speeds.of(self.q, self.t)
-        places = speed_places(self._speeds, names)
-        return Y[places], Z[places]
-
-    def other_speeds(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the names of all speeds but these."""
-        return tuple(name for name in self._speeds.names if name not in names)
 
 
 class Mechanism:
@@ -204,7 +140,7 @@ class Mechanism:
         """Return the names of the independent speeds, in order."""
         return tuple(self.speeds.names[r] for r in self.free)
 
-    def posture(self, q: Any, t: Any = 0.0, links: Sequence[Link] | None = None) -> MechanismState:
+    def state(self, q: Any, t: Any = 0.0, links: Sequence[Link] | None = None) -> MechanismState:
         """Return the mechanism at q, (n_q,), and t, over any scalar."""
         return MechanismState(self.model, self.speeds, q, t, links)
 
@@ -244,12 +180,12 @@ class Mechanism:
             S is singular in every posture.
 
         """
-        S, s = self.system(self.posture(q, t, links))
+        S, s = self.system(self.state(q, t, links))
         inverse = self.solved(S, np.eye(len(S)))
         none = np.zeros(len(self.kept)).astype(object)
         qdot = inverse @ (np.concatenate([u, none]) + s)
         S_moving, s_moving = self.system(
-            self.posture(moving(q, qdot), moving(t, 1.0), links))
+            self.state(moving(q, qdot), moving(t, 1.0), links))
         S_rate = rates(S_moving)
         qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
         T = inverse[:, :self.n]
@@ -267,40 +203,6 @@ class Mechanism:
                                   ) from None
 
 
-class Released(MechanismState):
-    """
-    A mechanism whose one joint is set free, as constraints see it: columns of its freedoms alone.
-
-    They are the six auxiliary speeds of what the joint carries, along and about the world's axes
-    at the joint's origin.
-    """
-
-    def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
-        """Free the joint of body number `body`, whose origin is (3,), m."""
-        super().__init__(here.model, here._speeds, here.q, here.t, here._links)
-        self._body, self._origin = body, origin
-        self.width = 6
-
-    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
-        of = self._frame(frame)
-        if of.body == WORLD or self._body not in self.model.path(of.body):
-            return np.zeros((6, 6)).astype(object)
-        r = (self.pose(frame)[1] if at is None else at) - self._origin
-        unit = np.eye(3).astype(object)
-        turned = np.array([cross(axis, r) for axis in unit]).T
-        return np.concatenate([np.concatenate([unit, turned], axis=1),
-                               np.concatenate([0.0 * unit, unit], axis=1)])
-
-    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
-        """Return no change, and the value."""
-        return np.zeros(6), super().coordinate(name, asking)[1]
-
-    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
-        """Return no change: speeds are of the joints that the mechanism has."""
-        return np.zeros((len(names), 6)), np.zeros(len(names))
-
-
 def _described(constraint: Constraint) -> str | None:
     """Return a constraint's numbers exactly; None if a function is among them."""
     words = [type(constraint).__name__]
@@ -311,11 +213,3 @@ def _described(constraint: Constraint) -> str | None:
         words.append(repr(value.tolist() if isinstance(value, np.ndarray) else
                           sorted(value.items()) if isinstance(value, Mapping) else value))
     return ' '.join(words)
-
-
-def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
-    """Return the numbers of speeds; ConstraintError lists the valid names."""
-    for name in names:
-        if name not in speeds.names:
-            raise ConstraintError(f"no speed '{name}'; valid: {', '.join(speeds.names)}")
-    return [speeds.names.index(name) for name in names]

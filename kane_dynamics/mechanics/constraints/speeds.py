@@ -176,3 +176,11 @@ def chosen(model: Model, choice: Any) -> Speeds:
     if len(names) != model.n or len(set(names)) != len(names):
         raise InputError(f'speeds have the names {list(names)}; expected {model.n} different ones')
     return replace(speeds, names=names)
+
+
+def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
+    """Return the numbers of speeds; ConstraintError lists the valid names."""
+    for name in names:
+        if name not in speeds.names:
+            raise ConstraintError(f"no speed '{name}'; valid: {', '.join(speeds.names)}")
+    return [speeds.names.index(name) for name in names]

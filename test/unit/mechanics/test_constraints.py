@@ -86,7 +86,7 @@ def test_a_closed_posture_is_near_closed_and_leaves_what_is_fixed():
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     q = closed_posture(mechanism, [0.5, 1.0, 1.0], fixed=['joint0'])
     assert q[0] == 0.5
-    np.testing.assert_allclose(mechanism.posture(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)
+    np.testing.assert_allclose(mechanism.state(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)
     with pytest.raises(ConstraintError, match="no coordinate 'elbow'"):
         closed_posture(mechanism, q, fixed=['elbow'])
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -7,7 +7,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
                                                                  positive, triad, unit)
 import numpy as np
 

@@ -5,7 +5,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
-from kane_dynamics.robot.dispatch import compiled, Dispatch
+from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,13 +1,17 @@
 """How a robot's methods reach their kernels."""
 
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Any, TypeVar
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.threads import run_concurrently
+from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.kernel_set import KernelSet
 import numpy as np
 
@@ -88,3 +92,59 @@ class Dispatch:
             made = kernel(at)
             entry = self._entries[name, at] = made.entry('', made)
         return entry
+
+    @property
+    def n(self) -> int:
+        """Return the number of independent generalized speeds."""
+        return self.equations.n
+
+    @property
+    def n_q(self) -> int:
+        """Return the number of coordinates."""
+        return self.equations.n_q
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints that move freely, in the order of q."""
+        return self.equations.model.joint_names
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the entries of q."""
+        return self.equations.model.coordinate_names
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
+        return tuple(frame.name for frame in self.equations.model.frames)
+
+    def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
+        """
+        Compile kernels now that would compile at their first use.
+
+        Parameters
+        ----------
+        *names : str
+            Which; without any, all but those of frames and joint reactions.
+        batches : bool
+            Also for batches, which take several states at once by kernels of their own.
+
+        Raises
+        ------
+        InputError
+            No such kernel; the message lists the valid names.
+
+        """
+        names = names or self.kernels.names
+        run_concurrently([partial(self._compile, name, batches) for name in names])
+
+    def _compile(self, name: str, batches: bool) -> None:
+        with suppress(ModelError):  # no forward dynamics with massless joints; a call says so
+            kernel = self.kernels.quantity(name)
+            if batches:
+                kernel.compile_lanes()
+            getattr(self, name)
+
+    def operation_count(self) -> dict[str, OperationCount]:
+        """Return the arithmetic of one call of every kernel."""
+        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}

@@ -12,7 +12,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-class AskedSpeeds:
+class UserSpeeds:
     """
     Converts from other choices of independent speeds to a robot's own.
 
@@ -137,7 +137,7 @@ def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau:
     """Return what amounts to forces dual to other speeds, given by name, (n,)."""
     if tuple(names) == equations.speed_names:
         return tau
-    here = equations.mechanism.posture(q, t, equations.tree.geometry)
+    here = equations.mechanism.state(q, t, equations.tree.geometry)
     return equations.at_rest(q, t).T.T @ (here.speed_rows(names)[0].T @ tau)
 
 
@@ -145,7 +145,7 @@ def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, 
                  udot: Any, t: Any = 0.0) -> Any:
     """Return other speeds, given by name, and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
-    Y, Z = equations.mechanism.posture(moving(q, motion.qdot), moving(t, 1.0),
+    Y, Z = equations.mechanism.state(moving(q, motion.qdot), moving(t, 1.0),
                                        equations.tree.geometry).speed_rows(names)
     return np.array([values(Y) @ motion.qdot + values(Z),
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])

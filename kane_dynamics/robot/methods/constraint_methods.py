@@ -5,12 +5,11 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.branch_following import followed_posture
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
+from kane_dynamics.mechanics.constraints.loop_closure import closed_posture, followed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Argument, checked
-from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,8 @@ from functools import cached_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.robot.constraint_methods import ConstraintMethods
-from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
+from kane_dynamics.robot.methods.dispatch import Dispatch
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
 
