@@ -1,12 +1,12 @@
 """
 The equations of motion in chosen speeds and under constraints, over any scalar.
 
-`TreeEquations` gives the joint forces f(q, q', q'') that a tree's motion takes. With the joints'
-motion from `mechanism`, q' = T u + ..., Kane's method needs nothing else:
+`TreeEquations` computes the joint forces f(q, q', q'') of a tree (RNEA). With the joint motion
+from `mechanism`, q' = T u + ..., Kane's method gives:
 
     tau = T^T f,    M = T^T M_q T,    constraint forces = N^T (f - joint torques)
 
-T^T f is F~_r + F~_r* with the sign changed: what does no work in an admissible motion drops out.
+T^T f is F~_r + F~_r* with the sign changed: forces without work in an admissible motion cancel.
 """
 
 from collections.abc import Sequence
@@ -33,10 +33,10 @@ class ConstrainedEquations(ConstrainedKinematics):
         Of the same model, in joint rates and without constraints.
     mechanism : Mechanism
     actuated : sequence of str, optional
-        Names of the joints that have actuators, which share a load with the least sum of
-        squares. By default what acts is the force dual to each independent speed, nothing else.
+        Names of the joints that have actuators; the torques have minimum norm. By default tau acts
+        as the forces dual to the independent speeds.
     redundant : one of `redundant_forces.SHARING`
-        How rows that follow from others share their force.
+        Distribution of the forces of redundant rows.
 
     Raises
     ------
@@ -45,8 +45,8 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     Notes
     -----
-    Methods are those of `TreeEquations` with q (n_q,) and the independent speeds u (n,), and take
-    the time t, s, besides.
+    Methods are those of `TreeEquations` with q (n_q,), the independent speeds u (n,), and the time
+    t, s, as an additional argument.
 
     """
 
@@ -63,11 +63,11 @@ class ConstrainedEquations(ConstrainedKinematics):
         names = self.model.coordinate_names
         for joint in joints:
             if joint not in names:
-                raise ConstraintError(f"actuated: no joint '{joint}'; valid: {', '.join(names)}")
+                raise ConstraintError(f"actuated: '{joint}'; expected joints of {', '.join(names)}")
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
-            raise ConstraintError(f'actuated names {len(places)} joints; {self.n} independent '
-                                  f'speeds ({", ".join(self.speed_names)}) need as many')
+            raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, the '
+                                  f'number of independent speeds ({", ".join(self.speed_names)})')
         return places
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
@@ -77,15 +77,15 @@ class ConstrainedEquations(ConstrainedKinematics):
         return motion.T.T @ self._joint_forces(q, motion, wrench, parameters)
 
     def _joint_forces(self, q: Any, motion: JointMotion, wrench: Any, parameters: Any) -> Any:
-        """Return what the joints of the tree must exert for a motion, (n_q,)."""
+        """Return the joint forces of the tree for a motion, (n_q,)."""
         return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
 
     def bias_force(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return what tau must hold at udot = 0, external wrenches apart, (n,)."""
+        """Return the bias force h(q, u), (n,): tau at udot = 0 without external wrenches."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters, t)
 
     def gravity_force(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return the tau that holds gravity alone, (n,)."""
+        """Return the tau that balances gravity alone, (n,)."""
         return self.at_rest(q, t).T.T @ self.tree.gravity_force(q, parameters)
 
     def external_force(self, q: Any, wrench: Any, t: Any = 0.0) -> Any:
@@ -122,7 +122,7 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def actual_joint_forces(self, q: Any, u: Any, tau: Any, parameters: Any,
                             t: Any = 0.0) -> Any:
-        """Return what torques and constraints together exert on the joints, (n_q,)."""
+        """Return the joint forces of torques and constraints together, (n_q,)."""
         if self.n == self.n_q:
             here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau
@@ -137,7 +137,7 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def _free(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
               t: Any) -> tuple[Any, Any]:
-        """Return q' and udot without constraints: the tree's own forward dynamics, re-spoken."""
+        """Return q' and udot without constraints, by the tree's forward dynamics."""
         Y, negative_Z = self.mechanism.system(self.mechanism.state(q, t, self.tree.geometry))
         if self.mechanism.speeds.definite:
             order = self.tree.order
@@ -150,8 +150,8 @@ class ConstrainedEquations(ConstrainedKinematics):
         return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
     def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
-        """Return the joint torques, (n_q,), that are tau to the independent speeds."""
-        if self._actuated is None:  # Y_I T = 1 and Y_I N = 0: it is tau, and strains nothing
+        """Return joint torques, (n_q,), with the generalized force tau."""
+        if self._actuated is None:  # Y_I T = 1, Y_I N = 0: gives tau without constraint forces
             here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau
         T = self.at_rest(q, t).T[self._actuated]
@@ -163,18 +163,18 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def constraint_forces(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                           t: Any = 0.0) -> Any:
-        """Return the force of every constraint row, (m,); of redundant rows as `redundant`."""
+        """Return the force of every constraint row, (m,); redundant rows as `redundant`."""
         motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
         return self._shared(q, t, motion.N, force - self.joint_torques(q, tau, t))
 
     def _shared(self, q: Any, t: Any, N: Any, missing: Any) -> Any:
-        """Return the forces of all rows, (m,), that make up for missing joint forces."""
+        """Return the forces of all rows, (m,), for given constraint forces of the joints."""
         rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
         return shared_forces(self.mechanism, rows.J, N, N.T @ missing, self._redundant)
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                        t: Any = 0.0) -> Any:
-        """Return that of body number `body` alone, (6,)."""
+        """Return the joint reaction of body number `body`, (6,)."""
         return self.joint_reactions(q, u, udot, wrench, parameters, t)[body]
 
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
@@ -201,12 +201,12 @@ class ConstrainedEquations(ConstrainedKinematics):
         return np.stack([inertia, *(motion.T.T @ x for x in (carried + coriolis, *others))])
 
     def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return (n_bodies, n): what each body, with what it carries, asks of every speed."""
+        """Return the contribution of each body to tau, (n_bodies, n)."""
         motion = self.joint_motion(q, u, udot, t)
         return self.tree.body_torques(q, motion.qdot, motion.qddot, parameters) @ motion.T
 
     def regressor(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
+        """Return the regressor Y, (n, 10 n_bodies): the rigid-body part of tau is Y theta."""
         motion = self.joint_motion(q, u, udot, t)
         return motion.T.T @ self.tree.regressor(q, motion.qdot, motion.qddot, parameters)
 
@@ -227,7 +227,7 @@ class ConstrainedEquations(ConstrainedKinematics):
         return self.tree.center_of_mass_jacobian(q, parameters) @ self.at_rest(q, t).T
 
 def congruent(M: Any, T: Any) -> Any:
-    """Return T^T M T for a symmetric M, its lower triangle the upper one's expressions."""
+    """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
     half = M @ T
     n = T.shape[1]
     upper = {(r, s): T[:, r] @ half[:, s] for r in range(n) for s in range(r, n)}

@@ -1,9 +1,9 @@
 """
-Which speeds are independent and which constraint rows are: found once, at sample postures.
+The choice of independent speeds and constraint rows, at sample configurations.
 
-Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out;
-one that contradicts others is an error. What is found holds where it was looked for: calls and
-simulations watch it (`conditioning`), and choose again where a motion needs it.
+Numeric only. A redundant row (the out-of-plane rows of a planar loop) is left out; a contradictory
+row is an error. The choice is valid near the samples: calls and simulations check its conditioning
+(`conditioning`) and choose again where needed.
 """
 
 from collections.abc import Sequence
@@ -23,40 +23,39 @@ from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
 
-STARTS = 12  # postures from which closing is tried
-SAMPLES = 4  # closed postures at which the structure is looked at
+STARTS = 12  # initial guesses for loop closure
+SAMPLES = 4  # closed configurations at which the rank is computed
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
                        independent: Sequence[str] | None = None,
                        configuration: Any = None, rank_tolerance: float = RANK) -> Mechanism:
     """
-    Return the mechanism with its independent speeds and rows chosen.
+    Return the mechanism with a choice of independent speeds and rows.
 
     Parameters
     ----------
     model : Model
         The mechanism.
     speeds : None, Speeds or callable
-        As `speeds.chosen` takes them.
+        As in `speeds.chosen`.
     constraints : sequence of constraints
-        What holds.
     independent : sequence of str, optional
-        Names of the speeds to take as independent; the best conditioned by default.
+        Names of the independent speeds; the best conditioned by default.
     configuration : (n_q,) array_like, optional
-        Where to look, rad or m; closed, or nearly. By default places within the joints' limits
-        are tried.
+        A closed or nearly closed configuration, rad or m. By default configurations within the
+        joint limits are tried.
     rank_tolerance : float
-        Part of the largest singular value up to which one counts as zero. A larger one than the
-        default accepts loops whose description is rounded: rows that follow from others but for
-        so much are left out, and may stay open by so much, m or rad.
+        Singular values up to this fraction of the largest count as zero. A value above the default
+        accepts loops with a rounded description: rows that are redundant within the tolerance are
+        left out, and their residual may be up to the tolerance, m or rad.
 
     Raises
     ------
     ConstraintError
-        A constraint names what the model does not have, the constraints contradict each other,
-        cannot be met in any posture found, leave no freedom and are not driven either; Y is
-        singular; or `independent` does not fit.
+        A constraint names an unknown joint or frame; the constraints contradict each other, cannot
+        be met, or leave no degree of freedom without prescribing a motion; Y is singular; or
+        `independent` does not fit.
 
     """
     constraints = checked_constraints(constraints)
@@ -91,14 +90,14 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
 
 
 def _driven(constraint: Constraint) -> bool:
-    """Tell whether a constraint may prescribe a motion other than rest."""
+    """Return whether a constraint may prescribe a nonzero motion."""
     if isinstance(constraint, PointVelocity):
         return callable(constraint.value) or constraint.value != 0.0
     return isinstance(constraint, Prescribed | DependentSpeeds)
 
 
 def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
-    """Return the largest size, in units of the mechanism, of any row like each at the places."""
+    """Return for each row the largest norm, in mechanism units, of rows of its kind."""
     found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
                     for q in places], axis=0)
     kinds = list(zip(mechanism.owners, mechanism.turning))
@@ -108,7 +107,7 @@ def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
 
 
 def _closed_postures(mechanism: Mechanism) -> list[Array]:
-    """Return up to `SAMPLES` closed postures, from the middle of the joints' range and about."""
+    """Return up to `SAMPLES` closed configurations within the joint limits."""
     limits = [joint.limits for joint in mechanism.model.coordinate_joints]
     lower = np.array([max(limit.lower, -np.pi) for limit in limits])
     upper = np.array([min(limit.upper, np.pi) for limit in limits])
@@ -132,7 +131,7 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
 
 
 def _checked(mechanism: Mechanism, configuration: Any) -> Array:
-    """Return a configuration as an array; ConstraintError unless it is one."""
+    """Return a configuration as an array, (n_q,); ConstraintError for anything else."""
     names = mechanism.model.coordinate_names
     try:
         q = np.array(configuration, dtype=np.float64)
@@ -145,7 +144,7 @@ def _checked(mechanism: Mechanism, configuration: Any) -> Array:
 
 
 def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
-    """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
+    """Return closed configurations at and near q; ConstraintError if q is far from closed."""
     closed = closed_posture(mechanism, q)
     moved = np.abs(closed - q) / mechanism.units
     worst = int(np.argmax(moved))
@@ -165,23 +164,23 @@ def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
 
 
 def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
-    """Return C and d of C u = d, the constraints in terms of all speeds."""
+    """Return C and d of C u = d, the constraints in all generalized speeds."""
     here = mechanism.state(q)
     rows = mechanism.rows(here)
     Y, Z = (np.array(x, dtype=np.float64) for x in mechanism.speeds.of(q, 0.0))
     if not np.linalg.cond(Y) < 1.0 / RANK:
-        raise ConstraintError(f'Y is singular at q = {np.round(q, 6).tolist()}: the speeds '
-                              f'{", ".join(mechanism.speeds.names)} do not determine the joint '
-                              'rates there')
+        raise ConstraintError(f'speeds: {", ".join(mechanism.speeds.names)}, Y is singular at q = '
+                              f'{np.round(q, 6).tolist()}; expected speeds that determine the '
+                              'joint rates there')
     C: Array = np.linalg.solve(Y.T, np.array(rows.J, dtype=np.float64).T).T.astype(np.float64)
     return C, np.array(rows.b, dtype=np.float64) + C @ Z
 
 
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
                       kept: list[int]) -> None:
-    """Raise where a row left out asks for another velocity than the rows kept allow."""
+    """Raise ConstraintError if a redundant row contradicts the kept rows."""
     for C, d in samples:
-        weights = np.linalg.lstsq(C[kept].T, C.T, rcond=None)[0]  # rows in terms of those kept
+        weights = np.linalg.lstsq(C[kept].T, C.T, rcond=None)[0]  # rows in terms of kept rows
         excess = np.abs(d - weights.T @ d[kept])
         if excess.max(initial=0.0) > mechanism.rank_tolerance * (1.0 + np.abs(d).max(initial=0.0)):
             k = int(np.argmax(excess))
@@ -190,13 +189,13 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
 
 
 def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
-    """Return the smallest singular value, over samples, of the dependent speeds' columns."""
+    """Return the smallest singular value over samples of the dependent speeds' columns."""
     return min(float(np.linalg.svd(C[:, dependent], compute_uv=False).min(initial=np.inf)
                      / max(np.abs(C).max(initial=0.0), 1e-300)) for C in rows)
 
 
 def _best_free(rows: list[Array]) -> list[int]:
-    """Return the independent speeds that leave the dependent ones best determined."""
+    """Return the independent speeds with the best conditioned dependent ones."""
     count, n = rows[0].shape
     choices = [sorted(pivots(C, count)) for C in rows]
     best = max(choices, key=lambda dependent: _conditioning(rows, dependent))
@@ -204,15 +203,15 @@ def _best_free(rows: list[Array]) -> list[int]:
 
 
 def _given_free(mechanism: Mechanism, names: Sequence[str], rows: list[Array]) -> list[int]:
-    """Return the numbers of the independent speeds that the user names."""
+    """Return the numbers of the user-given independent speeds."""
     free = speed_places(mechanism.speeds, names)
     count, n = rows[0].shape
     if len(set(free)) != n - count:
-        raise ConstraintError(f'independent names {len(set(free))} speeds ({", ".join(names)}); '
-                              f'{count} independent constraint rows leave exactly {n - count} of '
-                              f'{", ".join(mechanism.speeds.names)}')
+        raise ConstraintError(f'independent: {len(set(free))} speeds ({", ".join(names)}); expected '
+                              f'exactly {n - count} of {", ".join(mechanism.speeds.names)}, because '
+                              f'{count} constraint rows are independent')
     dependent = [r for r in range(n) if r not in free]
     if _conditioning(rows, dependent) < RANK:
-        raise ConstraintError(f'the independent speeds {", ".join(names)} do not determine the '
-                              'others under the constraints; try independent=None')
+        raise ConstraintError(f'independent: {", ".join(names)}, which do not determine the other '
+                              'speeds under the constraints; expected others, or None')
     return free

@@ -19,23 +19,23 @@ SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
                    fixed: Sequence[str] = ()) -> Array:
     """
-    Return the posture near q at which every condition on positions is met.
+    Return the configuration near q at which every condition on positions is met.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Whose conditions to meet.
+        The mechanism with its constraints.
     q : (n_q,) array
-        Where to start.
+        Initial guess, rad or m.
     t : float
         s.
     fixed : sequence of str
-        Names of coordinates to leave as they are (a crank).
+        Names of coordinates that keep their values (a crank).
 
     Raises
     ------
     ConstraintError
-        None is found; names the constraint with the largest remaining gap.
+        The iteration does not converge; names the constraint with the largest residual.
 
     """
     names = mechanism.model.coordinate_names
@@ -56,13 +56,14 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     if closed:
         return here
     worst = int(np.argmax(np.abs(gap)))
-    raise ConstraintError(f"no posture found that closes '{labels[worst]}': {abs(gap[worst]):.3g} "
-                          f'(m or rad) remain after {ITERATIONS} steps')
+    raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its residual "
+                          f'is {abs(gap[worst]):.3g} (m or rad) after {ITERATIONS} steps; expected '
+                          'a start near a closed configuration')
 
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
              t: float) -> tuple[Array, Array, list[str], bool]:
-    """Return where Newton's method ends, (n_q,), the residuals, their labels, whether closed."""
+    """Return the last iterate of Newton's method, residuals, their labels, convergence."""
     here, tolerance = start.copy(), mechanism.rank_tolerance
     for _ in range(ITERATIONS):
         J, gap, labels = _residuals(mechanism, here, t)
@@ -72,13 +73,13 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
         step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
         longest = np.abs(step).max(initial=0.0)
         if tolerance > RANK and missed < tolerance and longest < CLOSED:
-            return here, gap, labels, True  # what is left is what the tolerance allows
+            return here, gap, labels, True  # the rest is within the tolerance
         here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
     return here, gap, labels, False
 
 
 def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
-    """Return the rows that have a condition on positions, their gaps, their labels."""
+    """Return the rows of conditions on positions, their residuals, their labels."""
     rows = mechanism.rows(mechanism.state(q, t))
     places = [k for k, gap in enumerate(rows.gap) if gap is not None]
     return (np.array(rows.J[places], dtype=np.float64),
@@ -89,26 +90,26 @@ def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, 
 def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
                      fixed: Sequence[str] = ()) -> Array:
     """
-    Return the closed posture on the branch of another one.
+    Return the closed configuration on the branch of another one.
 
-    The fixed coordinates go there from their values at the start in small steps, and the others
-    follow.
+    The fixed coordinates move in small steps from their values at the start to those of q; loop
+    closure after each step gives the other coordinates.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Whose conditions to meet.
+        The mechanism with its constraints.
     start : (n_q,) array
-        A closed posture, rad or m; it says which branch is meant.
+        A closed configuration on the branch, rad or m.
     q : (n_q,) array
-        Of it the values of the fixed coordinates count.
+        The final values of the fixed coordinates; other entries are ignored.
     t, fixed
         As in `closed_posture`.
 
     Raises
     ------
     ConstraintError
-        None is found, or the loops jump: another branch begins on the way.
+        Loop closure fails, or jumps to another branch.
 
     """
     here = closed_posture(mechanism, start, t=t, fixed=())
@@ -133,8 +134,8 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
             side = float(np.sign(np.linalg.det(np.concatenate([units, J]))))
         if moved[worst] > STRIDE or before * side < 0.0:
             raise ConstraintError(
-                f"no posture on this branch: with {', '.join(fixed)} at {ahead[places].tolist()} "
-                f"'{names[worst]}' jumps by {abs(closed - here)[worst]:.3g} rad or m; the branch "
-                'ends there')
+                f"closed configuration: with {', '.join(fixed)} at {ahead[places].tolist()} "
+                f"'{names[worst]}' jumps by {abs(closed - here)[worst]:.3g} rad or m; expected "
+                'values on this branch, which ends there')
         here = closed
     return here

@@ -1,16 +1,16 @@
 """
-A model with its generalized speeds and constraints: the motions that it admits.
+A model with its generalized speeds and constraints: rows, linear system, joint motion.
 
 The independent speeds u_I and the constraints are one linear system for the joint rates,
 
     [ Y_I ]        [ u_I - Z_I ]
     [  J  ] q'  =  [     b     ],      S q' = s,
 
-and its rate gives q''. The inverse S^-1 = [ T  N ] holds the whole of Kane's method: T are the
-partial joint rates of the independent speeds (the nonholonomic ones where constraints are), so a
-generalized force is T^T times the joint forces; N are those of the auxiliary speeds J q' - b,
-which vanish in every motion: N^T times the joint forces are the constraint forces, brought into
-evidence (Kane & Levinson, section 4.9).
+and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns of T are the partial
+joint rates of the independent speeds (nonholonomic under constraints), so a generalized force is
+T^T times the joint forces. The columns of N are those of the auxiliary speeds J q' - b, which are
+zero in every motion: N^T times the joint forces are the constraint forces (Kane & Levinson,
+section 4.9).
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class JointMotion:
     """
-    The joints' motion that goes with independent speeds.
+    The joint motion for given independent speeds.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class JointMotion:
 
 class Mechanism:
     """
-    A model, its speeds, its constraints.
+    A model with generalized speeds and constraints.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Mechanism:
     Attributes
     ----------
     length : float
-        m, see `row_units.length_of`: by it moments and turns compare with forces and distances.
+        m, see `row_units.length_of`: scales moments to forces and angles to distances.
     units : (n_q,) array
         `length` for coordinates that slide, 1 rad for others.
 
@@ -85,7 +85,7 @@ class Mechanism:
     def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
                  free: Sequence[int] | None = None, kept: Sequence[int] | None = None,
                  sizes: Sequence[float] | None = None, rank_tolerance: float = 1e-9) -> None:
-        """Keep the parts; without `free` and `kept` every speed and every row counts."""
+        """Store the parts; by default all speeds are independent and all rows kept."""
         self.model = model
         self.speeds = chosen(model, speeds)
         self.constraints = tuple(constraints)
@@ -101,7 +101,7 @@ class Mechanism:
         names = [c.name for c in self.constraints]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ConstraintError(f'constraints must have different names; given twice: {twice}')
+            raise ConstraintError(f'constraints: {twice} given twice; expected different names')
 
     @property
     def n(self) -> int:
@@ -111,9 +111,9 @@ class Mechanism:
     @property
     def key(self) -> str | None:
         """
-        Tell this mechanism from every other of its model; None if functions of a user are in it.
+        Return an identifier among mechanisms of the model; None with user-defined functions.
 
-        Those alone may depend on time.
+        Only user-defined functions may depend on time.
         """
         parts = [repr(self.free), repr(self.kept), repr(self.sizes), self.speeds.key or None,
                  *(_described(constraint) for constraint in self.constraints)]
@@ -126,7 +126,7 @@ class Mechanism:
 
     @property
     def turning(self) -> tuple[bool, ...]:
-        """Tell of each row whether it is of a turn: rad and N m, not m and N."""
+        """Return for each row whether it constrains a rotation: rad and N m, not m and N."""
         return tuple(turns for constraint in self.constraints
                      for turns in turning_rows(constraint, self.model))
 
@@ -161,7 +161,7 @@ class Mechanism:
     def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0,
                      links: Sequence[Link] | None = None) -> JointMotion:
         """
-        Return the joints' motion.
+        Return the joint motion.
 
         Parameters
         ----------
@@ -172,12 +172,12 @@ class Mechanism:
         t : scalar
             Time, s.
         links : sequence of Link, optional
-            Use their kinematics, the ones that are compiled.
+            Use the kinematics of these links, which are compiled.
 
         Raises
         ------
         ConstraintError
-            S is singular in every posture.
+            S is singular in every configuration.
 
         """
         S, s = self.system(self.state(q, t, links))
@@ -192,19 +192,19 @@ class Mechanism:
         return JointMotion(qdot, qddot, T, inverse[:, self.n:], -(inverse @ (S_rate @ T)))
 
     def solved(self, S: Any, right: Any) -> Any:
-        """Return S^-1 times a vector or a matrix; ConstraintError where S is never regular."""
+        """Return S^-1 times a vector or a matrix; ConstraintError if S is always singular."""
         try:
             return linear_solve.solution(S, right.reshape(len(S), -1)).reshape(right.shape)
         except ZeroDivisionError as error:
             row = error.args[0]
             names = (*self.speed_names, *(self.labels[k] for k in self.kept))
-            raise ConstraintError(f"speeds and constraints do not determine the motion: '"
-                                  f"{names[row]}' depends on the others in every posture"
-                                  ) from None
+            raise ConstraintError(f"speeds and constraints: '{names[row]}' depends on the others in "
+                                  'every configuration, so that the motion is not determined; '
+                                  'expected independent rows') from None
 
 
 def _described(constraint: Constraint) -> str | None:
-    """Return a constraint's numbers exactly; None if a function is among them."""
+    """Return a constraint's exact parameters as text; None if one of them is a function."""
     words = [type(constraint).__name__]
     for field in fields(constraint):
         value = getattr(constraint, field.name)

@@ -15,11 +15,11 @@ import numpy as np
 
 
 class MechanismState:
-    """A mechanism at one posture and time: what constraints ask (`constraints.Geometry`)."""
+    """A mechanism at one configuration and time; implements `constraints.Geometry`."""
 
     def __init__(self, model: Model, speeds: Speeds, q: Any, t: Any,
                  links: Sequence[Link] | None = None) -> None:
-        """Use the textbook's kinematics, or those of the links that are compiled."""
+        """Use the kinematics of the definition, or those of the compiled links."""
         self.model, self.q, self.t = model, q, t
         self.width = model.n  # of rows
         self._speeds = speeds
@@ -49,7 +49,7 @@ class MechanismState:
         return frame_kinematics.frame_axes(self._links, at, self._link_poses)
 
     def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
+        """Return the Jacobian (6, n_q) at a frame's origin, or at the point `at` of its body."""
         of = self._frame(frame)
         if self._links is None:
             return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
@@ -59,7 +59,7 @@ class MechanismState:
         """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
         names = self.model.coordinate_names
         if name not in names:
-            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; valid: "
+            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; expected one of "
                                   f'{", ".join(names)}')
         k = names.index(name)
         return np.eye(self.model.n)[k], self.q[k]
@@ -77,20 +77,20 @@ class MechanismState:
 
 class ReleasedJointState(MechanismState):
     """
-    A mechanism whose one joint is set free, as constraints see it: columns of its freedoms alone.
+    A mechanism with one released joint; its rows have a column per degree of freedom of the joint.
 
-    They are the six auxiliary speeds of what the joint carries, along and about the world's axes
-    at the joint's origin.
+    The columns are the six auxiliary speeds of the bodies behind the joint, along and about the
+    world axes at the joint's origin.
     """
 
     def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
-        """Free the joint of body number `body`, whose origin is (3,), m."""
+        """Release the joint of body number `body`; its origin is (3,), m."""
         super().__init__(here.model, here._speeds, here.q, here.t, here._links)
         self._body, self._origin = body, origin
         self.width = 6
 
     def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
+        """Return the Jacobian of one rigid body, (6, 6); zero for frames not behind the joint."""
         of = self._frame(frame)
         if of.body == WORLD or self._body not in self.model.path(of.body):
             return np.zeros((6, 6)).astype(object)
@@ -101,9 +101,9 @@ class ReleasedJointState(MechanismState):
                                np.concatenate([0.0 * unit, unit], axis=1)])
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
-        """Return no change, and the value."""
+        """Return a zero row, (6,), and the coordinate's value."""
         return np.zeros(6), super().coordinate(name, asking)[1]
 
     def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
-        """Return no change: speeds are of the joints that the mechanism has."""
+        """Return zero rows: the released degrees of freedom do not change the speeds."""
         return np.zeros((len(names), 6)), np.zeros(len(names))

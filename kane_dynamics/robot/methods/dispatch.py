@@ -1,4 +1,4 @@
-"""How a robot's methods reach their kernels."""
+"""Dispatch of a robot's methods to their compiled kernels."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +19,7 @@ Method = TypeVar('Method', bound=Callable[..., Any])
 
 
 class _Compiled:
-    """A method that, once used on a robot, gives way to its kernel's own entry there."""
+    """A method that the first access replaces by the entry point of its kernel."""
 
     def __init__(self, checked: Callable[..., Any]) -> None:
         self.checked = checked
@@ -35,12 +35,12 @@ class _Compiled:
 
 
 def compiled(method: Method) -> Method:
-    """Serve a method by the kernel of its name; its body is the road for unusual arguments."""
+    """Decorate a method to call the kernel of its name; its body handles other arguments."""
     return _Compiled(method)  # type: ignore[return-value]
 
 
 class Dispatch:
-    """Ways into the kernels of a robot, for one state or a batch."""
+    """Calls of the kernels of a robot, for one state or a batch."""
 
     equations: TreeEquations | ConstrainedEquations
     kernels: KernelSet
@@ -48,25 +48,25 @@ class Dispatch:
 
     def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None,
               t: Any = 0.0) -> Array:
-        """Call the kernel of a quantity that takes no wrenches."""
+        """Call the kernel of a quantity without wrenches."""
         result: Array = self.kernels.quantity(name)(*self._at_time(arguments, t), out=out)
         return result
 
     def _loaded(self, kernel: Kernel, arguments: tuple[Any, ...], wrench: Any,
                 out: Array | None, t: Any = 0.0) -> Array:
-        """Call a kernel that takes wrenches, where frames for them are declared."""
+        """Call a kernel with wrenches, if the robot declares wrench frames."""
         if self.equations.wrench_frames:
             given = (*arguments, wrench)
         elif wrench is None:
             given = arguments
         else:
-            raise InputError('wrench is given but no frame may carry one: construct the Robot '
-                             'with wrench_frames=')
+            raise InputError('wrench: given to a robot without wrench frames; expected '
+                             'Robot(..., wrench_frames=[...])')
         result: Array = kernel(*self._at_time(given, t), out=out)
         return result
 
     def _at_time(self, arguments: tuple[Any, ...], t: Any) -> tuple[Any, ...]:
-        """Add the time where the equations depend on it: one for all states, or one each."""
+        """Append the time if the equations depend on it: one for all states, or one each."""
         if not self.equations.timed:
             return arguments
         count = np.shape(arguments[0])[:-1]
@@ -86,7 +86,7 @@ class Dispatch:
         return result
 
     def _entry(self, name: str, at: str, kernel: Callable[[str], Kernel]) -> Callable[..., Any]:
-        """Return the way into a kernel of one frame or joint; it is compiled at its first use."""
+        """Return the entry point of the kernel of a frame or joint, compiled on first use."""
         entry = self._entries.get((name, at))
         if entry is None:
             made = kernel(at)
@@ -105,7 +105,7 @@ class Dispatch:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints that move freely, in the order of q."""
+        """Names of the moving joints, in the order of q."""
         return self.equations.model.joint_names
 
     @property
@@ -115,36 +115,36 @@ class Dispatch:
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
+        """Names of the frames (links), for `jacobian`, `frame_pose` and others."""
         return tuple(frame.name for frame in self.equations.model.frames)
 
     def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
         """
-        Compile kernels now that would compile at their first use.
+        Compile kernels now instead of at their first use.
 
         Parameters
         ----------
         *names : str
-            Which; without any, all but those of frames and joint reactions.
+            Names of quantities; by default all but those of frames and joint reactions.
         batches : bool
-            Also for batches, which take several states at once by kernels of their own.
+            Compile their SIMD kernels for batches too.
 
         Raises
         ------
         InputError
-            No such kernel; the message lists the valid names.
+            An unknown kernel; the message lists the valid names.
 
         """
         names = names or self.kernels.names
         run_concurrently([partial(self._compile, name, batches) for name in names])
 
     def _compile(self, name: str, batches: bool) -> None:
-        with suppress(ModelError):  # no forward dynamics with massless joints; a call says so
+        with suppress(ModelError):  # no forward dynamics with massless joints; calls raise
             kernel = self.kernels.quantity(name)
             if batches:
                 kernel.compile_lanes()
             getattr(self, name)
 
     def operation_count(self) -> dict[str, OperationCount]:
-        """Return the arithmetic of one call of every kernel."""
+        """Return the operation counts of every kernel, per call."""
         return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
