@@ -88,7 +88,7 @@ class KernelSet:
         """Return the kernel of one of `names`; InputError lists them for another name."""
         def make() -> Kernel:
             if name not in self.names:
-                raise InputError(f"no kernel '{name}' of this robot; valid: "
+                raise InputError(f"no kernel '{name}' of this robot; expected one of "
                                  f'{", ".join(self.names)}')
             return self._kernel(name, lambda: self.program(name), ALL[name])
         return self._kept((name, ''), make)
@@ -112,7 +112,7 @@ class KernelSet:
         model = self.equations.model
         names = [body.joint.name for body in model.bodies]
         if joint not in names:
-            raise InputError(f"no moving joint '{joint}'; valid: {', '.join(names) or 'none'} "
+            raise InputError(f"no moving joint '{joint}'; expected one of {', '.join(names) or 'none'} "
                              '(fixed and locked joints are merged into the bodies they join)')
         body = names.index(joint)
         method = partial(self.equations.joint_reaction, body)

@@ -111,7 +111,7 @@ class Workspace(entry.NativeMethods):
 
         """
         if name not in FRAME_QUANTITIES:
-            raise InputError(f"no quantity of a frame is called '{name}'; valid: "
+            raise InputError(f"no quantity of a frame is called '{name}'; expected one of "
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 

@@ -2,8 +2,8 @@
 Forward simulation in native code.
 
 One step of an integrator is traced with the robot's forward dynamics as a subroutine and compiled.
-Its result is the next step's argument, so that calling the kernel along a buffer of states is the
-loop over time, without the GIL. Many simulations go through it several at once.
+The kernel runs along a buffer of states, where each result is the argument of the next step; this
+loop over time is native and releases the GIL. Many simulations run in SIMD lanes.
 """
 
 from collections.abc import Callable
@@ -28,10 +28,10 @@ from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
-CHUNK_SECONDS = 0.01  # of native code between two looks at progress: half of the promised bound
-CHUNK_BYTES = 2**27  # of states between two looks, unless a single step of all takes more
+CHUNK_SECONDS = 0.01  # of native code between two progress reports: half of the documented bound
+CHUNK_BYTES = 2**27  # of states in one chunk, unless a single step of all takes more
 FIRST_CHUNK = 256  # steps
-LEAST_CHUNK = 8  # steps of many simulations, lest the looks take longer than the steps
+LEAST_CHUNK = 8  # steps of many simulations, so that checks take less time than the steps
 
 Torque = Callable[[float, Array, Array], Any]
 Progress = Callable[[float], bool | None]
@@ -44,65 +44,65 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     """
     Integrate the equations of motion with steps of one length.
 
-    Conditions on positions, such as closed loops, are held: what a step misses is taken back after
-    it, and the result tells what remains. Independent speeds that come to depend on each other
-    give way to others on the way (`Trajectory.speed_changes`), unless the user named them.
+    Conditions on positions, such as closed loops, are corrected by one Newton step after every
+    step; the trajectory holds the remaining residuals. Independent speeds that become singular are
+    replaced by others during the simulation (`Trajectory.speed_changes`), unless the user named
+    them.
 
     Parameters
     ----------
     robot : Robot
-        Whose equations to integrate.
+        The robot to simulate.
     q0, u0 : (n_q,), (n,) or (N, n_q), (N, n) array_like
-        State at time 0, or N of them, each the start of a simulation; rad or m, and s.
+        Initial state, or N initial states of N simulations; rad or m, and s.
     duration : float
         s; a whole number of steps.
     step : float
         s.
     torque : None, array, callable or ComputedTorque
-        Nothing: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
-        during step k. (N, K, n): a table for each of N initial states (the others serve all).
-        ``torque(t, q, u)``: asked once a step and held; for a single initial state only, because
-        Python would be called N times a step. `ComputedTorque`: evaluated continuously, with
+        None: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
+        during step k. (N, K, n): a table for each of N initial states (other forms apply to all).
+        ``torque(t, q, u)``: evaluated once a step and held; for a single initial state only,
+        because Python would be called N times a step. `ComputedTorque`: evaluated continuously, with
         friction at the desired speed.
     sample : float, optional
         Time between the rows of the result, a whole number of steps. Default: about a thousand
-        rows, or fewer where N initial states would then give more than a million. First and last
-        state are always in.
+        rows, or fewer if N initial states would give more than a million. The first and the last
+        state are always included.
     progress : callable, optional
-        Called with the simulated time now and then (native code never runs for more than about
-        20 ms in between, or eight steps of all N states); returning False ends the simulation
-        there.
+        Called with the simulated time at intervals of about 20 ms at most, or of eight steps of
+        all N states if those take longer; returning False ends the simulation there.
     integrator : {'rk4', 'implicit'}
-        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method to which
-        friction, springs and beams set no longest step, for robots without constraints whose
-        speeds are the joint rates (`mechanics.implicit`). Where the motion is smooth the first
-        is more accurate; where joints stick, the second is the faster by orders.
+        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose step
+        friction, springs and beams do not limit, for robots in joint rates without constraints
+        (`mechanics.integrators.rosenbrock`). The first is more accurate for smooth motions; the
+        second is faster by orders of magnitude where joints stick.
     t0 : float
-        Time at which the state is q0, u0, s: what depends on time begins there.
+        Initial time, s, for functions of time.
 
     Returns
     -------
     Trajectory
-        Its arrays lead with N where N initial states are given. A simulation among N has the
-        numbers that it has alone, to rounding; they do not depend on the other N - 1.
+        Its arrays have a leading axis N for N initial states. Each simulation of N equals the
+        single simulation from its initial state, to rounding.
 
     Raises
     ------
     InputError
-        Names the argument, the value and what is valid; also where the motion leaves the finite
-        numbers, with the time and the joint.
+        Names the argument, the value and what is expected; also if the motion diverges (is not
+        finite), with the time and the joint.
     ConstraintError
         The motion comes to a kinematic singularity (a dead point); independent speeds that the
-        user named become singular; constraints contradict each other; or a step opens a loop too
-        far. Names the time, the configuration and the constraint.
+        user named become singular; constraints contradict each other; or a loop's residual after
+        one step is too large. Names the time, the configuration and the constraint.
 
     Warns
     -----
     ModelWarning
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
-        at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
-        The energy balance does not close within what the step explains: names the time at which
-        that began. Both are in `Trajectory.warnings` too.
+        at the (first) initial configuration: the motion near rest is inaccurate (`longest_step`).
+        The error of the energy balance is above that expected of the step: names the time of its
+        begin. Both are in `Trajectory.warnings` too.
 
     """
     starts = initial_states(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
@@ -110,13 +110,13 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
-    doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
-    if doubt is not None:
-        warnings.warn(doubt, ModelWarning, stacklevel=2)
+    step_text = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
+    if step_text is not None:
+        warnings.warn(step_text, ModelWarning, stacklevel=2)
     every = steps_per_sample(count, step, sample, N, single)
     if callable(torque) and not single:
-        raise InputError('torque is a function, which is asked state by state; for '
-                         f'{N} initial states give None, an array or a ComputedTorque')
+        raise InputError(f'torque: a function, with {N} initial states; expected None, an array '
+                         'or a ComputedTorque')
     source: Any = torque_input(robot, step, 1 if callable(torque) else count,
                                None if callable(torque) else torque, None if single else N,
                                integrator, t0)
@@ -133,7 +133,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
-    missed = balance.warning(single, doubt)
+    missed = balance.warning(single, step_text)
     if missed is not None:
         warnings.warn(missed, ModelWarning, stacklevel=2)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
@@ -141,7 +141,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     return Trajectory(t0 + kept * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
-                      warnings=tuple(text for text in (doubt, missed) if text is not None),
+                      warnings=tuple(text for text in (step_text, missed) if text is not None),
                       speed_changes=tuple(source.changes) if watched else ())
 
 
@@ -181,7 +181,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
-    """Leave out the rows that a simulation ended early did not reach; its end is in."""
+    """Return steps and states up to the end of a simulation, its last state included."""
     rows = int(np.searchsorted(kept, done, side='right'))
     if kept[rows - 1] < done:
         kept[rows], states[:, rows], rows = done, last, rows + 1
@@ -191,7 +191,7 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
                   progress: Progress | None, t0: float, integrator: str
                   ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
-    """Ask for the torque before every step; Python in the loop."""
+    """Step with a Python torque function, evaluated before every step."""
     robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n
     kept, states, taus = [], [], []
@@ -236,14 +236,14 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
 
 
 def _watched(robot: Robot) -> JointLimits:
-    """Return the limits that a state shows: speeds of joints are in it where they are u."""
+    """Return the limits to watch; those of speeds only in joint rates."""
     if robot.speed_names == robot.joint_names:
         return robot.limits
     return replace(robot.limits, velocity=np.full(robot.n_q, np.inf))
 
 
 def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
-    """Raise where a motion has left the finite numbers; it never comes back."""
+    """Raise InputError for a diverged (non-finite) motion; it stays non-finite."""
     if np.isfinite(buffer[:, -1]).all():
         return
     at = ~np.isfinite(buffer)

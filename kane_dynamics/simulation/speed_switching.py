@@ -1,11 +1,11 @@
 """
-Simulations of constrained robots: their conditioning is watched, and other speeds taken in time.
+Simulations of constrained robots with a change of independent speeds before singularities.
 
-Every native step ends in a margin, which is positive where its state may be trusted
-(`mechanics.constraints.conditioning`). Where it is not, what is wrong is found out in Python:
-independent speeds or rows that come to depend on each other are replaced by the best ones, and the
-simulation goes on from the last good state; anything else is an error that says what happened.
-Near a singularity of all choices every step is looked at.
+Every native step computes a margin, which is positive for an accepted state
+(`mechanics.constraints.conditioning`). For a non-positive margin, Python code finds the reason:
+ill-conditioned independent speeds or rows are replaced by the best ones, and the simulation
+continues from the last accepted state; any other reason is an error. Near a singularity of all
+choices every step is checked.
 """
 
 from collections.abc import Sequence
@@ -27,23 +27,23 @@ from kane_dynamics.simulation.trajectory import SpeedChange
 from kane_dynamics.simulation.user_speeds import UserSpeeds
 import numpy as np
 
-STEP_RESIDUAL = 1e-3  # m or rad: what one step may open a loop by before it is closed again
-GAIN = 2.0  # so much better others must be to be taken
-ROOM = 4.0  # a choice is kept until its figure is so much larger than when it was taken
-PIECE = 256  # steps after a change before the states are looked at again
+STEP_RESIDUAL = 1e-3  # m or rad: largest residual after one step, before the correction
+GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
+ROOM = 4.0  # a choice is kept until its figure has grown by this factor
+PIECE = 256  # steps after a change before the next check of the states
 MOST_CHANGES = 20  # at one state
 
 
 @dataclass(frozen=True)
 class Phase:
-    """The choice that a simulation uses: a robot in it, and the largest figure allowed."""
+    """The current choice of a simulation: its robot, and the largest figure allowed."""
 
     robot: Robot
     limit: float
 
 
 def trusted(states: Array) -> Any:
-    """Tell which states, (..., size), are finite and end in a positive margin; the first is."""
+    """Return which states, (..., size), are finite with a positive margin; first always true."""
     good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
     good[..., 0] = True
     return good
@@ -51,12 +51,12 @@ def trusted(states: Array) -> Any:
 
 class SwitchingInput:
     """
-    A torque input that goes on in other independent speeds where those in use become singular.
+    A torque input that changes the independent speeds where those in use become singular.
 
     Parameters
     ----------
     source : TorqueInput
-        Of the robot as the user made it; its torques stay dual to that robot's speeds.
+        The torque input of the user's robot; torques stay dual to its speeds.
     count : int
         Number of simulations.
     integrator : str
@@ -65,12 +65,12 @@ class SwitchingInput:
     Attributes
     ----------
     changes : list of SpeedChange
-        In the order of the simulations' steps, each simulation by itself.
+        Changes of every simulation, in order of time.
 
     """
 
     def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
-        """Begin in the robot's own speeds."""
+        """Start all simulations in the robot's own speeds."""
         self.robot, self.step = source.robot, source.step
         self.torque = source.torque
         self._source, self._integrator, self._single = source, integrator, single
@@ -86,7 +86,7 @@ class SwitchingInput:
         self.changes: list[SpeedChange] = []
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
-        """Fill in the states after each step; as `TorqueInput.advance`."""
+        """Compute the states after each step; as `TorqueInput.advance`."""
         every = list(range(len(buffer)))
         groups: dict[tuple[int, float], list[int]] = {}
         for i in every if self._elsewhere else []:
@@ -114,7 +114,7 @@ class SwitchingInput:
         return extremes
 
     def _source_of(self, places: Sequence[int]) -> TorqueInput:
-        """Return the native step of these simulations, which are in one phase."""
+        """Return the native step of simulations in the same phase."""
         phase = self._phases[places[0]]
         key = id(phase.robot), phase.limit
         if key not in self._sources:
@@ -129,7 +129,7 @@ class SwitchingInput:
         return replace(self._sources[key], torque=torque)
 
     def _resume(self, i: int, rows: Array, bad: int, done: int) -> None:
-        """Go on with simulation i from the state before the first bad row, to the last one."""
+        """Continue simulation i from the state before the first rejected row to the last row."""
         state, tries = rows[bad - 1].copy(), 0
         self._look_closely(i, rows[:bad], done)
         start, last, piece = bad - 1, len(rows) - 1, PIECE
@@ -153,17 +153,17 @@ class SwitchingInput:
 
     def _decided(self, i: int, state: Array, done: int) -> Array:
         """
-        Choose how simulation i goes on from a state whose next step is not to be trusted.
+        Choose the phase in which simulation i continues from a state with a rejected step.
 
         Returns
         -------
         (size,) array
-            The state in the speeds that are independent from now on.
+            The state in the independent speeds of the new phase.
 
         Raises
         ------
         ConstraintError
-            A kinematic singularity; a loop that opens; rows that contradict each other.
+            A kinematic singularity; a loop's residual; rows that contradict each other.
         InputError
             The motion diverges.
 
@@ -198,7 +198,7 @@ class SwitchingInput:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
                 f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
-                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}: shorten the step')
+                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, with a shorter step')
         left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
         if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
             raise ConstraintError(
@@ -208,13 +208,13 @@ class SwitchingInput:
         raise self._diverged(i, done + 1)
 
     def _preferred(self, stack: Any) -> Any:
-        """Return the user's speeds where they are well conditioned, else the best choice."""
+        """Return the user's speeds if they are well conditioned, else the best choice."""
         asked = self.robot.mechanism
         own = best_choice(asked, stack, asked.free)
         return own if own.figure < self._usual / GAIN else best_choice(asked, stack)
 
     def _changed(self, i: int, state: Array, choice: Any, done: int) -> Array:
-        """Return a state in the speeds of another choice, which simulation i uses from now on."""
+        """Change simulation i to another choice; return the state in its speeds."""
         old, t = self._phases[i].robot, self._time(done)
         q, u = self._parts(state)
         new = self.robot.in_choice(choice.free, choice.kept)
@@ -245,7 +245,7 @@ class SwitchingInput:
             raise self._diverged(i, done + 1) from None
 
     def user_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
-        """Return q and the user's own speeds of simulation i at a state that it is in."""
+        """Return q and the user's own speeds of simulation i at one of its states."""
         q, u = self._parts(state)
         robot = self._phases[i].robot
         if robot.speed_names == self.robot.speed_names:
@@ -265,7 +265,7 @@ class SwitchingInput:
         return self._source.torques(kept, q, u)
 
     def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
-        """Return what follows from kept states, in the user's own speeds; see `UserSpeeds`."""
+        """Return derived quantities of kept states, in the user's speeds; see `UserSpeeds`."""
         times = self._source.start + kept * np.float64(self.step)
         return self._asked.results(self._history, kept, times, states, tau)
 

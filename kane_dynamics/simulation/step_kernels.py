@@ -1,4 +1,4 @@
-"""One integration step of a robot as a kernel, its dynamics as subroutines."""
+"""Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
 from functools import partial
 from typing import Any
@@ -26,17 +26,17 @@ from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
 INTEGRATORS = ('rk4', 'implicit')
-# What `simulate` asks for all rows of its result at once.
+# Quantities that `simulate` computes for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
               'constraint_residual', 'constraint_velocity_residual')
 
 
 def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
     """
-    Compile every kernel that `simulate` may need, so that no request waits for a compiler.
+    Compile every kernel of `simulate` in advance, so that no request waits for the compiler.
 
-    Those that step many simulations at once are not among them. `names` are further quantities to
-    compile at the same time.
+    The kernels for many simulations at once are excluded. `names` are further quantities to
+    compile concurrently.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
 
 
 def loop_kernels(robot: Robot) -> list[str]:
-    """Return the names of the kernels that control and simulation of this robot call."""
+    """Return the names of the kernels of control and simulation of this robot."""
     return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
 
 
@@ -74,8 +74,8 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
     constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
 
-    The state of a constrained robot ends in `conditioning.margin`, whose limits are the last of
-    the constants: a state is not to be trusted from where that is not positive.
+    The last entry of a constrained robot's state is `conditioning.margin`, whose limits are the
+    last of the constants: a state is accepted if it is positive.
 
     Raises
     ------
@@ -84,11 +84,11 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
     """
     if integrator not in INTEGRATORS:
-        raise InputError(f'integrator is {integrator!r}; valid: {", ".join(INTEGRATORS)}')
+        raise InputError(f'integrator is {integrator!r}; expected {" or ".join(INTEGRATORS)}')
     program = _program if integrator == 'rk4' else _implicit_program
     if integrator == 'implicit' and not isinstance(robot.equations, TreeEquations):
-        raise InputError("integrator is 'implicit', which needs a robot whose speeds are the "
-                         "joint rates, without constraints; valid here: 'rk4'")
+        raise InputError("integrator is 'implicit', for a robot with chosen speeds or "
+                         "constraints; expected 'rk4'")
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     name = name if integrator == 'rk4' else f'{name}_{integrator}'
     if dual_to not in (None, robot.speed_names):
@@ -102,14 +102,14 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Name the entries of a state: q, u, the time where the robot depends on it, the margin."""
+    """Return the names of the entries of a state: q, u, the time if needed, the margin."""
     return (*robot.coordinate_names, *robot.speed_names,
             *(['time'] if robot.equations.timed else []),
             *['margin'] * margin_count(robot))
 
 
 def margin_count(robot: Robot) -> int:
-    """Return how many entries of a state, one or none, tell whether it is to be trusted."""
+    """Return the number of margins in a state: 1 for a constrained robot, else 0."""
     equations = robot.equations
     return int(isinstance(equations, ConstrainedEquations) and equations.watched)
 
@@ -122,7 +122,7 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
 
 def _program(robot: Robot, name: str, feedback: bool,
              dual_to: tuple[str, ...] | None = None) -> Program:
-    """Trace one step; where q' is not u, what it misses of closed loops is taken back after it."""
+    """Trace one Runge-Kutta step; closed loops are corrected after it."""
     n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
     constrained = isinstance(equations, ConstrainedEquations)
     motion = _state_program(robot, dual_to)
@@ -145,7 +145,7 @@ def _program(robot: Robot, name: str, feedback: bool,
         after = runge_kutta_4(rates, state, moments, h[0])
         if isinstance(equations, ConstrainedEquations):
             q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
-            if equations.watched:  # an entry that no next step reads: to wait would cost time
+            if equations.watched:  # no later step reads this entry, so it causes no latency
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
             after[:n_q] = equations.closure_step(q, t)
         return after
@@ -153,7 +153,7 @@ def _program(robot: Robot, name: str, feedback: bool,
 
 
 def _implicit_program(robot: Robot, name: str, feedback: bool) -> Program:
-    """Trace one step that takes friction, springs and bending implicitly."""
+    """Trace one Rosenbrock step, implicit in friction, springs and bending."""
     n, kernels, equations = robot.n, robot.kernels, robot.equations
     assert isinstance(equations, TreeEquations)
     method = ImplicitStep(equations)

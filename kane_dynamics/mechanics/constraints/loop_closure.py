@@ -50,7 +50,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     fixed = checked_names(fixed, 'fixed') or ()
     unknown = sorted(set(fixed) - set(names))
     if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
     moves = np.array([name not in fixed for name in names])
     here, gap, labels, closed = closing_iterations(mechanism, here, moves, t)
     if closed:
@@ -116,7 +116,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
     names = mechanism.model.coordinate_names
     unknown = sorted(set(fixed) - set(names))
     if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
     places = [k for k, name in enumerate(names) if name in fixed]
     first, last = here[places], np.asarray(q, dtype=np.float64)[places]
     way = np.abs(last - first) / mechanism.units[places]
