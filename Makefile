@@ -7,7 +7,8 @@ COLCON_VENV := .venv-colcon
 COLCON_BASE := build/colcon
 BIN := $(VENV)/bin
 INTERFACES := kane_dynamics_interfaces
-EXTRAS := ros demo test lint docs
+DEMO_EXTRAS := ros demo
+EXTRAS := $(DEMO_EXTRAS) test lint docs
 
 # The environments stand alone: nothing of a sourced ROS, or of another environment with ROS
 # wheels (whose start-up hook hides its library path behind a variable that children inherit), may
@@ -48,7 +49,7 @@ help:
 
 # ---------------------------------------------------------------------- environment
 
-install: $(VENV)/.project
+install: $(VENV)/.dependencies $(VENV)/.project
 
 $(VENV)/.uv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and \
@@ -57,14 +58,25 @@ $(VENV)/.uv:
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
 	@touch $@
 
-# The dependencies alone, so that a changed source later installs only the project.
-$(VENV)/.dependencies: $(VENV)/.uv setup.py
+# The dependencies alone, so that a changed source later installs only the project; those of the
+# demo before all others, so that it starts sooner.
+$(VENV)/.demo_dependencies: $(VENV)/.uv setup.py
+	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py $(DEMO_EXTRAS:%=--extra %)
+	@touch $@
+
+$(VENV)/.dependencies: $(VENV)/.demo_dependencies setup.py
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py $(EXTRAS:%=--extra %)
 	@touch $@
 
-$(VENV)/.interfaces: $(INTERFACE_SOURCES) | $(VENV)/.dependencies
+# Built in an environment of its own, while the dependencies are installed if make runs parallel.
+$(VENV)/.interfaces_wheel: $(INTERFACE_SOURCES) | $(VENV)/.uv
 	@echo 'building $(INTERFACES) (about a minute)'
-	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall ./$(INTERFACES)
+	@rm -rf build/wheel
+	$(BIN)/uv build --python $(BIN)/python --quiet --wheel --out-dir build/wheel ./$(INTERFACES)
+	@touch $@
+
+$(VENV)/.interfaces: $(VENV)/.interfaces_wheel | $(VENV)/.demo_dependencies
+	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall build/wheel/*.whl
 	@touch $@
 
 # The names of the sources: a deleted file is a change too, though no file is newer for it.
@@ -73,14 +85,16 @@ $(VENV)/.files: $(VENV)/.uv FORCE
 
 # Not editable: that would leave out the ament marker and share/. The old build/lib may hold modules
 # that have been deleted since.
-$(VENV)/.project: $(VENV)/.dependencies $(VENV)/.interfaces $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
+$(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files $(METADATA) $(PROJECT_SOURCES)
 	@rm -rf build/lib build/bdist.*
 	$(BIN)/uv pip install --python $(BIN)/python --quiet --no-deps --reinstall .
 	@touch $@
 
 # ---------------------------------------------------------------------- use and tests
 
-demo: install
+# Installs only what the demo needs, on two processors.
+demo:
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project
 	$(ROS_ENV) $(BIN)/kane-dynamics demo
 
 # What runs nodes in real time has the processors to itself; all else shares them.

@@ -1,4 +1,4 @@
-"""Robots whose straight-line code outgrows the instruction cache, and their compiling."""
+"""Compile times of robots whose straight-line code exceeds the instruction cache."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -62,7 +62,7 @@ BIG: dict[str, Callable[[], Model]] = {
 
 
 def compile_seconds(model: Model) -> dict[str, float]:
-    """Return how long each kernel of a robot takes to trace and compile, without the cache."""
+    """Return the seconds to trace and compile each kernel of a robot, without the cache."""
     robot, seconds = Robot(model), {}
     with tempfile.TemporaryDirectory() as empty:
         before = os.environ.get('KANE_DYNAMICS_CACHE')

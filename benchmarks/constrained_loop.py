@@ -1,4 +1,4 @@
-"""What chosen speeds and constraints cost, beside the plain arm; mechanisms in real time."""
+"""The cost of chosen speeds and constraints, relative to the plain arm; simulation speed."""
 
 from collections.abc import Callable
 from copy import copy
@@ -19,7 +19,7 @@ PLAIN, CLOCK = 'the plain arm', 'the clock'
 
 
 def choices(model: Model) -> dict[str, dict[str, object]]:
-    """Return what each contender's Robot is given besides the model."""
+    """Return the keyword arguments of each contender's Robot."""
     tip = model.frames[-1].name
     first, second = model.joint_names[1:3]
     return {
@@ -32,7 +32,7 @@ def choices(model: Model) -> dict[str, dict[str, object]]:
 
 
 def costs(name: str) -> list[Race]:
-    """Race forward dynamics of a re-speeded or constrained arm against the plain arm's."""
+    """Compare forward dynamics with chosen speeds or constraints to that of the plain arm."""
     model = shipped_arm(name)
     robots = {PLAIN: Robot(model),
               **{what: Robot(model, **given) for what, given in choices(model).items()}}
@@ -115,7 +115,7 @@ def flexible_arm(modes: tuple[int, int], **joint: object) -> Robot:
 
 
 def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float) -> Race:
-    """Race a simulated second against a second."""
+    """Compare the time to simulate a second to a second."""
     simulated = 10_000 * step
 
     def run() -> None:
@@ -132,7 +132,7 @@ def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float
 
 
 def clocked() -> list[Race]:
-    """Race mechanisms against the clock."""
+    """Compare the simulation of mechanisms to real time."""
     loop = four_bar()
     result = [real_time('four-bar', loop, loop.closed_posture((0.8, 0.0, -1.5), fixed=['crank']),
                         np.array([5.0]), 1e-3)]

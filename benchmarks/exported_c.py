@@ -1,4 +1,4 @@
-"""Exported C, compiled by gcc -O3, against the native kernels, turn by turn."""
+"""Exported C, compiled by gcc -O3, and the native kernels, interleaved."""
 
 from collections.abc import Callable
 import ctypes

@@ -1,4 +1,4 @@
-"""Every quantity in a native loop: our kernels against Pinocchio's C++, turn by turn."""
+"""Every quantity in a native loop: our kernels and Pinocchio's C++, interleaved."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from pinocchio_native import library, Pinocchio, Unavailable
 STATES = 1024  # that fit the cache, so that the arithmetic is what is timed
 BATCH = 100_000
 BATCH_TURNS = 9
-TOLERANCE = 1e-9  # relative to the largest entry: both must give these numbers before they race
-# Quantities that both have, with Pinocchio's faster convention where there are two.
+TOLERANCE = 1e-9  # relative to the largest entry: both must agree before they are timed
+# Quantities that both have, with the faster of Pinocchio's conventions.
 RIVALS = {
     'inverse_dynamics': ('inverse_dynamics',),
     'bias_force': ('bias_force',),
@@ -44,11 +44,11 @@ class Race:
     Attributes
     ----------
     robot, axes, what, peer : str, int, str, str
-        Who raced, over what, against whom.
+        Robot, its degrees of freedom, the quantity, and the peer.
     ours, theirs : float
         Median seconds of one call, state or step.
     ratio : (float, float, float)
-        theirs / ours, turn by turn: median, 10th and 90th percentile.
+        theirs / ours, from interleaved runs: median, 10th and 90th percentile.
 
     """
 
@@ -69,7 +69,7 @@ class Race:
 
 def race(robot: Robot, what: str, peer: str, timing: Timing, calls: int, rivals: tuple[str, ...]
          ) -> Race:
-    """Return a line of the report; against the fastest of several ways of the peer."""
+    """Return a line of the report; against the fastest of the peer's alternatives."""
     rival = min(rivals, key=timing.median)
     return Race(robot.model.name, robot.n, what, peer, timing.median('ours') / calls,
                 timing.median(rival) / calls, timing.ratio(rival, 'ours'))
@@ -104,7 +104,7 @@ def check(robot: Robot, peer: Pinocchio, what: str, states: np.ndarray) -> None:
         theirs = peer.answer(what, *states[:, i])
         for axis, order in _axes(robot, peer, what):
             ours = np.take(ours, order, axis=axis)
-        if what == 'coriolis_matrix':  # many are right; what they do to u is one
+        if what == 'coriolis_matrix':  # not unique; its product with u is
             u = peer.permuted(states[1, i])
             ours, theirs = ours @ u, theirs.reshape(robot.n, robot.n) @ u
         tolerance = TOLERANCE
@@ -118,7 +118,7 @@ def check(robot: Robot, peer: Pinocchio, what: str, states: np.ndarray) -> None:
 
 
 def _axes(robot: Robot, peer: Pinocchio, what: str) -> list[tuple[int, list[int]]]:
-    """Return along which axes of our result the joints must be put in the peer's order."""
+    """Return the axes of our result whose joints must be put in the peer's order."""
     if what == 'regressor':
         blocks = [10 * i + k for i in peer.order for k in range(10)]
         return [(0, peer.columns), (1, blocks)]
@@ -147,7 +147,7 @@ def kernel_loop(kernel: Kernel, rows: Mapping[str, np.ndarray]) -> Callable[[], 
 
 
 def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
-    """Race over every quantity that is one kernel of this robot."""
+    """Time every quantity that is one kernel of this robot."""
     states, peer, races = random_states(robot, STATES), Pinocchio(robot), []
     peer.keep(*states)
     for what in quantities:
@@ -163,7 +163,7 @@ def kernel_races(robot: Robot, quantities: tuple[str, ...]) -> list[Race]:
 
 
 def batch_race(robot: Robot) -> Race:
-    """Race over inverse dynamics of a large batch, one thread each."""
+    """Time inverse dynamics of a large batch, one thread each."""
     states, peer = random_states(robot, BATCH), Pinocchio(robot)
     tau, theirs = np.empty((2, BATCH, robot.n))
     permuted = [peer.permuted(x) for x in states]

@@ -1,5 +1,5 @@
 """
-Round trip of the node beside empty echo nodes, in one shuffled run.
+Round trip of the node compared with empty echo nodes, in one shuffled run.
 
 Three processes live together: the dynamics node with a seven-axis arm, an empty rclpy node that
 answers each joint state with an array of the same size on rclpy's default executor, and the same
@@ -55,7 +55,7 @@ RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def echo(namespace: str, executor: str) -> None:
-    """Be an empty node: one array out for each joint state in."""
+    """Run an empty node: publish one array for each joint state."""
     rclpy.init()
     node = Node('echo', namespace=namespace)
     publisher = node.create_publisher(Float64MultiArray, 'commands', RELIABLE)
@@ -69,7 +69,7 @@ def echo(namespace: str, executor: str) -> None:
 
 
 def load() -> None:
-    """Simulate ten seconds again and again, from each line of standard input to the next."""
+    """Repeat simulations of ten seconds, from each line of standard input to the next."""
     rclpy.init()
     node = Node('load', namespace=NAMESPACES[OURS])
     client = node.create_client(Simulate, 'kane_dynamics/simulate')

@@ -1,5 +1,5 @@
 """
-Pinocchio's C++ in this process: pinocchio_loop.cpp, compiled at need, behind ctypes.
+Pinocchio's C++ in this process: pinocchio_loop.cpp, compiled if needed, through ctypes.
 
 The library is built against the headers of the `pin` wheel and of cmeel-eigen, for this very
 processor, and kept in build/bench under a name that its source, compiler and versions determine.
@@ -33,11 +33,11 @@ MOST_SECONDS = 1800  # of compilation, on a slow machine
 
 
 class Unavailable(Exception):
-    """The C++ loop cannot be built here; the message says why."""
+    """The C++ loop cannot be built on this machine; the message gives the reason."""
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what the loop is built from; Unavailable names what is missing."""
+    """Return the versions of the loop's dependencies; Unavailable names a missing one."""
     found = {}
     for package in PACKAGES:
         try:
@@ -54,7 +54,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def library() -> ctypes.CDLL:
-    """Return the loop, compiling it first if need be (minutes)."""
+    """Return the loop; compile it first if needed (minutes)."""
     target = subprocess.run(['g++', '-march=native', '-Q', '--help=target'], capture_output=True,
                             check=True).stdout if shutil.which('g++') else b''
     text = repr((SOURCE.read_bytes(), FLAGS, versions(), platform.machine(), target))
@@ -74,7 +74,7 @@ def library() -> ctypes.CDLL:
 
 
 def _compile(path: Path) -> None:
-    """Build the library whole or not at all."""
+    """Build the library; a failure leaves no file."""
     print(f'compiling {SOURCE.name} against Pinocchio (minutes, once)', flush=True)
     prefix = Path(sysconfig.get_path('purelib')) / 'cmeel.prefix'
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -96,7 +96,7 @@ class Pinocchio:
     """Pinocchio's model of a robot of ours, joint by joint, without friction."""
 
     def __init__(self, robot: Robot) -> None:
-        """Hand the bodies over depth first, as Pinocchio needs its subtrees in a row."""
+        """Pass the bodies depth first: Pinocchio needs contiguous subtrees."""
         self.loop, model = library(), robot.model
         self.n, self.order = robot.n, _depth_first(model)
         self.columns = [model.bodies[i].joint.coordinate for i in self.order]
@@ -147,7 +147,7 @@ class Pinocchio:
 
 
 def _depth_first(model: Model) -> list[int]:
-    """Return the bodies' numbers so that every subtree stands in a row."""
+    """Return the bodies' numbers in an order with contiguous subtrees."""
     children: dict[int, list[int]] = {}
     for i, body in enumerate(model.bodies):
         children.setdefault(body.parent, []).append(i)

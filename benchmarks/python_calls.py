@@ -1,4 +1,4 @@
-"""Calls from Python against Pinocchio's, compile times, batches and simulation, as ratios."""
+"""Calls from Python compared with Pinocchio's; compile times, batches and simulation."""
 
 import json
 import os
@@ -19,7 +19,7 @@ import pinocchio as pin
 
 ARMS = ('ur10e.urdf', 'fr3.urdf')
 
-# How many times faster than Pinocchio's a call must be, if it must.
+# Least ratio of Pinocchio's time to ours, for the calls that have a gate.
 GATES = {'inverse dynamics (rnea)': 6.0, 'forward dynamics (aba)': 8.0, 'mass matrix (crba)': 5.0,
          'the same, both functions taken out of the loop': 12.0}
 BATCH = '10000 inverse dynamics, a batch against a loop'
@@ -89,7 +89,7 @@ def simulation(path: Path, duration: float = 10.0) -> float:
 
 
 def start_up(path: Path, processes: int = 5) -> dict[str, tuple[float, float]]:
-    """Return median seconds in new processes, compiled from nothing and loaded from the cache."""
+    """Return median seconds in new processes, compiled, and loaded from the cache."""
     with tempfile.TemporaryDirectory() as cache:
         def measured(setting: str) -> list[float]:
             environment = {**os.environ, 'KANE_DYNAMICS_CACHE': setting}
@@ -135,7 +135,7 @@ def main() -> int:
     """Print the report; return 1 if a gate is not met."""
     warnings.simplefilter('ignore')
     print(f'Pinocchio {pin.__version__}, Python {sys.version.split()[0]}, '
-          f'{os.cpu_count()} processors. Times are medians; ratios are formed turn by turn '
+          f'{os.cpu_count()} processors. Times are medians; ratios are of interleaved runs '
           '(in brackets the 10th to 90th percentile).')
     figures = measure()
     for name, timings in figures['calls'].items():

@@ -2,8 +2,8 @@
 All benchmarks as one report, Markdown and JSON, in build/bench: `make bench`.
 
 Every part runs in a process of its own (Pinocchio's Python module and its C++ loop must not meet
-in one); within a part all contenders take turns, and ratios are formed turn by turn. Exits with 1
-if a gate is missed.
+in one); within a part all contenders alternate, and ratios are those of interleaved runs. Exits
+with 1 if a gate is missed.
 """
 
 import argparse
@@ -36,7 +36,7 @@ PACKAGES = ('pin', 'mujoco', 'cmeel-eigen', 'numpy', 'llvmlite')
 
 @dataclass(frozen=True)
 class Gate:
-    """How many times faster than a peer we must be at least, on each of some robots."""
+    """The least ratio of a peer's time to ours, on each of some robots."""
 
     what: str
     peer: str
@@ -46,7 +46,7 @@ class Gate:
 
 
 def gates() -> list[Gate]:
-    """Return what must hold on this processor."""
+    """Return the gates for this processor."""
     wide = llvm.features().get('avx512f', False)
     loop = 'native loop: '
     return [
@@ -94,7 +94,7 @@ def python_calls() -> dict[str, Any]:
 
 
 def races_of(part: str) -> dict[str, Any]:
-    """Return the races of a benchmark, or why there are none."""
+    """Return the results of a benchmark, or the reason why there are none."""
     if part == 'python_calls':
         return python_calls()
     module = import_module(part)
@@ -105,7 +105,7 @@ def races_of(part: str) -> dict[str, Any]:
 
 
 def measured(part: str) -> dict[str, Any]:
-    """Run a part in a process of its own and return what it found."""
+    """Run a part in a process of its own and return its results."""
     print(f'{part} ...', flush=True)
     path = FOLDER / f'{part}.json'
     path.unlink(missing_ok=True)
@@ -116,7 +116,7 @@ def measured(part: str) -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """Return what the numbers depend on."""
+    """Return the hardware and software that the numbers depend on."""
     names = [line.partition(':')[2].strip() for line in _lines('/proc/cpuinfo')
              if line.startswith('model name')]
     compiler = subprocess.run(['g++', '-dumpfullversion'], capture_output=True, text=True,
@@ -142,7 +142,7 @@ def _lines(path: str) -> list[str]:
 
 
 def judged(races: Iterable[dict[str, Any]], start: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return every gate with what was measured; one that nothing was measured for is not met."""
+    """Return every gate with its measured ratio; a gate without a measurement is not met."""
     ratios = {(race['robot'], race['what'], race['peer']): race['ratio'] for race in races}
     rows = []
     for gate in gates():
@@ -160,11 +160,11 @@ def judged(races: Iterable[dict[str, Any]], start: dict[str, Any]) -> list[dict[
 
 
 def markdown(report: dict[str, Any]) -> str:
-    """Return the report for people."""
-    lines = ['# How fast, against whom', '', f'{report["date"]}. ' + ', '.join(
+    """Return the report as Markdown."""
+    lines = ['# Benchmarks', '', f'{report["date"]}. ' + ', '.join(
         f'{key} {value}' for key, value in report['machine'].items()) + '.', '',
-        'Times are medians. Ratios are theirs / ours, formed turn by turn in one run where all',
-        'contenders take turns in shuffled order: median (10th to 90th percentile). Reproduce',
+        'Times are medians. Ratios are theirs / ours, from one run in which all',
+        'contenders alternate in shuffled order: median (10th to 90th percentile). Reproduce',
         'with `make bench`; `benchmarks/` says how each is measured.', '', '## Gates', '',
         '| | measured | gate | stretch | |', '|---|---|---|---|---|']
     lines += [f'| {row["gate"]} | {_ratio(row["measured"])} | {row["least"]:g} '
@@ -194,7 +194,7 @@ def _ratio(values: list[float]) -> str:
 
 
 def finite(value: Any) -> Any:
-    """Return a value with null, which JSON has, for NaN, which it has not."""
+    """Return a value with null in place of NaN, which JSON lacks."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -203,7 +203,7 @@ def finite(value: Any) -> Any:
 
 
 def main() -> int:
-    """Measure everything, write the report, and judge it."""
+    """Measure everything, write the report, and check the gates."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--no-gates', action='store_true', help='exit with 0 in any case')
     parser.add_argument('--part', choices=PARTS, help=argparse.SUPPRESS)

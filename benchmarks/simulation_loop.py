@@ -1,4 +1,4 @@
-"""Runge-Kutta at 1 ms under a held torque: simulate, Pinocchio's C++ and MuJoCo, turn by turn."""
+"""Runge-Kutta at 1 ms under constant torque: simulate, Pinocchio's C++ and MuJoCo, interleaved."""
 
 import sys
 import warnings
@@ -36,7 +36,7 @@ def mujoco_model(name: str, model: Model) -> mujoco.MjModel:
 
 
 def simulation_races(name: str, model: Model) -> list[Race]:
-    """Race over ten seconds of simulated time against both peers."""
+    """Time ten seconds of simulated time, with both peers."""
     robot = Robot(model, friction=False)
     rng, n = np.random.default_rng(0), robot.n
     q0, u0 = rng.uniform(-1.0, 1.0, (2, n))
@@ -65,7 +65,7 @@ def simulation_races(name: str, model: Model) -> list[Race]:
             peer.simulate(steps, STEP, tau, state)
             return state
         if peer.columns != list(range(n)):
-            raise AssertionError(f'{name}: the joints stand in another order in Pinocchio')
+            raise AssertionError(f'{name}: the joints have another order in Pinocchio')
         contenders['Pinocchio C++'] = of_pinocchio
     expected = ours(CHECKED_STEPS)
     for other, call in contenders.items():

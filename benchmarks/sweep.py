@@ -1,4 +1,4 @@
-"""Ten thousand simulations of a second, drawn, run, and written as a table, against the clock."""
+"""Ten thousand simulations of a second: sample, run, write the table; compared with real time."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,14 +20,14 @@ WHAT, CLOCK = f'a second of each of {COUNT} simulations, written', 'the clock'
 
 @dataclass(frozen=True)
 class Done:
-    """Wall time of a sweep, s, and of how many workers."""
+    """Wall time of a sweep, s, and the number of workers."""
 
     seconds: float
     workers: int
 
 
 def sweep(seed: int) -> Sweep:
-    """Return what varies: payloads that the controller ignores, friction, starts and gains."""
+    """Return the sweep: payload unknown to the controller, friction, initial state, gains."""
     model = shipped_arm('fr3')
     return Sweep(
         model, COUNT, seed, q0=[{'normal': [q, 0.1]} for q in POSE],
@@ -38,7 +38,7 @@ def sweep(seed: int) -> Sweep:
 
 
 def timed(seed: int, workers: int) -> Done:
-    """Run a sweep into a folder that is new, with processes that are new."""
+    """Run a sweep into a new folder, with new processes."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'table'
         start = time.perf_counter()
@@ -54,7 +54,7 @@ def timed(seed: int, workers: int) -> Done:
 
 
 def races() -> list[Race]:
-    """Return the sweep on all processors against the clock."""
+    """Return the sweep on all processors, compared with real time."""
     done = [timed(seed, thread_count()) for seed in range(TURNS)]
     timing = Timing({'ours': np.array([x.seconds / COUNT for x in done]), CLOCK: np.ones(TURNS)})
     return [Race('fr3', len(POSE), WHAT, CLOCK, timing.median('ours'), 1.0,
@@ -62,7 +62,7 @@ def races() -> list[Race]:
 
 
 def main() -> int:
-    """Print how long it takes with one process, with all, and the race."""
+    """Print the time with one process and with all, and the comparison."""
     for workers in sorted({1, thread_count()}):
         print(f'{COUNT} simulations of 1 s, {workers} workers: {timed(0, workers).seconds:.2f} s')
     print(*races(), sep='\n')

@@ -1,4 +1,4 @@
-"""A torque that does no work, brought into evidence: what the bearing of two rods carries."""
+"""The bearing torque of two rods: a noncontributing torque, by an auxiliary speed."""
 
 from kane_dynamics import ModelBuilder, PointVelocity, Robot, rod
 import numpy as np

@@ -22,6 +22,6 @@ if __name__ == '__main__':
     q, u, none = np.zeros(9), np.array([0.0, 5.0 / 0.3, 0.0]), np.zeros(3)
     load = bicycle.constraint_forces(q, u, none)
     print(dict(zip(bicycle.constraint_names, load.round(6).tolist())))
-    u[0] = 0.1  # it begins to fall to the right, and steers there by itself
+    u[0] = 0.1  # it begins to fall to the right, and steers to the right
     udot = bicycle.forward_dynamics(q, u, none)
     print(dict(zip(bicycle.speed_names, udot.round(6).tolist())))

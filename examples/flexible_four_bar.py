@@ -1,4 +1,4 @@
-"""A four-bar linkage whose coupler bends: torque by two roads, free motion, a picture."""
+"""A four-bar linkage with a flexible coupler: torque by two formulations, free motion."""
 
 import sys
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def flexible_four_bar():
-    """Return the linkage; its coupler is light and bends in the plane of the motion."""
+    """Return the linkage; its light coupler bends in the plane of the motion."""
     b = ModelBuilder('flexible four-bar')
     b.body('crank', 'world', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
     b.beam('coupler', 'crank', FlexibleLink(length=0.9, density=1.0, stiffness=30.0, modes=(2, 0),
@@ -29,11 +29,11 @@ if __name__ == '__main__':
     u, udot = np.array([5.0, 0.2, -0.1]), np.array([2.0, -1.0, 3.0])
     tau = linkage.inverse_dynamics(q, u, udot)
     by_energy = EnergyForm(linkage.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
-    print(f'crank torque {tau[0]:.6f} N m; the energy road differs by '
+    print(f'crank torque {tau[0]:.6f} N m; the energy formulation differs by '
           f'{np.abs(by_energy - tau).max():.1e}')
     run = simulate(linkage, q, np.array([12.0, 0, 0]), 1.0, step=1e-4, sample=0.02)
     print(f'1 s of free motion: first mode up to {np.abs(run.q[:, 2]).max():.4f}, '
-          f'loop kept to {run.drift:.1e} m')
+          f'loop closed to {run.drift:.1e} m')
     if len(sys.argv) > 1:  # where to draw the picture
         from kane_dynamics.plot import plot_bending
         plot_bending(linkage.model, run.q[:25:4], run.t[:25:4], sys.argv[1],

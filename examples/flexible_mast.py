@@ -1,4 +1,4 @@
-"""A bending mast on a sleigh with a knife edge: torque by two roads, a glide, vibrations."""
+"""A flexible mast on a sleigh with a knife edge: torque by two formulations, vibrations."""
 
 import sys
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def mast_on_a_sleigh():
-    """Return the sleigh; a spring holds the mast up, a load is at its top."""
+    """Return the sleigh; a spring holds the mast upright, a load is at its top."""
     b = ModelBuilder('sleigh with a mast')
     b.body('sleigh', 'world', 'planar', matter=ball(3.0, 0.4, at=(0.3, 0, 0)))
     b.beam('mast', 'sleigh', FlexibleLink(length=1.0, density=0.5, stiffness=30.0, modes=(1, 1),
@@ -27,17 +27,17 @@ if __name__ == '__main__':
     u, udot = rng.uniform(-1.0, 1.0, (2, 5)) * [1, 1, 1, 0.1, 0.1]
     tau = sleigh.inverse_dynamics(q, u, udot)
     by_energy = EnergyForm(sleigh.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
-    print(f'push along the blade {tau[0]:.6f} N; the energy road differs by '
+    print(f'force along the blade {tau[0]:.6f} N; the energy formulation differs by '
           f'{np.abs(by_energy - tau).max():.1e}')
     run = simulate(sleigh, np.zeros(6), np.array([2.0, 1.5, 0, 0, 0]), 2.0, step=2e-4,
                    sample=0.02)
     total = run.energy.sum(axis=1)
     print(f'2 s of gliding: the mast leans by up to {np.abs(run.q[:, 3]).max():.4f} rad, '
-          f'energy kept to {np.abs(total - total[0]).max():.1e} J')
+          f'energy drift {np.abs(total - total[0]).max():.1e} J')
     free = Robot(sleigh.model)
     held = ['sleigh/x', 'sleigh/y', 'sleigh/rz']
     hertz = natural_vibration(free, np.zeros(6), held).frequencies / (2.0 * np.pi)
-    print('on a sleigh that is held it swings at', hertz.round(4).tolist(), 'Hz')
+    print('natural frequencies on a fixed sleigh:', hertz.round(4).tolist(), 'Hz')
     if len(sys.argv) > 1:  # where to draw the picture
         from kane_dynamics.plot import plot_vibrations
         plot_vibrations(free, np.zeros(6), sys.argv[1], held=held, title='A mast that bends')

@@ -32,8 +32,8 @@ def wanted(t):
 
 
 def computed_torque(t, q, u):
-    """Return the torques of wheels and joints that the desired motion takes here."""
-    u_d, udot_d = wanted(t + step / 2)  # it is held for the whole step
+    """Return the torques of wheels and joints for the desired motion."""
+    u_d, udot_d = wanted(t + step / 2)  # constant during the step
     return robot.inverse_dynamics(q, u, udot_d + 20.0 * (u_d - u))
 
 

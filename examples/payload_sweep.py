@@ -1,4 +1,4 @@
-"""Which payload the Research 3 still carries along a motion, known to its controller or not."""
+"""The largest payload with which a Research 3 tracks a motion, known to the controller or not."""
 
 import sys
 from tempfile import TemporaryDirectory
@@ -8,7 +8,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 import numpy as np
 
-heaviest, allowed = 8.0, 0.05  # kg; rad of error that still counts as tracked, RMS
+heaviest, allowed = 8.0, 0.05  # kg; RMS tracking error, rad
 joints = [f'fr3_joint{k}' for k in range(1, 8)]
 model = load_urdf(resource_path('urdf', 'fr3.urdf'), joints=joints)
 limits = np.array([joint.limits.effort for joint in model.coordinate_joints])
@@ -30,7 +30,7 @@ load = np.max([table[f'peak_torque.{joint}'] / most for joint, most in zip(joint
 
 
 def carried(known, kp):
-    """Return the rows of one controller, and the largest mass that it tracks within its torque."""
+    """Return the rows of one controller, and the largest mass that it tracks within the limits."""
     rows = (table['known_payload'] == known) & (table['kp'] == kp)
     good = (error[rows] <= allowed) & (load[rows] <= 1.0)
     first_bad = len(good) if good.all() else int(np.argmin(good))
@@ -55,7 +55,7 @@ if len(sys.argv) > 1:  # where to draw the picture
         above.axvline(most, color=style[:2], linewidth=0.7)
     above.axhline(allowed, color='grey', linewidth=0.7)
     below.axhline(100.0, color='grey', linewidth=0.7)
-    above.set(ylabel='worst RMS error [rad]', title='What a Research 3 still tracks')
+    above.set(ylabel='worst RMS error [rad]', title='Payload that a Research 3 tracks')
     below.set(xlabel='payload [kg]', ylabel='worst peak torque [% of limit]')
     below.legend(title='payload', loc='lower right')
     figure.savefig(sys.argv[1], dpi=110)

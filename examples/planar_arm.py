@@ -1,4 +1,4 @@
-"""Velocity propagates along a planar arm from link to link, and gives its Jacobian."""
+"""Velocities of a planar arm from link to link, and its Jacobian."""
 
 from kane_dynamics import ModelBuilder, Robot, rod
 import numpy as np

@@ -1,4 +1,4 @@
-"""A disc rolls round in a steady circle, leaning inward; lean follows from the turn."""
+"""A disc that leans inward and rolls in a steady circle."""
 
 from kane_dynamics import disc, ModelBuilder, Robot, Rolling
 import numpy as np
@@ -11,12 +11,12 @@ rolls = Robot(b.model(), constraints=[Rolling('disc', r, axis=(0, 1, 0))], indep
 
 
 def lean_acceleration(spin):
-    """Return how fast the lean would change at this rate of spin."""
+    """Return the angular acceleration of the lean at a rate of spin."""
     q, u = np.array([0, 0, r * np.cos(lean), 0, lean, 0]), np.array([turn, 0.0, spin])
     return rolls.forward_dynamics(q, u, np.zeros(3))[1]
 
 
 at_0, at_1 = lean_acceleration(0.0), lean_acceleration(1.0)  # it is linear in the spin
 spin = at_0 / (at_0 - at_1)
-print(f'spin = {spin:.6f} rad/s keeps the lean: it accelerates by {lean_acceleration(spin):.1e}')
-print(f'the contact point runs round a circle of radius {abs(spin * r / turn):.6f} m')
+print(f'spin = {spin:.6f} rad/s keeps the lean: its acceleration is {lean_acceleration(spin):.1e}')
+print(f'the contact point follows a circle of radius {abs(spin * r / turn):.6f} m')

@@ -1,4 +1,4 @@
-"""The Chaplygin sleigh: a blade that cannot slip sideways, behind or before the mass centre."""
+"""The Chaplygin sleigh: a blade behind or ahead of the center of mass cannot slip sideways."""
 
 from kane_dynamics import box, knife_edge, ModelBuilder, Robot
 import numpy as np
@@ -12,5 +12,5 @@ q, none = np.zeros(3), np.zeros(2)
 for u in (np.array([2.0, 1.0]), np.array([-2.0, 1.0])):
     udot = glides.forward_dynamics(q, u, none)
     side = glides.constraint_forces(q, u, none)
-    print(f'at {u[0]:+} m/s: speeds up by {udot[0]:.6f} m/s^2, turn by {udot[1]:.6f} rad/s^2, '
+    print(f'at {u[0]:+} m/s: acceleration {udot[0]:.6f} m/s^2, {udot[1]:.6f} rad/s^2, '
           f'side force {side[0]:.6f} N')

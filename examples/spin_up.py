@@ -1,4 +1,4 @@
-"""A beam is spun up: it lags, stiffens and returns; without foreshortening it would fly off."""
+"""A beam is spun up: it lags, stiffens and returns; without foreshortening it diverges."""
 
 import sys
 
@@ -15,7 +15,7 @@ def turn(t):
 
 
 def spun(foreshortening, until):
-    """Return times and how far the tip is beside its place, m."""
+    """Return the simulation and the deflection of the tip, m."""
     b = ModelBuilder('spin-up', gravity=(0, 0, 0))
     b.beam('beam', 'world', FlexibleLink(length=10.0, density=1.2, stiffness=14000.0, modes=(3, 0),
                                          foreshortening=foreshortening))
@@ -30,16 +30,16 @@ def spun(foreshortening, until):
 run, beside = spun(True, duration)
 without, astray = spun(False, 12.0)
 lag = int(np.argmin(beside))
-print(f'lags by up to {-beside[lag]:.3f} m at {run.t[lag]:.1f} s, ends {beside[-1]:+.4f} m off')
+print(f'lags by up to {-beside[lag]:.3f} m at {run.t[lag]:.1f} s, ends at {beside[-1]:+.4f} m')
 print(f'torque of the hub up to {np.abs(run.constraint_forces).max():.1f} N m')
-print(f'without foreshortening it is {np.abs(astray).max():.0f} m off at 12 s')
+print(f'without foreshortening the deflection is {np.abs(astray).max():.0f} m at 12 s')
 
 if len(sys.argv) > 1:  # where to draw the picture
     from matplotlib import pyplot as plt
     figure, axes = plt.subplots(figsize=(7, 4), layout='constrained')
     axes.plot(run.t, beside, label='with foreshortening')
     axes.plot(without.t, astray, '--', label='without')
-    axes.set(xlabel='time [s]', ylabel='tip beside its place [m]', ylim=(-1.5, 1.5),
+    axes.set(xlabel='time [s]', ylabel='deflection of the tip [m]', ylim=(-1.5, 1.5),
              title='A 10 m beam brought to 6 rad/s')
     axes.legend()
     figure.savefig(sys.argv[1], dpi=110)

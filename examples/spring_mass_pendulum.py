@@ -1,4 +1,4 @@
-"""A block on a spring carries a pendulum: built, simulated, its energy kept."""
+"""A block on a spring carries a pendulum: model, simulation, energy drift."""
 
 from kane_dynamics import ModelBuilder, point_mass, Robot, simulate
 import numpy as np

@@ -38,3 +38,15 @@ function(_drop_missing_include_directories)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL _drop_missing_include_directories)
+
+# 3. The generated C++ files include the same large headers: those of a target are compiled
+# together, which takes a fraction of the processor time.
+function(_compile_together)
+  foreach(kind fastrtps_c fastrtps_cpp introspection_cpp c cpp)
+    set(target ${PROJECT_NAME}__rosidl_typesupport_${kind})
+    if(TARGET ${target})
+      set_target_properties(${target} PROPERTIES UNITY_BUILD ON)
+    endif()
+  endforeach()
+endfunction()
+cmake_language(DEFER CALL _compile_together)

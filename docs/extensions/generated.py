@@ -1,9 +1,10 @@
 """
-Sphinx extension: pages that are made from the code that they describe.
+Sphinx extension: pages that are generated from the code that they describe.
 
 `command-line` shows the help of every command, `parameters` the table of a node's parameters,
-`interfaces` the messages, services and actions. `public-names` and `modules` list what a package
-offers, and what its modules hold.
+`interfaces` the messages, services and actions. `public-names` lists the functions and classes of
+a package, `modules` the contents of its modules. Each public class has a page in `api/classes`,
+which is written when the build begins.
 """
 
 from contextlib import redirect_stdout
@@ -22,11 +23,12 @@ from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
 HELP_COLUMNS = 96
+PUBLIC = re.compile(r'^\.\. public-names:: (\S+)$', re.MULTILINE)
 BACKLINK = re.compile(r'<a class="viewcode-back".*?</a>', re.DOTALL)
 
 
 class Generated(SphinxDirective):
-    """A directive that stands for the text that `text` returns, headings included."""
+    """A directive that inserts the text that `text` returns, headings included."""
 
     optional_arguments = 1
 
@@ -45,7 +47,7 @@ class CommandLine(Generated):
 
 
 def help_of(command):
-    """Return what `kane-dynamics COMMAND --help` prints."""
+    """Return the output of `kane-dynamics COMMAND --help`."""
     words = io.StringIO()
     try:
         with redirect_stdout(words):
@@ -86,7 +88,11 @@ class Interfaces(Generated):
 
 
 class PublicNames(Generated):
-    """The names in `__all__` of a package by the module that they come from; reStructuredText."""
+    """
+    The names in `__all__` of a package, one section a module; reStructuredText.
+
+    Functions are documented here. A class has a line in a table, and a page of its own.
+    """
 
     required_arguments = 1
 
@@ -101,8 +107,8 @@ class PublicNames(Generated):
 
     @staticmethod
     def order(source):
-        """Sort errors last; what most programs begin with first."""
-        first = ('urdf', 'model', 'build', 'shapes', 'robot', 'simulation', 'trajectory')
+        """Return a key that sorts what most programs begin with first, and errors last."""
+        first = ('urdf', 'model', 'robot', 'kinematics', 'simulation', 'motion', 'control')
         name = source.split('.')[1]
         return first.index(name) if name in first else len(first) + (name == 'errors'), source
 
@@ -112,39 +118,91 @@ class PublicNames(Generated):
         module = importlib.import_module(source)
         title = source.removeprefix('kane_dynamics.')
         lines = [title, '-' * len(title), '', inspect.getdoc(module).splitlines()[0], '']
+        classes = [name for name in names if has_page(getattr(module, name))]
+        if classes:
+            lines += summary([f'{package}.{name}' for name in classes])
         for name in names:
-            thing = getattr(importlib.import_module(package), name)
-            kind = ('autoexception' if inspect.isclass(thing) and issubclass(thing, Exception)
-                    else 'autoclass' if inspect.isclass(thing)
+            if name in classes:
+                continue
+            thing = getattr(module, name)
+            kind = ('autoexception' if inspect.isclass(thing)
                     else 'autofunction' if callable(thing) else 'autodata')
-            lines += [f'.. {kind}:: {package}.{name}']
-            if kind == 'autoclass':
-                lines += ['   :members:', *inherited(thing)]
-            lines += ['']
+            lines += [f'.. {kind}:: {package}.{name}', '']
         return '\n'.join(lines) + '\n'
 
 
-def inherited(thing):
-    """Return the option that shows what a class has from others of ours."""
-    ours = any(base.__module__.startswith('kane_dynamics') for base in thing.__mro__[1:])
-    return ['   :inherited-members:'] if ours else []
+def has_page(thing):
+    """Return True for a class that is no exception."""
+    return inspect.isclass(thing) and not issubclass(thing, Exception)
+
+
+def summary(names):
+    """Return the lines of a table of names, each with the first sentence of its docstring."""
+    return ['.. autosummary::', '   :nosignatures:', '',
+            *(f'   ~{name}' for name in names), '']
+
+
+def class_page(path, thing):
+    """Return the page of a class: a summary of its methods, then each of them."""
+    title = path.rpartition('.')[2]
+    own = [base for base in thing.__mro__ if base.__module__.startswith('kane_dynamics')]
+    source = (f'Import: ``from {path.rpartition(".")[0]} import {title}``. '
+              f'Defined in ``{thing.__module__}``.')
+    lines = [title, '=' * len(title), '', source, '']
+    for heading, wanted in (('Methods', callable), ('Attributes', inspect.isdatadescriptor)):
+        names = []
+        for base in own:
+            for name, value in vars(base).items():
+                given = getattr(value, '__func__', value)  # of a class method
+                if (not name.startswith('_') and name not in names and wanted(given)
+                        and getattr(given, '__doc__', None)):
+                    names.append(name)
+        if names:
+            lines += [f'.. rubric:: {heading}', '', *summary([f'{path}.{n}' for n in names])]
+    options = ['   :members:'] + ['   :inherited-members:'] * (len(own) > 1)
+    return '\n'.join([*lines, f'.. autoclass:: {path}', *options, ''])
+
+
+def write_class_pages(app):
+    """Write a page for each public class of the packages that have a reference page."""
+    folder = Path(app.srcdir) / 'api' / 'classes'
+    folder.mkdir(exist_ok=True)
+    pages = {}
+    for source in sorted((Path(app.srcdir) / 'api').glob('*.rst')):
+        for package in PUBLIC.findall(source.read_text(encoding='utf-8')):
+            module = importlib.import_module(package)
+            for name in module.__all__:
+                thing = getattr(module, name)
+                if has_page(thing) and f'{name}.rst' not in pages:
+                    pages[f'{name}.rst'] = class_page(f'{package}.{name}', thing)
+    for name, text in pages.items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding='utf-8') != text:
+            path.write_text(text, encoding='utf-8')
+    for path in folder.glob('*.rst'):
+        if path.name not in pages:
+            path.unlink()
 
 
 class Modules(Generated):
-    """Every module of a package with all that is public in it; reStructuredText."""
+    """
+    Every module of a package with all that is public in it; reStructuredText.
+
+    A second argument names a module that is documented on another page.
+    """
 
     required_arguments = 1
 
-    def text(self, package):
+    def text(self, package, documented=''):
         """Return one section a module."""
         root = importlib.import_module(package)
         names = [package] + [found.name for found in pkgutil.walk_packages(
             getattr(root, '__path__', ()), f'{package}.')]
-        return '\n'.join(self.section(name) for name in names)
+        return '\n'.join(self.section(name) for name in names if name != documented)
 
     @staticmethod
     def section(name):
-        """Return the section of one module, but for what stands on other pages."""
+        """Return the section of one module, without names that are documented on other pages."""
         module = importlib.import_module(name)
         elsewhere = [each for each in kane_dynamics.__all__
                      if getattr(kane_dynamics, each).__module__ == name]
@@ -156,7 +214,7 @@ class Modules(Generated):
 
 
 def with_formulas(app, what, name, thing, options, lines):
-    """Keep the lines of formulas, which docstrings indent, apart from each other."""
+    """Mark indented formulas in docstrings as literal blocks, which keep their lines."""
     indented = [line.startswith('    ') for line in lines]
     for k in reversed(range(1, len(lines))):
         if indented[k] and not lines[k - 1]:
@@ -166,7 +224,7 @@ def with_formulas(app, what, name, thing, options, lines):
 
 
 def without_backlinks(app, page, template, context, tree):
-    """Take the links back out of pages of source: viewcode cannot tell which page has a name."""
+    """Remove the links from pages of source to pages of the reference: viewcode mixes them up."""
     if page.startswith('_modules/'):
         context['body'] = BACKLINK.sub('', context['body'])
 
@@ -177,6 +235,7 @@ def setup(app):
                             ('interfaces', Interfaces), ('public-names', PublicNames),
                             ('modules', Modules)):
         app.add_directive(name, directive)
+    app.connect('builder-inited', write_class_pages)
     app.connect('autodoc-process-docstring', with_formulas)
     app.connect('html-page-context', without_backlinks)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -1,4 +1,4 @@
-"""Sphinx extension: formulas as MathML, which browsers draw by themselves."""
+"""Sphinx extension: formulas as MathML, which browsers draw without a script."""
 
 from html import unescape
 import re
@@ -17,12 +17,12 @@ logger = logging.getLogger(__name__)
 
 
 def tag(name):
-    """Return an element's name as ElementTree has it."""
+    """Return an element's name with its namespace, as ElementTree writes it."""
     return f'{{{NAMESPACE}}}{name}'
 
 
 def with_accents(mathml):
-    """Put the index of an accented symbol beside it: docutils puts it below, as under a sum."""
+    """Move the index of an accented symbol beside it: docutils writes it below, as under a sum."""
     root = ElementTree.fromstring(ENTITY.sub(lambda found: unescape(found[0]), mathml))
     for element in list(root.iter(tag('munderover'))):
         symbol, index, above = element
@@ -39,7 +39,7 @@ def with_accents(mathml):
 
 
 def drawn(node, *, as_block):
-    """Return the MathML of a node; warn of what cannot be read."""
+    """Return the MathML of a node; log a warning for a formula that cannot be read."""
     try:
         return with_accents(tex2mathml(node.astext(), as_block=as_block))
     except MathError as error:

@@ -75,22 +75,22 @@ def examine_masses(robot: Robot) -> list[Finding]:
 
 def _weight(robot: Robot) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
-    most = heaviest(robot)
+    most = largest_gravity_forces(robot)
     weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
             for name, weight, limit in zip(robot.joint_names, most, robot.limits.effort)
             if weight > limit]
     if weak:
-        return [Finding('problem', f'the arm cannot hold itself in every configuration: {listed(weak)} '
-                        'N m or N')]
+        return [Finding('problem', 'the arm cannot hold itself in every configuration: '
+                        f'{listed(weak)} N m or N')]
     if not most.any():
-        return [Finding('warning', 'gravity torques: zero for all joints; expected a base mounted as '
-                        'in the URDF, with gravity along its -z')]
+        return [Finding('warning', 'gravity torques: zero for all joints; expected a base mounted '
+                        'as in the URDF, with gravity along its -z')]
     return [Finding('fine', f'the efforts hold the arm in {SAMPLES} random configurations within '
                     'its limits, and at the largest gravity torques that a search from there '
                     'finds')]
 
 
-def heaviest(robot: Robot) -> Array:
+def largest_gravity_forces(robot: Robot) -> Array:
     """
     Return the largest gravity force that a search finds for each joint, (n,), N m or N.
 

@@ -22,7 +22,7 @@ def _torque(sub: ArgumentParser) -> None:
 
 
 def _simulate(sub: ArgumentParser) -> None:
-    from kane_dynamics.simulation.step_kernels import INTEGRATORS
+    from kane_dynamics.mechanics.integrators import INTEGRATORS
     _add_model(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
                      help="positions at the start (default: the motion's, else zeros)")

@@ -39,8 +39,8 @@ def law_program(robot: Robot) -> Program:
     """
     equations = robot.equations
     if not isinstance(equations, TreeEquations):
-        raise InputError('computed torque: a robot with chosen speeds or constraints; expected one '
-                         'in joint rates without constraints')
+        raise InputError('computed torque: a robot with chosen speeds or constraints; expected '
+                         'one in joint rates without constraints')
     n, loaded = equations.n, len(robot.kernels.no_wrench) > 0
 
     def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, *rest: Any) -> Any:

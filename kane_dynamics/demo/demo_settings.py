@@ -10,6 +10,7 @@ import numpy as np
 URDF = resource_path('urdf', 'fr3.urdf')
 JOINTS = tuple(f'fr3_joint{k}' for k in range(1, 8))
 RATE = 500.0  # joint states, 1/s
+STATE_TIMEOUT = 0.1  # s: largest age of the states that the node uses
 NODE, PLANT = '/kane_dynamics', '/plant'
 DURATION = 8.0  # duration of the motion, s
 HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])

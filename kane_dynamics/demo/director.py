@@ -19,8 +19,8 @@ from typing import Any
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
 from kane_dynamics.demo.demo_settings import (desired_motion, DURATION, HOME, JOINTS, NODE, PLANT,
-                                              URDF)
-from kane_dynamics.demo.tracking_report import report, TrackingLog
+                                              STATE_TIMEOUT, URDF)
+from kane_dynamics.demo.tracking_report import repeated_if_late, report, TrackingLog
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import State, Transition
@@ -95,8 +95,10 @@ class Director(Node):
 
     def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> TrackingLog:
         """Make the arm perform a motion from rest; return what it did."""
-        self.change(Transition.TRANSITION_ACTIVATE if feedforward
-                    else Transition.TRANSITION_DEACTIVATE)
+        if self.node_state() == State.PRIMARY_STATE_ACTIVE:
+            self.change(Transition.TRANSITION_DEACTIVATE)  # forgets the motion before
+        if feedforward:
+            self.change(Transition.TRANSITION_ACTIVATE)
         self.ask(SetBool, f'{PLANT}/reset', data=True)
         time.sleep(1.0)
         self.send(motion, feedforward)
@@ -132,7 +134,7 @@ def commands(record: Path) -> dict[str, Sequence[str]]:
                     str(record)],
             'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
                      '--ros-args', '-p', f'urdf:={URDF}', '-p', f'joints:=[{",".join(JOINTS)}]',
-                     '-p', 'mode:=inverse_dynamics', '-p', 'state_timeout:=0.1']}
+                     '-p', 'mode:=inverse_dynamics', '-p', f'state_timeout:={STATE_TIMEOUT}']}
 
 
 def run(arguments: Sequence[str] = ()) -> int:
@@ -159,7 +161,8 @@ def run(arguments: Sequence[str] = ()) -> int:
             with stage(f'Motion of {DURATION:g} s with the servo alone'):
                 alone = director.perform('Servo alone         ', motion, record, False)
             with stage(f'Motion of {DURATION:g} s with servo and feedforward'):
-                helped = director.perform('Servo + feedforward ', motion, record, True)
+                helped = repeated_if_late(motion, alone, lambda: director.perform(
+                    'Servo + feedforward ', motion, record, True))
             with stage('Prediction of the fall, and the fall'):
                 prediction, fall = director.predict_and_let_go(record)
     finally:

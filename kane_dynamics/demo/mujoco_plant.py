@@ -29,7 +29,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 SUBSTEPS = 4  # MuJoCo steps a tick
-COLUMNS = ('t', 'q', 'u', 'command', 'servo')
+COLUMNS = ('t', 'q', 'u', 'command', 'servo', 'late')
 HOLD = 2000.0  # N/m or N m/rad: holds the joints that are not part of the arm
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -107,7 +107,8 @@ class MujocoPlant(Node):
         message.position, message.velocity = q.tolist(), u.tolist()
         self._sent[stamp] = time.perf_counter_ns()
         self._publisher.publish(message)
-        self._rows.append((t - self._started, q, u, self._command, servo))
+        late = (time.time_ns() - stamp) * 1e-9
+        self._rows.append((t - self._started, q, u, self._command, servo, late))
         self.arm.step(self._command + servo)
 
     def _servo(self, t: float, q: Array, u: Array) -> Array:

@@ -1,11 +1,12 @@
 """The report of the demo: tracking errors, latencies, and plots."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.demo.demo_settings import DURATION, JOINTS, URDF
+from kane_dynamics.demo.demo_settings import DURATION, JOINTS, STATE_TIMEOUT, URDF
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.plot import plot_tracking
 from kane_dynamics.robot.robot import Robot
@@ -13,6 +14,7 @@ from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 MIN_RATIO = 10.0  # smallest accepted ratio of tracking errors without and with feedforward
+MIN_ANSWERED = 0.95  # smallest share of states with torques in a run in real time
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,8 @@ class TrackingLog:
         Time since the start of the motion, s.
     q, u, command, servo : (K, n) arrays
         States of the joints, and torques of the node and of the servo.
+    late : (K,) array
+        Time from each state's stamp to its publication, s.
     latency : (L, 2) array
         Time of each state whose torques were received, and the latency, s.
 
@@ -36,6 +40,7 @@ class TrackingLog:
     u: Array
     command: Array
     servo: Array
+    late: Array
     latency: Array
 
     @classmethod
@@ -49,7 +54,7 @@ class TrackingLog:
         def kept(table: Array, times: Array) -> Array:
             return table[(times >= start) & (times <= end)]
         rows = {name: kept(getattr(self, name), self.t) for name in ('t', 'q', 'u', 'command',
-                                                                     'servo')}
+                                                                     'servo', 'late')}
         return TrackingLog(**rows, latency=kept(self.latency, self.latency[:, 0]))
 
 
@@ -59,25 +64,73 @@ def rms(error: Array) -> Array:
     return result
 
 
+def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
+    """Return the RMS tracking error of every joint during the motion, (n,), rad."""
+    run = run.within(0.0, DURATION)
+    return rms(run.q - motion.sample(run.t)[0])
+
+
+def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> float:
+    """Return the ratio of the tracking errors of two runs, over all joints."""
+    before, after = (tracking_errors(motion, run) for run in (alone, helped))
+    return float(np.sqrt(np.mean(before**2) / np.mean(after**2)))
+
+
+def lateness(run: TrackingLog) -> str | None:
+    """Return in words what was late in a run with feedforward; None if it ran in real time."""
+    run = run.within(0.0, DURATION)
+    longest = float(run.late.max(initial=0.0))
+    if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):
+        return None
+    return (f'{len(run.latency)} of {len(run.t)} states were answered, expected '
+            f'{MIN_ANSWERED:.0%}; the latest state was published {1e3 * longest:.0f} ms late, '
+            f'expected less than {1e3 * STATE_TIMEOUT:.0f} ms')
+
+
+def repeated_if_late(motion: Motion, alone: TrackingLog,
+                     perform: Callable[[], TrackingLog]) -> TrackingLog:
+    """
+    Perform the motion with feedforward; repeat it once if it falls short and states were late.
+
+    Late states only increase the error with feedforward, since the servo is computed with the
+    arm. A sufficient ratio is therefore valid in any case.
+    """
+    helped = perform()
+    late = lateness(helped)
+    if late is None or improvement(motion, alone, helped) >= MIN_RATIO:
+        return helped
+    print(f'  the machine is too busy: {late}; the motion is repeated once', flush=True)
+    return perform()
+
+
 def report(motion: Motion, alone: TrackingLog, helped: TrackingLog, prediction: Any,
            fall: TrackingLog, folder: Path) -> int:
     """Print the results, save the plot, and return 0 if feedforward is effective, else 1."""
     alone, helped = alone.within(0.0, DURATION), helped.within(0.0, DURATION)
-    before, after = (rms(run.q - motion.sample(run.t)[0]) for run in (alone, helped))
+    before, after = (tracking_errors(motion, run) for run in (alone, helped))
     print('\nTracking error, RMS in mrad\n'
           f'{"joint":14}{"servo alone":>14}{"+ feedforward":>16}{"ratio":>9}')
     for name, x, y in zip(JOINTS, 1e3 * before, 1e3 * after):
         print(f'{name:14}{x:14.2f}{y:16.3f}{x / y:9.1f}')
-    ratio = float(np.sqrt(np.mean(before**2) / np.mean(after**2)))
+    ratio = improvement(motion, alone, helped)
     print(f'{"all joints":14}{1e3 * np.sqrt(np.mean(before**2)):14.2f}'
           f'{1e3 * np.sqrt(np.mean(after**2)):16.3f}{ratio:9.1f}')
     _print_latency(helped)
     _print_fall(prediction, fall)
     _draw(motion, alone, helped, folder)
-    if ratio < MIN_RATIO:
-        print(f'\nRatio of tracking errors: {ratio:.1f}; expected at least {MIN_RATIO:g}.')
-        return 1
-    return 0
+    return verdict(ratio, lateness(helped))
+
+
+def verdict(ratio: float, late: str | None) -> int:
+    """Print whether the result is valid; return 0 if feedforward is effective, else 1."""
+    if late is not None:
+        print(f'\nThe machine was too busy for real time: {late}.')
+    if ratio >= MIN_RATIO:
+        return 0
+    print(f'\nRatio of tracking errors: {ratio:.1f}; expected at least {MIN_RATIO:g}.'
+          + ('' if late is None else ' The ratio is not valid: run the demo again on an idle '
+             'machine.'))
+    return 1
 
 
 def _print_latency(run: TrackingLog) -> None:

@@ -8,7 +8,7 @@ from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
-from kane_dynamics.feasibility.torque_demand import demand, Demand, demand_at, torque_of
+from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
 from kane_dynamics.model.builder_checks import check_moments
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.motion.motion import Motion

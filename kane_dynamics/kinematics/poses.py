@@ -18,7 +18,7 @@ ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identit
 
 def rotation_exp(vector: ArrayLike) -> Array:
     """
-    Return the rotation by |vector| about its direction (Rodrigues' formula).
+    Return the rotation by the length of a vector about its direction (Rodrigues' formula).
 
     Parameters
     ----------

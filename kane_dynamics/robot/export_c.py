@@ -64,8 +64,8 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
 
     """
     if isinstance(robot.equations, ConstrainedEquations):
-        raise InputError('export_c: a robot with chosen speeds or constraints; expected one in joint '
-                         'rates without constraints')
+        raise InputError('export_c: a robot with chosen speeds or constraints; expected one in '
+                         'joint rates without constraints')
     if scalar not in PRECISIONS:
         raise InputError(f'scalar is {scalar!r}; expected {" or ".join(PRECISIONS)}')
     source = Path(path).expanduser()
@@ -96,8 +96,8 @@ def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
                and name.partition(':')[0] not in FRAME_NAMES]
     if unknown or not names:
         given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
-        raise InputError(f'{given}; expected some of {", ".join(robot.kernels.names)}; of a frame: '
-                         f'{", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
+        raise InputError(f'{given}; expected some of {", ".join(robot.kernels.names)}; of a '
+                         f'frame: {", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
     for name in names:
         quantity, _, frame = name.partition(':')
         if quantity in FRAME_NAMES:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_kernels import driven_kernel, energy_kernel, TERMS
@@ -51,7 +52,7 @@ class EnergyBalance:
     states : (N, size) array
         Initial states, entries as `step_kernels.state_names`.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
     start : float
         Time of the first state, s.
 
@@ -75,7 +76,8 @@ class EnergyBalance:
         self._kernel = energy_kernel(robot)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
-        self._damped = integrator != 'rk4' and any(  # high frequencies die out by design
+        # High frequencies die out by design.
+        self._damped = integrator_of(integrator).damps and any(
             body.beam is not None or body.joint.stiffness for body in robot.model.bodies)
         self._tree = not isinstance(robot.equations, ConstrainedEquations)
         N = len(states)
@@ -147,7 +149,8 @@ class EnergyBalance:
         worked = self._worked + np.cumsum(np.abs(work) + np.abs(passive), axis=0)
         uncertain = self._unresolved + np.zeros(error.shape)
         if unresolved:
-            uncertain = uncertain + np.cumsum(self._uncertain(chosen, given, potential, tau), axis=0)
+            uncertain = uncertain + np.cumsum(
+                self._uncertain(chosen, given, potential, tau), axis=0)
         fastest = np.maximum(np.maximum.accumulate(kinetic[1:], axis=0), self._fastest)
         low = np.minimum(np.minimum.accumulate(potential[1:], axis=0), self._low)
         high = np.maximum(np.maximum.accumulate(potential[1:], axis=0), self._high)

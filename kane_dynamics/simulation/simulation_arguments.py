@@ -69,5 +69,6 @@ def whole_steps(name: str, value: float, step: float, most: int) -> int:
         raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
                          'whole number of steps')
     if count > most:
-        raise InputError(f'{name} is {value} s, {count} steps of {step} s; expected at most {most}')
+        raise InputError(f'{name} is {value} s, {count} steps of {step} s; expected at most '
+                         f'{most}')
     return count

@@ -60,7 +60,7 @@ class SwitchingInput:
     count : int
         Number of simulations.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
 
     Attributes
     ----------
@@ -198,7 +198,8 @@ class SwitchingInput:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
                 f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
-                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, with a shorter step')
+                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, as with a '
+                'shorter step')
         left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
         if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
             raise ConstraintError(

@@ -1,14 +1,14 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
-from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.speeds import speed_places
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -25,7 +25,6 @@ from kane_dynamics.simulation.energy_kernels import compile_balance
 from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
-INTEGRATORS = ('rk4', 'implicit')
 # Quantities that `simulate` computes for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
               'constraint_residual', 'constraint_velocity_residual')
@@ -83,22 +82,18 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         The integrator is none, or none for this robot.
 
     """
-    if integrator not in INTEGRATORS:
-        raise InputError(f'integrator is {integrator!r}; expected {" or ".join(INTEGRATORS)}')
-    program = _program if integrator == 'rk4' else _implicit_program
-    if integrator == 'implicit' and not isinstance(robot.equations, TreeEquations):
-        raise InputError("integrator is 'implicit', for a robot with chosen speeds or "
-                         "constraints; expected 'rk4'")
+    integrator_of(integrator, robot.equations)
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     name = name if integrator == 'rk4' else f'{name}_{integrator}'
     if dual_to not in (None, robot.speed_names):
         places = speed_places(robot.mechanism.speeds, dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
-        program = partial(_program, dual_to=dual_to)
+    else:
+        dual_to = None
     inputs = _inputs(robot, feedback)
     arguments = [Argument(key, shape) for key, shape in inputs[:2]]
-    return robot.kernels.extra(name, lambda: program(robot, name, feedback), arguments,
-                               np.zeros(inputs[2][1]), inputs[0][1])
+    return robot.kernels.extra(name, lambda: _program(robot, name, feedback, integrator, dual_to),
+                               arguments, np.zeros(inputs[2][1]), inputs[0][1])
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
@@ -120,60 +115,76 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
             ('constants', ((2 * n if feedback else 0) + 1 + parameters,))]
 
 
-def _program(robot: Robot, name: str, feedback: bool,
+class _RobotMotion:
+    """The motion of a robot during one traced step, as integrators take it (`System`)."""
+
+    def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
+                 dual_to: tuple[str, ...] | None) -> None:
+        """Keep what the step has; `gains` is None where torques are held."""
+        self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
+        self._inputs, self._gains, self._parameters = inputs, gains, parameters
+        kernels = robot.kernels
+        self._wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
+        self._law = None if gains is None else law_program(robot)
+
+    def torque(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the held torque, or that of the control law."""
+        if self._law is None:
+            return self._inputs[0]
+        desired = np.split(self._inputs[moment], 3)
+        return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench,
+                             self._parameters))
+
+    @cached_property
+    def _motion(self) -> Program:
+        return _state_program(self._robot, self._dual_to)
+
+    def rates(self, state: Any, moment: int) -> Any:
+        """Return the time derivative of q, u, time and margin."""
+        robot, margins = self._robot, margin_count(self._robot)
+        q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
+        found = call(self._motion, q, u, self.torque(q, u, moment), *self._wrench, *time,
+                     self._parameters)
+        constrained = isinstance(self.equations, ConstrainedEquations)
+        return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
+                         *[0.0] * margins])
+
+    @cached_property
+    def _implicit(self) -> tuple[ImplicitStep, Program]:
+        assert isinstance(self.equations, TreeEquations)
+        method = ImplicitStep(self.equations)
+        return method, implicit_rates(self._robot, method)
+
+    def implicit_rates(self, q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
+        """Return udot of the linearly implicit equations."""
+        return np.array(call(self._implicit[1], q, u, tau, resistance, np.array(g), *self._wrench,
+                             self._parameters))
+
+    def resistance(self, u: Any) -> Any:
+        """Return the friction over speed of the model."""
+        return self._implicit[0].resistance(u)
+
+    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
+        """Return nothing: q and u are all that is integrated."""
+        return np.zeros(0)
+
+
+def _program(robot: Robot, name: str, feedback: bool, integrator: str,
              dual_to: tuple[str, ...] | None = None) -> Program:
-    """Trace one Runge-Kutta step; closed loops are corrected after it."""
-    n_q, n, kernels, equations = robot.n_q, robot.n, robot.kernels, robot.equations
-    constrained = isinstance(equations, ConstrainedEquations)
-    motion = _state_program(robot, dual_to)
-    law = law_program(robot) if feedback else None
-    wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
-    margins = margin_count(robot)
+    """Trace one step; constraints project its end back onto their configurations."""
+    n_q, n, equations = robot.n_q, robot.n, robot.equations
+    method = integrator_of(integrator, equations)
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
-
-        def rates(x: Any, given: Any) -> Any:
-            q, u, time = np.split(x[:len(x) - margins], [n_q, n_q + n])
-            tau = given
-            if law is not None:
-                tau = np.array(call(law, q, u, *np.split(given, 3), gains, *wrench, parameters))
-            found = call(motion, q, u, tau, *wrench, *time, parameters)
-            return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
-                             *[0.0] * margins])
-        moments = inputs if feedback else (inputs[0], inputs[0], inputs[0])
-        after = runge_kutta_4(rates, state, moments, h[0])
+        motion = _RobotMotion(robot, inputs, gains if feedback else None, parameters, dual_to)
+        after = method.step(motion, state, h[0])
         if isinstance(equations, ConstrainedEquations):
             q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
             if equations.watched:  # no later step reads this entry, so it causes no latency
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
             after[:n_q] = equations.closure_step(q, t)
         return after
-    return trace_program(name, step, _inputs(robot, feedback))
-
-
-def _implicit_program(robot: Robot, name: str, feedback: bool) -> Program:
-    """Trace one Rosenbrock step, implicit in friction, springs and bending."""
-    n, kernels, equations = robot.n, robot.kernels, robot.equations
-    assert isinstance(equations, TreeEquations)
-    method = ImplicitStep(equations)
-    motion = implicit_rates(robot, method)
-    law = law_program(robot) if feedback else None
-    wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
-
-    def step(state: Any, inputs: Any, constants: Any) -> Any:
-        gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
-
-        def torque(q: Any, u: Any, moment: int) -> Any:
-            if law is None:
-                return inputs[0]
-            given = np.split(inputs[2 * moment], 3)
-            return np.array(call(law, q, u, *given, gains, *wrench, parameters))
-
-        def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
-            return np.array(call(motion, q, u, tau, resistance, np.array(g), *wrench, parameters))
-        q, u = np.split(state, 2)
-        return np.concatenate(method.step(rates, q, u, torque, h[0]))
     return trace_program(name, step, _inputs(robot, feedback))
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -36,8 +37,8 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     """
     Return the longest Runge-Kutta step that is stable at rest.
 
-    The equations are linearised about rest at a configuration, x' = J x. A step h multiplies the part
-    of x that belongs to an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
+    The equations are linearised about rest at a configuration, x' = J x. A step h multiplies the
+    part of x of an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
     the eigenvalue, and |R| <= 1 is required (Hairer & Wanner, Solving Ordinary
     Differential Equations II, section IV.2). The limit is most often smoothed Coulomb friction:
     the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
@@ -88,7 +89,7 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
 def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
                  t: float = 0.0) -> str | None:
     """Return the warning for a step, s, that is too long at a configuration, else None."""
-    if integrator != 'rk4':
+    if integrator_of(integrator).damps:
         return None
     longest, name = longest_step(robot, q, t=t)
     if step <= longest:

@@ -144,7 +144,7 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     states : int or None
         Number of simulations; None for a single one.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
     start : float
         Time at the first step's beginning, s.
 

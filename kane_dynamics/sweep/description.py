@@ -13,9 +13,9 @@ from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.simulation.step_kernels import INTEGRATORS
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
 from kane_dynamics.sweep.variation import number_of, SHORT, Value, value_of, values_of
 import numpy as np

@@ -12,6 +12,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import SweepError
+from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import RELATIVE, ROUNDING
@@ -149,7 +150,7 @@ class Simulator:
         It returns the balance as `_run` does. The work is integrated with the motion, so its error
         is that of the integrator: of second order for the implicit one.
         """
-        relative = RELATIVE if self.sweep.integrator == 'rk4' else 10.0 * RELATIVE
+        relative = (10.0 if INTEGRATORS[self.sweep.integrator].damps else 1.0) * RELATIVE
         work = self.trial.parts.work
         seen: list[Array] = []
 

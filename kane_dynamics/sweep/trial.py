@@ -8,15 +8,15 @@ integrates q and u; the integrals then use the trapezoidal rule.
 """
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
@@ -97,13 +97,13 @@ class Trial:
                  integrator: str = 'rk4') -> None:
         """Create the robot; kernels compile at the first use."""
         self.robot = Robot(model, payload_frame=payload_frame)
-        self._frictionless = Robot(model, payload_frame=payload_frame, friction=False)
+        self.frictionless = Robot(model, payload_frame=payload_frame, friction=False)
         assert isinstance(self.robot.equations, TreeEquations)  # a plain tree
-        self._equations = self.robot.equations
+        self.equations = self.robot.equations
         self.n = self.robot.n
         self.parts = parts(self.n)
         self._carries = payload_frame is not None
-        self._implicit = integrator == 'implicit'
+        self._integrator = integrator_of(integrator, self.equations)
 
     def step(self, controller: str) -> Kernel:
         """
@@ -115,9 +115,8 @@ class Trial:
         if controller not in CONTROLLERS:
             raise InputError(f"controller: '{controller}'; expected one of "
                              f"{', '.join(CONTROLLERS)}")
-        name, step = ((f'trial_{controller}_implicit', self._implicit_step) if self._implicit
-                      else (f'trial_{controller}', self._step))
-        return self._kernel(name, partial(step, controller),
+        name = f'trial_{controller}_{self._integrator.name}'
+        return self._kernel(name, partial(self._step, controller),
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
     def energy(self) -> Kernel:
@@ -139,52 +138,13 @@ class Trial:
                                         np.zeros(4), shape)
 
     def _step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any) -> Any:
-        """Return the state after one Runge-Kutta step."""
-        n, equations, at = self.n, self._equations, self.parts
-        _, _, factors, gains = np.split(plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + n])
-        carried, assumed = self._parameters(plant, shared)
-        motion = self._frictionless.kernels.program('forward_dynamics')
-        law = self._law(controller, gains, assumed)
+        """Return the state after one step."""
+        motion = _TrialMotion(self, controller, desired, plant, shared)
+        q, u = state[self.parts.q], state[self.parts.u]
+        after = self._integrator.step(motion, state[:self.parts.tau.start], shared[0])
+        return [*after, *motion.law(q, u, desired[0])]
 
-        def rates(x: Any, wanted: Any) -> Any:
-            q, u = x[at.q], x[at.u]
-            tau = law(q, u, wanted)
-            net = tau - factors * equations.friction_force(u)
-            error = wanted[:n] - q
-            return np.array([*u, *call(motion, q, u, net, carried), net @ u,
-                             *(error * error)])
-        after = runge_kutta_4(rates, state[:at.tau.start], desired, shared[0])
-        return [*after, *law(state[at.q], state[at.u], desired[0])]
-
-    def _implicit_step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any
-                       ) -> Any:
-        """Return the state after one implicit (Rosenbrock) step."""
-        n, equations, at = self.n, self._equations, self.parts
-        _, _, factors, gains = np.split(plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + n])
-        carried, assumed = self._parameters(plant, shared)
-        method, h = ImplicitStep(equations), shared[0]
-        motion = implicit_rates(self.robot, method)
-        law = self._law(controller, gains, assumed)
-
-        def torque(q: Any, u: Any, moment: int) -> Any:  # with the friction factors
-            return (law(q, u, desired[2 * moment])
-                    + (1.0 - factors) * equations.friction_force(u))
-
-        def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
-            return np.array(call(motion, q, u, tau, resistance, np.array(g), carried))
-
-        def running(q: Any, u: Any, wanted: Any) -> Any:
-            error = wanted[:n] - q
-            power = (law(q, u, wanted) - factors * equations.friction_force(u)) @ u
-            return np.array([power, *(error * error)])
-        q, u = state[at.q], state[at.u]
-        q_1, u_1 = method.step(rates, q, u, torque, h,
-                               lambda u: factors * method.resistance(u))
-        sums = state[at.work:at.tau.start] + (0.5 * h) * (
-            running(q, u, desired[0]) + running(q_1, u_1, desired[2]))
-        return [*q_1, *u_1, *sums, *law(q, u, desired[0])]
-
-    def _law(self, controller: str, gains: Any, assumed: Any) -> Any:
+    def law(self, controller: str, gains: Any, assumed: Any) -> Any:
         """Return the control law: torque from q, u and the desired q, u, udot."""
         kernels = self.robot.kernels
         if controller == Mode.COMPUTED_TORQUE:
@@ -198,14 +158,68 @@ class Trial:
 
     def _energies(self, state: Any, plant: Any, shared: Any) -> Any:
         """Return the kinetic and the potential energy, J."""
-        q, u, equations = state[self.parts.q], state[self.parts.u], self._equations
-        carried, _ = self._parameters(plant, shared)
+        q, u, equations = state[self.parts.q], state[self.parts.u], self.equations
+        carried, _ = self.parameters(plant, shared)
         return [equations.kinetic_energy(q, u, carried), equations.potential_energy(q, carried)]
 
-    def _parameters(self, plant: Any, shared: Any) -> tuple[Any, Any]:
+    def parameters(self, plant: Any, shared: Any) -> tuple[Any, Any]:
         """Return the parameters of the plant and of the controller's model."""
         gravity, payload = shared[1:], plant[:PAYLOAD]
         if not self._carries:
             return gravity, gravity
         known = plant[PAYLOAD]
         return np.array([*gravity, *payload]), np.array([*gravity, *(known * payload)])
+
+
+class _TrialMotion:
+    """The motion of a trial during one traced step, as integrators take it (`System`)."""
+
+    def __init__(self, trial: Trial, controller: str, desired: Any, plant: Any,
+                 shared: Any) -> None:
+        """Split the arguments of the step."""
+        self._trial, self._desired, self.equations = trial, desired, trial.equations
+        _, _, self._factors, gains = np.split(
+            plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + trial.n])
+        self._carried, assumed = trial.parameters(plant, shared)
+        self.law = trial.law(controller, gains, assumed)
+
+    @cached_property
+    def _forward(self) -> Program:
+        return self._trial.frictionless.kernels.program('forward_dynamics')
+
+    @cached_property
+    def _implicit(self) -> tuple[ImplicitStep, Program]:
+        method = ImplicitStep(self.equations)
+        return method, implicit_rates(self._trial.robot, method)
+
+    def _net_torque(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the torque of the controller less the plant's own friction."""
+        return (self.law(q, u, self._desired[moment])
+                - self._factors * self.equations.friction_force(u))
+
+    def rates(self, state: Any, moment: int) -> Any:
+        """Return the time derivative of q, u, work and squared errors."""
+        q, u = state[self._trial.parts.q], state[self._trial.parts.u]
+        net = self._net_torque(q, u, moment)
+        error = self._desired[moment][:self._trial.n] - q
+        return np.array([*u, *call(self._forward, q, u, net, self._carried), net @ u,
+                         *(error * error)])
+
+    def torque(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the torque of the controller and the plant's deviation from model friction."""
+        return (self.law(q, u, self._desired[moment])
+                + (1.0 - self._factors) * self.equations.friction_force(u))
+
+    def implicit_rates(self, q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
+        """Return udot of the linearly implicit equations."""
+        return np.array(call(self._implicit[1], q, u, tau, resistance, np.array(g),
+                             self._carried))
+
+    def resistance(self, u: Any) -> Any:
+        """Return the plant's friction over speed."""
+        return self._factors * self._implicit[0].resistance(u)
+
+    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the rates of work and squared errors."""
+        error = self._desired[moment][:self._trial.n] - q
+        return np.array([self._net_torque(q, u, moment) @ u, *(error * error)])

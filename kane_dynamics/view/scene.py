@@ -16,7 +16,7 @@ from viser.transforms import SO3
 
 # The colours of the plots, where torques and reactions have no others.
 COLORS = {'torques': (0, 114, 178), 'forces': (213, 94, 0), 'moments': (0, 158, 115)}
-_AWAY, _ASIDE = 1.8, 0.1  # the camera's distance, in sizes of what is shown; of that distance
+_AWAY = 1.8  # the camera's distance, in sizes of what is shown
 _CELL = 0.15  # of the robot's size, a square of the floor
 
 
@@ -60,12 +60,22 @@ class Scene:
         self._names = [scene.add_label(f'/names/{i}', body.joint.name, visible=False)
                        for i, body in enumerate(model.bodies)]
 
-    def look(self, low: Array, high: Array) -> None:
-        """Point the camera of those who come at a box, (3,) corners in m, with room for arrows."""
+    def look(self, low: Array, high: Array, aside: float = 0.1) -> None:
+        """
+        Point the first camera at a box, with room for arrows.
+
+        Parameters
+        ----------
+        low, high : (3,) arrays
+            Corners of the box, m.
+        aside : float
+            How far to the left the box is, in units of the camera's distance.
+
+        """
         away = np.array([0.65, -0.68, 0.34])
         distance = _AWAY * max(float(np.linalg.norm(high - low)), self.extent)
         # The controls cover the right: what is shown goes to the left of them.
-        center = 0.5 * (low + high) + _ASIDE * distance * np.array([0.72, 0.69, 0.0])
+        center = 0.5 * (low + high) + aside * distance * np.array([0.72, 0.69, 0.0])
         camera = self.server.initial_camera
         camera.fov = np.radians(40.0)
         camera.look_at = tuple(center)

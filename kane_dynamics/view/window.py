@@ -13,6 +13,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.urdf.visuals import Visual
+from kane_dynamics.view.exported_page import add_panel
+from kane_dynamics.view.joint_table import markdown_table
 from kane_dynamics.view.link_shapes import bounds, size
 from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, postures
 from kane_dynamics.view.scene import COLORS, Scene
@@ -24,8 +26,8 @@ _SHOWN = ('torques', 'forces')  # at first
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2')
 _CAPTIONS = {'torques': 'joint torques', 'forces': 'reaction forces',
              'moments': 'reaction moments'}
+_ASIDE = 0.2  # the table of an exported page is wider than the controls
 _MOST = 2000  # states of a trajectory
-_HOLD = 5.0  # s that an exported picture without a motion lasts
 
 
 class Window:
@@ -116,18 +118,23 @@ class Window:
             self.server.stop()
 
     def export(self, path: Path) -> None:
-        """Write the motion, or the posture, as a page that needs no server; it can be replayed."""
+        """Write a page that needs no server: what `add_panel` says beside the picture."""
+        self._stage.look(*self._box(), aside=_ASIDE)
         serializer = self.server.get_scene_serializer()
-        if self.trajectory is None:
-            serializer.insert_sleep(_HOLD)
-        else:
+        loads, rows, t = LoadArrows.at_rest(self.robot, self._q[None]), [0], None
+        if self.trajectory is not None:
             begin, end = self.trajectory.t[[0, -1]]
-            for t in np.arange(begin, end, 1.0 / _RATE):
-                self._show_at(t)
+            times = [*np.arange(begin, end, 1.0 / _RATE), end]
+            loads, rows = self._loads, [self._row(moment) for moment in times]
+            t = self._t[rows]
+            for moment in times[:-1]:
+                self._show_at(moment)
                 serializer.insert_sleep(1.0 / _RATE)
             self._show_at(end)
+        page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t, loads.q[rows],
+                         loads.tau[rows], 1.0 / _RATE)
         with open(path, 'w', encoding='utf-8') as file:
-            file.write(serializer.as_html())
+            file.write(page)
 
     def _box(self) -> tuple[Array, Array]:
         """Return the corners of the box that the camera should see, (3,) each, m."""
@@ -148,7 +155,8 @@ class Window:
         else:
             self._add_time(gui)
         with gui.add_folder('Arrows'):
-            gui.add_html(self._legend())
+            gui.add_html('<div style="font-size: 0.8em; padding: 0 1em">'
+                         f'{self._legend(KINDS)}</div>')
             for kind in KINDS:
                 box = gui.add_checkbox(kind, kind in _SHOWN)
                 self._stage.show(kind, kind in _SHOWN)
@@ -162,12 +170,12 @@ class Window:
             names.on_update(lambda event: self._stage.show('names', event.target.value))
         self._table = gui.add_markdown('')
 
-    def _legend(self) -> str:
-        """Return the arrows' colours, meanings and scale as HTML."""
+    def _legend(self, kinds: Sequence[str]) -> str:
+        """Return the colours, meanings and scale of some kinds of arrows as HTML."""
         rows = [f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> {_CAPTIONS[kind]}, the '
                 f'longest {self._largest[kind]:.3g} {"N" if kind == "forces" else "N m"}'
-                for kind in KINDS]
-        return f'<div style="font-size: 0.8em; padding: 0 1em">{"<br>".join(rows)}</div>'
+                for kind in kinds]
+        return '<br>'.join(rows)
 
     def _add_time(self, gui: Any) -> None:
         """Put a slider over time on the page, and what plays the motion."""
@@ -212,19 +220,13 @@ class Window:
             if self.trajectory is None:
                 loads, k = LoadArrows.at_rest(self.robot, self._q[None]), 0
             else:
-                loads, k = self._loads, int(np.abs(self._t - self._time).argmin())
+                loads, k = self._loads, self._row(self._time)
             self._stage.place(loads.q[k], loads.arrows(k, self._length, self._largest))
-            self._table.content = self._told(loads.q[k], loads.tau[k])
+            self._table.content = markdown_table(self.robot, loads.q[k], loads.tau[k])
 
-    def _told(self, q: Array, tau: Array) -> str:
-        """Return positions and torques as a table in Markdown."""
-        sliding, effort = self.robot.model.sliding, self.robot.limits.effort
-        place, load = ('rad, m', 'N m, N') if sliding else ('rad', 'N m')
-        rows = [f'| joint | q [{place}] | τ [{load}] | of limit |', '|:--|--:|--:|--:|']
-        for i, name in enumerate(self.robot.joint_names):
-            share = f'{abs(tau[i]) / effort[i]:.0%}' if np.isfinite(effort[i]) else ''
-            rows.append(f'| {name} | {q[i]:.3f} | {tau[i].round(6) + 0.0:.3g} | {share} |')
-        return '\n'.join(rows)
+    def _row(self, t: float) -> int:
+        """Return the row of the state that is nearest to a time."""
+        return int(np.abs(self._t - t).argmin())
 
 
 def _neutral(robot: Robot) -> Array:
@@ -240,7 +242,7 @@ def _quietly() -> redirect_stdout[io.StringIO]:
 def _check_address(host: str, port: int) -> None:
     """Raise InputError where nothing can be served at all."""
     if not 0 <= port < 65536:
-        raise InputError(f'port is {port}; valid: 0 (any that is free) to 65535')
+        raise InputError(f'port is {port}; expected 0 (any that is free) to 65535')
     try:
         socket.create_server((host, 0)).close()
     except OSError as error:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 README = ROOT / 'README.md'
-LANGUAGES = {'python', 'console', 'sh', 'text', 'yaml', 'xml'}
+LANGUAGES = {'c', 'python', 'console', 'sh', 'text', 'yaml', 'xml'}
 pages = pytest.mark.parametrize('page', PAGES, ids=named)
 
 
@@ -24,6 +24,7 @@ def test_every_block_is_run_or_says_why_not(page):
     for block in blocks(page):
         assert block.language in LANGUAGES, block.text
         assert bool(block.reason) == (block.language == 'sh'), block.text
+        assert block.file or block.language != 'c', block.text  # a command compiles the file
     assert not re.search(r'^    (?:\$ |kane-dynamics |make |ros2 )', page.read_text(),
                          re.MULTILINE), 'a command outside of a block'
 

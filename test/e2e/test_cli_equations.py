@@ -51,7 +51,7 @@ def test_two_rods_come_out_as_the_lecture_prints_them():
     s2, c2 = sp.sin(q2), sp.cos(q2)
     in_A = sp.rot_axis3(-q2)  # columns: B's axes in A's
     I_A, I_B = sp.diag(1, 1, 0) * values[sp.Symbol('I1')], sp.diag(1, 0, 1) * third * m * L**2
-    lecture = {  # omega, then v of the mass centre, in the axes of A
+    lecture = {  # omega, then v of the center of mass, in the axes of A
         'rod_a': sp.Matrix([[0, 0], [1, 0], [0, 0], [2 * L, 0], [0, 0], [0, 0]]),
         'rod_b': sp.Matrix([[0, 0], [1, 0], [0, 1],
                             [4 * L, L * c2], [0, L * s2], [-L * s2, 0]])}

@@ -1,4 +1,4 @@
-"""Promises of what the command line says: of slips of the user, doubtful files, and motions."""
+"""Promises of what the command line says: for mistakes of the user, faulty files, and motions."""
 
 import csv
 import json

@@ -57,7 +57,7 @@ def test_bearing_torque():
     bias = m * L**2 * np.array([8 / 3 * s * c * u1 * u2 - 4 * s * u2**2, -4 / 3 * s * c * u1**2])
     weight = m * g * L * np.array([8 * np.sin(q1) + np.cos(q1) * s, np.sin(q1) * c])
     assert inertia @ [a1, a2] + bias == pytest.approx(weight, abs=1e-5)
-    # of rod B: its mass centre's acceleration along a2 and a3, its inertia torque about a1
+    # of rod B: the acceleration of its center of mass along a2 and a3, its inertia torque about a1
     along_2 = L * (a2 * s + u2**2 * c)
     along_3 = -L * (a1 * s + 2 * u1 * u2 * c + 4 * u1**2)
     about_1 = m * L**2 / 3 * (u1 * u2 + s * (a1 * c - u1 * u2 * s) + u1 * u2 * c**2)
@@ -122,7 +122,7 @@ def test_rolling_disc():
 
 
 def test_sleigh():
-    """With d from blade to mass centre: v' = d w^2, (I + m d^2) w' = -m d v w."""
+    """With d from blade to center of mass: v' = d w^2, (I + m d^2) w' = -m d v w."""
     m, d, w = 3.0, 0.3, 1.0
     inertia = m / 12 * (1.0 + 0.4**2)
     for line, v in zip(printed('sleigh'), (2.0, -2.0)):

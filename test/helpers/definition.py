@@ -45,11 +45,11 @@ class Definition:
         return np.linalg.inv(kane.mass_matrix(self.model, q))
 
     def kinetic_energy(self, q, u):
-        """Return the kinetic energy by the energy road."""
+        """Return the kinetic energy by the energy formulation."""
         return energies.kinetic_energy(self.model, q, u)
 
     def potential_energy(self, q):
-        """Return the potential energy by the energy road."""
+        """Return the potential energy by the energy formulation."""
         return energies.potential_energy(self.model, q)
 
     def frame_pose(self, frame, q):

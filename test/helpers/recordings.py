@@ -55,7 +55,7 @@ def from_mujoco(folder, urdf, losses, noise):
 
 
 def quiet(urdf, joints=None):
-    """Return the model of a real URDF, which says much that nobody uses."""
+    """Return the model of a real URDF, with many elements that the library does not use."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
         return load_urdf(urdf, joints=joints)

@@ -22,7 +22,7 @@ def skew(v):
 
 
 class Reference:
-    """A mechanism's tree and constraints, written down anew."""
+    """A mechanism's tree and constraints, written independently of the library."""
 
     def __init__(self, loops):
         """Compile the tree alone."""

@@ -16,7 +16,7 @@ RNG = np.random.default_rng(4)
 
 
 def states(n_q, n, count=4):
-    """Return random postures and speeds."""
+    """Return random configurations and speeds."""
     return [(RNG.uniform(-1, 1, n_q), RNG.uniform(-2, 2, n)) for _ in range(count)]
 
 

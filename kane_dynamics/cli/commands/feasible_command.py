@@ -8,7 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility import demand, Demand, fastest, largest_payload
+from kane_dynamics.feasibility import Demand, demand, fastest, largest_payload
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LOWEST, TimeScale
 from kane_dynamics.feasibility.torque_demand import demand_at

@@ -59,6 +59,6 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
 def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:
     """Return the error for constraints that leave no degree of freedom."""
     return ConstraintError(
-        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected fewer than '
-        f'the {mechanism.model.n} speeds, because these leave no degree of freedom; '
+        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected fewer '
+        f'than the {mechanism.model.n} speeds, because these leave no degree of freedom; '
         f'{advice(mechanism, q)}')

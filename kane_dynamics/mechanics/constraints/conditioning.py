@@ -253,8 +253,8 @@ def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, where
     """Return the error for a singular system of speeds and constraints."""
     if not stack.J.size:
         return ConstraintError(f'{where}speeds: {", ".join(mechanism.speed_names)}, Y is singular '
-                               f'at {described(mechanism, q)}, t = {t:.6g} s; expected speeds that '
-                               'determine the joint rates there (speeds=)')
+                               f'at {described(mechanism, q)}, t = {t:.6g} s; expected speeds '
+                               'that determine the joint rates there (speeds=)')
     at = f'{where}speeds and constraints are singular at {described(mechanism, q)}, t = {t:.6g} s'
     if u is not None:
         at += f', u = {np.round(u, 9).tolist()}'

@@ -63,11 +63,12 @@ class ConstrainedEquations(ConstrainedKinematics):
         names = self.model.coordinate_names
         for joint in joints:
             if joint not in names:
-                raise ConstraintError(f"actuated: '{joint}'; expected joints of {', '.join(names)}")
+                raise ConstraintError(f"actuated: '{joint}'; expected joints of "
+                                      f'{", ".join(names)}')
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
-            raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, the '
-                                  f'number of independent speeds ({", ".join(self.speed_names)})')
+            raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, '
+                                  f'the number of independent speeds ({", ".join(self.speed_names)})')
         return places
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,

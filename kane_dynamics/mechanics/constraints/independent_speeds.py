@@ -207,9 +207,10 @@ def _given_free(mechanism: Mechanism, names: Sequence[str], rows: list[Array]) -
     free = speed_places(mechanism.speeds, names)
     count, n = rows[0].shape
     if len(set(free)) != n - count:
-        raise ConstraintError(f'independent: {len(set(free))} speeds ({", ".join(names)}); expected '
-                              f'exactly {n - count} of {", ".join(mechanism.speeds.names)}, because '
-                              f'{count} constraint rows are independent')
+        raise ConstraintError(f'independent: {len(set(free))} speeds ({", ".join(names)}); '
+                              f'expected exactly {n - count} of '
+                              f'{", ".join(mechanism.speeds.names)}, because {count} '
+                              f' constraint rows are independent')
     dependent = [r for r in range(n) if r not in free]
     if _conditioning(rows, dependent) < RANK:
         raise ConstraintError(f'independent: {", ".join(names)}, which do not determine the other '

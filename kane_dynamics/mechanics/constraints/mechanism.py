@@ -198,8 +198,8 @@ class Mechanism:
         except ZeroDivisionError as error:
             row = error.args[0]
             names = (*self.speed_names, *(self.labels[k] for k in self.kept))
-            raise ConstraintError(f"speeds and constraints: '{names[row]}' depends on the others in "
-                                  'every configuration, so that the motion is not determined; '
+            raise ConstraintError(f"speeds and constraints: '{names[row]}' depends on the others "
+                                  'in every configuration, so that the motion is not determined; '
                                   'expected independent rows') from None
 
 

@@ -59,8 +59,8 @@ class MechanismState:
         """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
         names = self.model.coordinate_names
         if name not in names:
-            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; expected one of "
-                                  f'{", ".join(names)}')
+            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; expected one "
+                                  f'of {", ".join(names)}')
         k = names.index(name)
         return np.eye(self.model.n)[k], self.q[k]
 

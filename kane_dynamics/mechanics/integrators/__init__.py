@@ -1,1 +1,36 @@
-"""Numerical integrators of the equations of motion."""
+"""
+Integrators of the equations of motion.
+
+`INTEGRATORS` has one entry per method; simulation, sweeps, the simulated robot and the step sizes
+use them through `Integrator`. To add a method, write a class with these members and add it here.
+"""
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.integrators.interface import Integrator, System
+from kane_dynamics.mechanics.integrators.rosenbrock import Rosenbrock
+from kane_dynamics.mechanics.integrators.runge_kutta import RungeKutta4
+
+__all__ = ['INTEGRATORS', 'Integrator', 'System', 'integrator_of']
+
+INTEGRATORS: dict[str, Integrator] = {each.name: each for each in (RungeKutta4(), Rosenbrock())}
+
+
+def integrator_of(name: str, equations: object = None) -> Integrator:
+    """
+    Return the integrator of a name.
+
+    Raises
+    ------
+    InputError
+        There is none of this name, or it does not support the equations of motion given.
+
+    """
+    if name not in INTEGRATORS:
+        raise InputError(f'integrator: {name!r}; expected one of {", ".join(INTEGRATORS)}')
+    found = INTEGRATORS[name]
+    if equations is not None and not found.supports(equations):
+        valid = ', '.join(repr(each.name) for each in INTEGRATORS.values()
+                          if each.supports(equations))
+        raise InputError(f'integrator: {name!r}, which needs a robot whose speeds are the joint '
+                         f'rates, without constraints; expected {valid}')
+    return found

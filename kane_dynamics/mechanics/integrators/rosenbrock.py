@@ -16,6 +16,7 @@ from typing import Any
 
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.friction import friction_over_rate
+from kane_dynamics.mechanics.integrators.interface import System
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -106,6 +107,28 @@ class ImplicitStep:
                     - g * (K @ (u_1 - 2.0 * turn)), D, g)
         w_q = u_1 - 2.0 * turn + g * (sprung * w_u)
         return q + (0.5 * h) * (k_q + w_q), u + (0.5 * h) * (k_u + w_u)
+
+
+class Rosenbrock:
+    """The linearly implicit method of this module, behind the interface of all integrators."""
+
+    name, damps = 'implicit', True
+
+    def supports(self, equations: object) -> bool:
+        """Return whether these are a tree's equations in joint rates."""
+        return isinstance(equations, TreeEquations)
+
+    def step(self, system: System, state: Any, h: Any) -> Any:
+        """Return the state one step later; beside q and u by the trapezoidal rule."""
+        n = system.equations.n
+        q, u, rest = np.split(state, [n, 2 * n])
+        q_1, u_1 = ImplicitStep(system.equations).step(
+            system.implicit_rates, q, u, lambda q, u, end: system.torque(q, u, 2 * end), h,
+            system.resistance)
+        if not len(rest):
+            return np.concatenate([q_1, u_1])
+        sums = rest + (0.5 * h) * (system.quadratures(q, u, 0) + system.quadratures(q_1, u_1, 2))
+        return np.concatenate([q_1, u_1, sums])
 
 
 def _where(A: Any, factor: Any) -> Any:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from kane_dynamics.mechanics.integrators.interface import System
+
 Rates = Callable[[Any, Any], Any]
 
 
@@ -28,3 +30,17 @@ def runge_kutta_4(rates: Rates, x: Any, inputs: Sequence[Any], h: Any) -> Any:
     k3 = rates(x + half * k2, inputs[1])
     k4 = rates(x + h * k3, inputs[2])
     return x + h * (1.0 / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+
+
+class RungeKutta4:
+    """The classical Runge-Kutta method of fourth order."""
+
+    name, damps = 'rk4', False
+
+    def supports(self, equations: object) -> bool:
+        """Return True: it integrates any equations of motion."""
+        return True
+
+    def step(self, system: System, state: Any, h: Any) -> Any:
+        """Return the state one step of length h, s, later."""
+        return runge_kutta_4(system.rates, state, (0, 1, 2), h)

@@ -131,8 +131,8 @@ def _times(received: list[ReceivedState]) -> list[Finding]:
     stamped = [(each.now, stamp) for each in received
                if (stamp := nanoseconds(each.message.header.stamp))]
     if not stamped:
-        return [*found, Finding('warning', 'stamps of joint states: zero; expected stamps, without '
-                                'which state_timeout cannot detect delays')]
+        return [*found, Finding('warning', 'stamps of joint states: zero; expected stamps, '
+                                'without which state_timeout cannot detect delays')]
     ages = [(now - stamp) / NANO for now, stamp in stamped if now]
     if not ages:
         return [*found, Finding('problem', '/clock: a publisher but no message; expected time, '
@@ -169,11 +169,11 @@ def _numbers(robot: Robot, message: JointState) -> list[Finding]:
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Finding]:
     """Return the findings of the efforts of one joint state."""
     if effort is None:
-        return [Finding('warning', 'efforts of joint states: none; the momentum observer then uses '
-                        'the command')]
+        return [Finding('warning', 'efforts of joint states: none; the momentum observer then '
+                        'uses the command')]
     if names := _not_finite(robot, effort):
-        return [Finding('warning', f'efforts of {listed(names)}: not finite; the momentum observer '
-                        'then uses the command')]
+        return [Finding('warning', f'efforts of {listed(names)}: not finite; the momentum '
+                        'observer then uses the command')]
     if robot.constraint_names or not np.isfinite([q, u]).all() or (
             np.abs(u).max(initial=0.0) >= AT_REST):
         return []

@@ -20,7 +20,7 @@ from rclpy.publisher import Publisher
 
 PERIOD = NANO // 100  # ns between two samples, whose velocities give the acceleration
 MAX_SAMPLES = 1000  # queued samples: ten seconds
-MAX_GAP = 3  # largest gap between two samples for an acceleration, periods
+MAX_GAP = 3  # longest time between two samples for an acceleration, periods
 DEFAULT_DEVIATION = 0.01  # standard deviation of a torque, fraction of the effort limit
 
 

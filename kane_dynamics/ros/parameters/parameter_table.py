@@ -10,7 +10,7 @@ import math
 from typing import Any, Literal
 
 from kane_dynamics.control.controller import Mode
-from kane_dynamics.simulation.step_kernels import INTEGRATORS
+from kane_dynamics.mechanics.integrators import INTEGRATORS
 
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
                'per_joint']
@@ -165,7 +165,8 @@ SPECS = (
          'trajectory; the torque path is blocked while thousands of points are converted', low=2.0,
          high=1e6),
     Spec('simulation.integrator', 'text', 'rk4', 'integrator of simulations; implicit for '
-         'friction, springs and beams that need very short steps with rk4', choices=INTEGRATORS),
+         'friction, springs and beams that need very short steps with rk4',
+         choices=tuple(INTEGRATORS)),
     live('simulation.max_waiting', 'count', 8, 'largest number of queued simulations; further '
          'requests are answered as busy', low=1.0, high=1000.0),
     Spec('realtime.priority', 'count', 0, 'SCHED_FIFO priority of the torque path; 0: default '

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
+from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, live, Spec
-from kane_dynamics.simulation.step_kernels import INTEGRATORS
 
 
 def _shared(*names: str) -> tuple[Spec, ...]:
@@ -22,7 +22,7 @@ SPECS = (
     Spec('substeps', 'count', 2, 'integration steps between two joint states', low=1.0,
          high=1000.0),
     Spec('integrator', 'text', 'rk4', 'integrator; implicit for friction, springs and beams that '
-         'need many substeps with rk4', choices=INTEGRATORS),
+         'need many substeps with rk4', choices=tuple(INTEGRATORS)),
     Spec('publish_clock', 'flag', False, 'publish simulated time on /clock, starting at 1 s, for '
          'nodes with use_sim_time; false: use system time'),
     live('rate_factor', 'number', 1.0, 'rate of simulated time relative to real time; 1 unless '

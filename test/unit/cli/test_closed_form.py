@@ -15,7 +15,7 @@ import sympy as sp
 
 
 def hanging():
-    """Return a box on a universal joint, its mass centre off every axis."""
+    """Return a box on a universal joint, its center of mass off every axis."""
     b = ModelBuilder()
     b.body('box', 'world', 'universal', at=(0.1, 0.2, 0.3), rpy=(0.3, 0, 0),
            matter=box(1.5, (0.1, 0.2, 0.3), at=(0.1, -0.2, -0.4)))

@@ -1,4 +1,4 @@
-"""A push on an arm in MuJoCo is found in time and named, and fast motion alone raises no alarm."""
+"""A collision of an arm in MuJoCo is detected in time and named; fast motion raises no alarm."""
 
 
 import numpy as np
@@ -46,7 +46,7 @@ class Rig:
         self.largest = np.zeros(7)
 
     def push(self, link, force):
-        """Let a force, N in world axes, act at the mass centre of a link; return its torques."""
+    """Let a force, N in world axes, act at the center of mass of a link; return the torques."""
         arm, body = self.arm, self.arm.model.body(link).id
         arm.data.xfrc_applied[:] = 0.0
         arm.data.xfrc_applied[body, :3] = force

@@ -314,6 +314,8 @@ def test_the_self_test_can_be_left_out_when_writing_and_when_compiling(tmp_path)
     assert not hasattr(library, 'arm_self_test')
     with pytest.raises(InputError, match=r"scalar is 'half'; expected float64 or float32"):
         robot.export_c(tmp_path / 'arm.c', scalar='half')
+
+
 def test_every_operation_that_is_traced_is_written(tmp_path):
     def f(x):
         return np.array([np.exp(-x[0]) * np.log(2.0 + x[0] ** 2) + np.arctan(x[0]),

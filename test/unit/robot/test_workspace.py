@@ -20,7 +20,7 @@ STATE = random_state(MODEL, 0)
 
 @pytest.fixture(params=['machine code', 'fallback'])
 def robot(request, monkeypatch):
-    """Return a robot with a payload and a wrench, on either road."""
+    """Return a robot with a payload and a wrench, for either code path."""
     if request.param == 'fallback':
         monkeypatch.setattr(entry, 'supported', lambda: False)
     return Robot(MODEL, wrench_frames=['frame4'], payload_frame='frame2')

@@ -9,12 +9,12 @@ import sys
 
 from kane_dynamics import InputError, Motion, Robot
 from kane_dynamics.errors import SweepError
+from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.native.runtime import threads
-from kane_dynamics.simulation.step_kernels import INTEGRATORS
 from kane_dynamics.sweep import read_table, run_sweep, Sweep, workers
 from kane_dynamics.sweep.sampling import drawn, of_joints
 from kane_dynamics.sweep.simulator import Simulator

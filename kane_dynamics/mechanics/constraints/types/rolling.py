@@ -125,7 +125,7 @@ class Rolling:
             along = Rs @ triad(self.normal)[0]
         elif self.surface == 'cylinder':
             along = Rs @ self.surface_axis
-        else:  # a direction across `normal`, by the shortest rotation from `normal` to the contact's
+        else:  # by the shortest rotation from `normal` to the normal of the contact
             start, e = (Rs @ x for x in (self.normal, triad(self.normal)[0]))
             along = e - (start + normal) * ((e @ normal) / (1.0 + start @ normal))
         directions = (along, cross(normal, along), normal)

@@ -1,0 +1,49 @@
+"""The demo says what its figures are worth, and repeats a run that a busy machine spoiled."""
+
+from kane_dynamics.demo import tracking_report as demo
+from kane_dynamics.demo.demo_settings import desired_motion, DURATION, RATE, STATE_TIMEOUT
+import numpy as np
+import pytest
+
+MOTION = desired_motion()
+
+
+def log(error, late=1e-4, answered=1.0):
+    """Return a run that misses the motion by an error, rad, with states late by so much, s."""
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    q = MOTION.sample(t)[0] + error
+    kept = t[:round(answered * len(t))]
+    return demo.TrackingLog(t, q, *np.zeros((3, *q.shape)), np.full(len(t), late),
+                            np.stack([kept, np.full(len(kept), 1e-3)], axis=1))
+
+
+@pytest.mark.parametrize('spoiled', [log(0.02, late=2.0 * STATE_TIMEOUT),
+                                     log(0.02, answered=0.4)])
+def test_a_run_with_late_states_is_repeated_once(spoiled, capsys):
+    runs = [spoiled, good := log(0.001)]
+    assert demo.repeated_if_late(MOTION, log(0.1), lambda: runs.pop(0)) is good
+    assert 'the machine is too busy' in capsys.readouterr().out
+    runs = [spoiled, spoiled, good]
+    assert demo.repeated_if_late(MOTION, log(0.1), lambda: runs.pop(0)) is spoiled
+    assert runs == [good]
+
+
+@pytest.mark.parametrize('run', [log(0.02), log(0.001, answered=0.4)])
+def test_a_run_in_time_or_good_enough_is_not_repeated(run):
+    runs = [run]
+    assert demo.repeated_if_late(MOTION, log(0.1), lambda: runs.pop(0)) is run
+
+
+def test_it_succeeds_only_where_feedforward_did_what_it_must(capsys):
+    ratios = [demo.improvement(MOTION, log(0.1), log(error)) for error in (0.001, 0.02)]
+    assert ratios == pytest.approx([100.0, 5.0])
+    late = demo.lateness(log(0.02, late=0.158, answered=0.375))
+    assert demo.verdict(ratios[0], None) == 0
+    assert capsys.readouterr().out == ''
+    assert demo.verdict(ratios[1], None) == 1
+    assert 'busy' not in capsys.readouterr().out
+    assert demo.verdict(ratios[1], late) == 1
+    said = capsys.readouterr().out
+    for words in ('too busy', '1500 of 4000 states', '158 ms late', 'errors: 5.0',
+                  'not valid'):
+        assert words in said
