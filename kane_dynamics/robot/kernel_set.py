@@ -113,7 +113,8 @@ class KernelSet:
         names = [body.joint.name for body in model.bodies]
         if joint not in names:
             raise InputError(f"no moving joint '{joint}'; expected one of "
-                             f'{", ".join(names) or "none"} (fixed and locked joints are merged into the bodies they join)')
+                             f'{", ".join(names) or "none"} '
+                             '(fixed and locked joints are merged into the bodies they join)')
         body = names.index(joint)
         method = partial(self.equations.joint_reaction, body)
         return self._kept(('joint_reaction', joint), lambda: self._kernel(

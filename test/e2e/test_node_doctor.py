@@ -57,7 +57,7 @@ def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
                      'joints: [turn, elbow]}}')
     code, found = doctor(path, '--config', str(wrong))
     assert code == 1
-    for words in ("the arm cannot hold itself in every posture: 'lift'",
+    for words in ("the arm cannot hold itself in every configuration: 'lift'",
                   "parameter 'mod' does not exist and is ignored; did you mean 'mode'?",
                   "parameter 'gains.kp' is -1.0"):
         assert words in found['problem']

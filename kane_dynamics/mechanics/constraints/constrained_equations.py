@@ -68,7 +68,8 @@ class ConstrainedEquations(ConstrainedKinematics):
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
             raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, '
-                                  f'the number of independent speeds ({", ".join(self.speed_names)})')
+                                  'the number of independent speeds '
+                                  f'({", ".join(self.speed_names)})')
         return places
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,

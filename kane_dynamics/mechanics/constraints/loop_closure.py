@@ -57,8 +57,8 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         return here
     worst = int(np.argmax(np.abs(gap)))
     raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
-                          f'residual is {abs(gap[worst]):.3g} (m or rad) after {ITERATIONS} steps; '
-                          'expected a start near a closed configuration')
+                          f'residual is {abs(gap[worst]):.3g} (m or rad) after {ITERATIONS} steps'
+                          '; expected a start near a closed configuration')
 
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,

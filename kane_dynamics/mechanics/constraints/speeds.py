@@ -121,8 +121,8 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
                           if model.bodies[k].joint.kind == 'revolute'})
         if len(turning) != 3:
             names = ', '.join(model.coordinate_names[r] for r in turning) or 'none'
-            raise ConstraintError(f"frame '{frame}': {len(turning)} revolute joints ({names}) move "
-                                  'it; expected exactly three')
+            raise ConstraintError(f"frame '{frame}': {len(turning)} revolute joints ({names}) "
+                                  'move it; expected exactly three')
 
         def Y(q: Any, t: Any) -> Any:
             R, _ = kinematics.frame_pose(model, at, q)

@@ -126,7 +126,7 @@ def _times(received: list[ReceivedState]) -> list[Finding]:
     """Return the findings of rate and stamps."""
     # From first to last, because states were also received during discovery.
     rate = (len(received) - 1) * NANO / max(received[-1].steady - received[0].steady, 1)
-    found = [Finding('fine' if rate > SLOW else 'doubt',
+    found = [Finding('fine' if rate > SLOW else 'warning',
                      f'{rate:.3g} joint states/s with all joints')]
     stamped = [(each.now, stamp) for each in received
                if (stamp := nanoseconds(each.message.header.stamp))]

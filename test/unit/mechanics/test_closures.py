@@ -148,7 +148,7 @@ def test_a_rounded_loop_is_refused_with_the_figure_and_what_would_fit():
     with pytest.raises(ConstraintError) as told:
         rounded('spherical')
     text = str(told.value)
-    assert 'leave no freedom to 3 speeds' in text and 'singular values' in text
+    assert 'leave no degree of freedom' in text and 'singular values' in text
     assert "rank_tolerance=5e-06 takes it for zero; 'pin' as kind 'inline' would leave 1" in text
 
 
