@@ -46,7 +46,7 @@ class Rig:
         self.largest = np.zeros(7)
 
     def push(self, link, force):
-    """Let a force, N in world axes, act at the center of mass of a link; return the torques."""
+        """Apply a force, N in world axes, at the center of mass of a link; return torques."""
         arm, body = self.arm, self.arm.model.body(link).id
         arm.data.xfrc_applied[:] = 0.0
         arm.data.xfrc_applied[body, :3] = force
