@@ -210,7 +210,7 @@ def _given_free(mechanism: Mechanism, names: Sequence[str], rows: list[Array]) -
         raise ConstraintError(f'independent: {len(set(free))} speeds ({", ".join(names)}); '
                               f'expected exactly {n - count} of '
                               f'{", ".join(mechanism.speeds.names)}, because {count} '
-                              f' constraint rows are independent')
+                              'constraint rows are independent')
     dependent = [r for r in range(n) if r not in free]
     if _conditioning(rows, dependent) < RANK:
         raise ConstraintError(f'independent: {", ".join(names)}, which do not determine the other '
