@@ -42,7 +42,8 @@ def arm(n=3):
     ([PointVelocity('tip', (1, 0, 0)), PointVelocity('tip', (0, 0, 1))], 'different names'),
     ([DependentSpeeds(('joint2',), lambda q, t: np.zeros((2, 2)))],
      r"'dependent speeds': A\(q, t\) returns shape \(2, 2\); expected \(1, 2\)"),
-    ([DependentSpeeds(('u9',), lambda q, t: np.zeros((1, 2)))], "no speed 'u9'; expected one of joint0"),
+    ([DependentSpeeds(('u9',), lambda q, t: np.zeros((1, 2)))],
+     "no speed 'u9'; expected one of joint0"),
 ])
 def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
     with pytest.raises(ConstraintError, match=words):
