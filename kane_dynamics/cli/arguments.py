@@ -1,6 +1,6 @@
 """The arguments of each subcommand; what the parser of one needs is imported for that one."""
 
-from argparse import ArgumentParser
+from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Callable
 import math
 from typing import Any
@@ -113,6 +113,14 @@ def _identify(sub: ArgumentParser) -> None:
                      help='write the identified model, a URDF; with --payload a supplement')
 
 
+def _length_or_none(text: str) -> float | None:
+    """Return a number, or None for 'none'."""
+    try:
+        return None if text == 'none' else float(text)
+    except ValueError:
+        raise ArgumentTypeError(f"'{text}'; expected a number of m, or none") from None
+
+
 def _excite(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
@@ -128,8 +136,11 @@ def _excite(sub: ArgumentParser) -> None:
     for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
                          help=f'further limit, one value or one per joint, {unit}')
-    sub.add_argument('--floor', type=float, metavar='Z',
-                     help='height that the origin of no moving link goes below, m')
+    for name, default, text in (
+            ('floor', 0.0, 'lowest height of any link, m'),
+            ('distance', 0.05, 'smallest distance between links, m')):
+        sub.add_argument(f'--{name}', type=_length_or_none, default=default, metavar='X',
+                         help=f'{text}, or none; default: %(default)g')
 
 
 def _replay(sub: ArgumentParser) -> None:

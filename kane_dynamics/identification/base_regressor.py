@@ -9,7 +9,7 @@ from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, FRICTION, full_regressor,
                                                      RegressionRows, rows, settled_speeds, stacked,
                                                      UNBOUNDED, weights, without_losses)
-from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -133,6 +133,7 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
     return ' '.join(parts)
 
 
+@on_one_processor
 def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
              weighted: bool = True) -> BaseFit:
     """
@@ -178,6 +179,7 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
                    float(singular[0] / singular[-1]), residual)
 
 
+@on_one_processor
 def base_speeds(data: RegressionRows, model: Model) -> Array:
     """
     Return the speeds at which friction sets in that fit best beside free base parameters, (n,).

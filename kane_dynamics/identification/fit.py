@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+import warnings
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
+from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, factorized, fit_friction,
                                                      FRICTION, friction_speeds, full_regressor,
@@ -96,6 +98,7 @@ class Identification:
 @on_one_processor
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
              bounded: bool = True, weight: float | None = None, standstill: float = STANDSTILL,
+             diagnosed: bool = False,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
     """
     Return the model that explains the first half of a recording, judged on the second half.
@@ -117,8 +120,16 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     standstill : float
         Rows in which a joint is slower than this, rad/s or m/s, do not count for it in the fit;
         in the errors reported all rows count.
+    diagnosed : bool
+        Whether `diagnose` was called already; it is not called again then.
     progress : callable
         Called with the share of the work that is done.
+
+    Warns
+    -----
+    ModelWarning
+        By what `diagnose` finds, the recording is not of the model: signs, units, gravity,
+        exchanged joints. It is fitted nevertheless.
 
     Raises
     ------
@@ -132,6 +143,11 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         raise InputError('bounded is False; expected so with friction_only alone')
     if not standstill >= 0.0:
         raise InputError(f'standstill is {standstill:g}; expected a number not below 0')
+    if not diagnosed:
+        for finding in diagnose(model, recording):
+            if finding.level != 'remark':
+                warnings.warn(f'the recording does not fit the model: {finding.words}',
+                              ModelWarning, stacklevel=3)
     data = rows(model, recording, standstill)
     first, second = data.half(second=False), data.half(second=True)
     lowest = LOWEST if bounded else UNBOUNDED

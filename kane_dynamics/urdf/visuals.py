@@ -1,4 +1,4 @@
-"""Visual shapes of the links of a URDF; mesh files are located, not opened."""
+"""Visual and collision shapes of the links of a URDF; mesh files are located, not opened."""
 
 from dataclasses import dataclass
 import os
@@ -15,6 +15,7 @@ import numpy as np
 
 _CHILDREN = {**CHILDREN, 'robot': ('material', *CHILDREN['robot']), 'link': ('visual',),
              'visual': ('origin', 'geometry', 'material'), 'material': ('color',),
+             'collision': ('origin', 'geometry'),
              'geometry': ('box', 'cylinder', 'sphere', 'mesh')}
 _DEPTH = 5  # robot / link / visual / geometry / box
 _SIZES = {'box': ('size',), 'cylinder': ('radius', 'length'), 'sphere': ('radius',),
@@ -75,13 +76,25 @@ def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
         If the URDF is malformed.
 
     """
-    robot = read_robot(parse(read_source(source), depth=_DEPTH, unread=('collision',)), _CHILDREN)
+    return _load(source, 'visual')
+
+
+def load_collisions(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
+    """Return the collision shapes of a URDF's links, as `load_visuals` its visual ones."""
+    return _load(source, 'collision')
+
+
+def _load(source: str | bytes | os.PathLike[str], tag: str) -> tuple[Visual, ...]:
+    """Return the shapes in all elements of a tag."""
+    other = 'visual' if tag == 'collision' else 'collision'
+    robot = read_robot(parse(read_source(source), depth=_DEPTH, unread=(other,)),
+                       {**_CHILDREN, 'link': (tag,)})
     colors = {material.name: material.color for material in robot.materials or ()}
     is_path = not isinstance(source, bytes) and not str(source).lstrip().startswith('<')
     here = Path(os.fspath(source)).resolve().parent if is_path else None  # type: ignore[arg-type]
     found, missing = [], set()
     for link in robot.links:
-        for visual in link.visuals or ():
+        for visual in getattr(link, f'{tag}s') or ():
             shape = _visual(link.name, visual, colors, here)
             if shape is None:
                 continue
@@ -93,7 +106,7 @@ def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
         warnings.warn(f'{len(missing)} meshes not found: links without another shape are drawn '
                       'as rods; expected the URDF inside its package or the workspace in '
                       f'AMENT_PREFIX_PATH; missing: {", ".join(sorted(missing))}', ModelWarning,
-                      stacklevel=2)
+                      stacklevel=3)
     return tuple(found)
 
 
@@ -107,7 +120,7 @@ def _visual(link: str, visual: Any, colors: dict[str, Any], here: Path | None) -
         if kind == 'mesh':
             size = np.broadcast_to(size, 3)
         pose = np.eye(4) if visual.origin is None else visual.origin
-        material = visual.material
+        material = getattr(visual, 'material', None)
         color = material and (material.color or colors.get(material.name))
         return Visual(link, kind, size, pose,  # type: ignore[arg-type]
                       np.asarray(color.rgba[:3]) if color is not None else None,

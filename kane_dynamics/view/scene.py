@@ -6,8 +6,8 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
+from kane_dynamics.shapes.link_shapes import body_poses, LINK, link_shapes
 from kane_dynamics.urdf.visuals import Visual
-from kane_dynamics.view.link_shapes import body_poses, LINK, link_shapes
 from kane_dynamics.view.load_arrows import KINDS
 import numpy as np
 import trimesh

@@ -11,11 +11,11 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.shapes.link_shapes import bounds, size
 from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
-from kane_dynamics.view.link_shapes import bounds, size
 from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, postures
 from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np

@@ -21,7 +21,7 @@ mechanics
 native
 motion
 robot
-kinematics
+kinematics shapes
 control
 simulation
 analysis
@@ -92,7 +92,7 @@ DOORS = {
     'rich': ('demo', '_util/progress.py'),
     'scipy': ('identification',),
     'sympy': ('cli',),
-    'trimesh': ('view',),
+    'trimesh': ('shapes/collision_shapes.py', 'view'),
     'viser': ('view',),
     'yourdfpy': ('urdf/model_reader.py',),
 }

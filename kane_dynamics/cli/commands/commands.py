@@ -100,7 +100,7 @@ def identify(options: Namespace) -> None:
 def excite(options: Namespace) -> None:
     """Find and write a motion that excites what `identify` looks for."""
     model, _ = load(options)
-    data = excite_command.run(options, model)
+    data = excite_command.run(options, source_of(options), model)
     (print_json if options.json else excite_command.print_data)(data)
 
 

@@ -5,28 +5,34 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.shared import told
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.model.model import Model
+from kane_dynamics.shapes.collision_shapes import load_collision_shapes
 import numpy as np
 
 
-def run(options: Namespace, model: Model) -> dict[str, Any]:
+def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
     """Search, write the motion, and return what it is worth as plain data."""
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate is {options.rate}; expected a positive, finite number of Hz')
+    with told():
+        shapes = load_collision_shapes(source)
     with progress_bar('searching', 1.0) as progress:
         found = excite(
             model, duration=options.duration, harmonics=options.harmonics,
             periods=options.periods, seed=options.seed, starts=options.starts,
-            share=options.share, floor=options.floor, progress=progress,
+            share=options.share, floor=options.floor, distance=options.distance, shapes=shapes,
+            progress=progress,
             **{name: values[0] if len(values) == 1 else values for name, values in (
                 ('velocity', options.velocity), ('acceleration', options.acceleration))})
     write(found, options.out, options.rate)
     q, _, _ = found.sample(np.zeros(1))
     return {'joint_names': list(found.joint_names), 'condition': found.condition,
-            'start': q[0], 'uses': found.uses, 'files': [options.out]}
+            'start': q[0], 'uses': found.uses, 'lowest': found.lowest,
+            'nearest': found.nearest, 'files': [options.out]}
 
 
 def write(found: Excitation, path: str, rate: float) -> None:
@@ -46,5 +52,11 @@ def print_data(data: dict[str, Any]) -> None:
         [[name, data['start'][j], *(f'{100.0 * use[j]:.0f} %' if use[j] > 0.0 else '-'
                                     for use in data['uses'].values())]
          for j, name in enumerate(data['joint_names'])])
+    if data['lowest'] is not None:
+        link, height = data['lowest']
+        print(f"lowest point: {height:.3f} m ('{link}'; the base is at 0)")
+    if data['nearest'] is not None:
+        first, second, distance = data['nearest']
+        print(f"smallest distance between links: {distance:.3f} m ('{first}' and '{second}')")
     for path in data['files']:
         print(f'wrote {path}')

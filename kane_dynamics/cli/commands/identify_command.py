@@ -19,6 +19,7 @@ from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import FRICTION, LOWEST, rows
 from kane_dynamics.identification.result_files import six, written, written_payload
+from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -59,11 +60,13 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
                          bounded=not options.unbounded, weight=options.weight,
-                         standstill=options.standstill, progress=progress)
+                         standstill=options.standstill, diagnosed=True,
+                         progress=progress)
     files = write_files(source, found.model, options.out) if options.out else ()
     return {**as_data(found, recording), 'files': files}
 
 
+@on_one_processor
 def run_base(options: Namespace, model: Model) -> dict[str, Any]:
     """Estimate base parameters by weighted least squares; return the result as plain data."""
     refuse(options, '--base-parameters takes no model but its structure')

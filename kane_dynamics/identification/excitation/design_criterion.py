@@ -21,6 +21,7 @@ from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_parameters
+from kane_dynamics.identification.excitation.clearance import Clearance
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.regression import FRICTION, without_losses
 from kane_dynamics.mechanics.friction import coulomb
@@ -30,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SAMPLES = 16  # of a period, times its harmonics, while searching
+FINER = 40  # likewise, of the distances between links, which narrow for short times
 DENSE = 200  # likewise, when limits are checked
 # Between samples a sum of sines rises above the largest by no more (Ehlich & Zeller, Math. Z. 86
 # (1964)).
@@ -48,12 +50,15 @@ class DesignCriterion:
         As in `excite`.
     basis : FourierBasis
         Of the motion.
+    clearance : Clearance, optional
+        Of the arm's shapes.
 
     """
 
     def __init__(self, model: Model, basis: FourierBasis, share: float, velocity: ArrayLike,
                  acceleration: ArrayLike, floor: float | None,
-                 floor_frames: Sequence[str] | None) -> None:
+                 floor_frames: Sequence[str] | None,
+                 clearance: Clearance | None = None) -> None:
         """Gather the limits and sample the basis."""
         if floor is not None and not math.isfinite(floor):
             raise InputError(f'floor is {floor}; expected a finite height, m')
@@ -82,8 +87,10 @@ class DesignCriterion:
         known = {frame.name for frame in model.frames}
         self.frames = () if floor is None else tuple(
             floor_frames or (body.name for body in model.bodies if body.name in known))
+        self.clearance = clearance
         self.grid = self._matrices(SAMPLES)
         self.dense = self._matrices(DENSE)
+        self.finer = self._matrices(FINER)[0]
 
     def _matrices(self, density: int) -> tuple[Array, Array, Array]:
         count = density * self.basis.harmonics
@@ -125,6 +132,10 @@ class DesignCriterion:
         penalty, by_state = self._penalty(q, u, udot)
         gradient = np.sum([matrix.T @ (slope + weight * extra) for matrix, slope, extra in zip(
             self.grid, slopes, by_state, strict=True)], axis=0)
+        if self.clearance is not None:
+            missing, by_q = self.clearance.missing(self.finer @ p)
+            penalty += missing
+            gradient += weight * (self.finer.T @ by_q)
         return value + weight * penalty, gradient
 
     def _penalty(self, q: Array, u: Array, udot: Array) -> tuple[float, list[Array]]:
@@ -159,7 +170,9 @@ class DesignCriterion:
                 return f"the {name} limit of joint '{self.model.joint_names[j]}'"
         q = self.dense[0] @ p
         low = [name for name in self.frames if self._height(name, q).min() < self.floor]
-        return f"frame '{low[0]}' above {self.floor:g} m" if low else None
+        if low:
+            return f"frame '{low[0]}' above {self.floor:g} m"
+        return None if self.clearance is None else self.clearance.broken(q)
 
     def _height(self, frame: str, q: Array) -> Array:
         return np.asarray(self.robot.frame_pose(frame, q)[:, 2, 3])

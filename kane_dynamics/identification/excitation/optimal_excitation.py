@@ -6,17 +6,20 @@ import math
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.excitation.clearance import Clearance, DISTANCE
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 from numpy.typing import ArrayLike
 
 PENALTIES = (1e1, 1e2, 1e3, 1e4)  # of squared excesses, one after the other
 ITERATIONS = 60  # with each of them
 SHRINK = 0.98
+CENTERS = 50  # of which the search starts from the first that is clear
 SMALLEST = 0.05  # amplitude, relative, that is still worth a recording
 
 
@@ -38,6 +41,11 @@ class Excitation:
         length.
     uses : dict of str to (n,) array
         Largest share of each limit: 'position', 'velocity', 'acceleration', 'effort'.
+    lowest : (str, float) or None
+        The lowest link that the joints raise, and its least height at any time, m; None without
+        shapes.
+    nearest : (str, str, float) or None
+        The links that come nearest to each other, and their least distance, m, as capsules.
 
     """
 
@@ -47,6 +55,8 @@ class Excitation:
     periods: int
     condition: float
     uses: dict[str, Array]
+    lowest: tuple[str, float] | None = None
+    nearest: tuple[str, str, float] | None = None
 
     def sample(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q, u and udot at times, (N, n) each; rad or m, s."""
@@ -71,7 +81,8 @@ class Excitation:
 def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods: int = 1,
            seed: int = 0, starts: int = 2, share: float = 0.9, velocity: ArrayLike = math.inf,
            acceleration: ArrayLike = math.inf, floor: float | None = None,
-           floor_frames: Sequence[str] | None = None,
+           floor_frames: Sequence[str] | None = None, shapes: Sequence[Visual] | None = None,
+           distance: float | None = DISTANCE,
            progress: Callable[[float], object] = lambda done: None) -> Excitation:
     """
     Return a rest-to-rest motion that excites the base parameters of a model well.
@@ -99,9 +110,17 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     velocity, acceleration : float or (n,) array_like
         Further limits, rad/s or m/s, rad/s^2 or m/s^2.
     floor : float, optional
-        Height in the world above which frames stay, m.
+        Height in the world above which links stay, m.
     floor_frames : sequence of str, optional
-        These frames; by default that of every moving body.
+        Frames whose origins stay above it; by default the shapes do, and without these the frame
+        of every moving body.
+    shapes : sequence of Visual, optional
+        Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; without
+        them links are not kept apart.
+    distance : float or None
+        Least distance between links, m, as capsules around their shapes; None for none. Links
+        that a joint connects and shapes that touch at rest (all coordinates 0, or at the nearest
+        limit) are left out; shapes that are near each other at rest keep half that distance.
     progress : callable
         Called with the share of the work that is done.
 
@@ -113,8 +132,14 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
 
     """
     _check(duration, harmonics, periods, seed, starts, share)
+    if distance is not None and not 0.0 <= distance < math.inf:
+        raise InputError(f'distance is {distance}; expected a finite number not below 0, m')
+    clearance = None
+    if shapes is not None:
+        clearance = Clearance(model, shapes, floor, distance)
+        floor = None if floor_frames is None else floor
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share, velocity,
-                             acceleration, floor, floor_frames)
+                             acceleration, floor, floor_frames, clearance)
     rng = np.random.default_rng(seed)
     found = []
     for k in range(starts):
@@ -126,8 +151,10 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         raise InputError(f'no motion keeps {broken}; more starts, a lower share, or other limits '
                          'may help')
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
+    q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
-                      design.uses(best))
+                      design.uses(best), None if clearance is None else clearance.lowest(q),
+                      None if clearance is None else clearance.nearest(q))
 
 
 def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int, share: float
@@ -153,7 +180,12 @@ def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
     reach = np.minimum(design.reach, math.pi)
     p *= design.share * np.minimum.reduce([0.5 * reach / Q, design.velocity / U,
                                            design.acceleration / A])
-    p[0] = design.middle + rng.uniform(-0.3, 0.3, design.model.n) * reach
+    centers = design.middle + rng.uniform(-0.3, 0.3, design.model.n) * reach
+    if design.clearance is not None:
+        some = design.middle + rng.uniform(-0.6, 0.6, (CENTERS, design.model.n)) * reach
+        missing = [design.clearance.missing(center[None])[0] for center in some]
+        centers = some[int(np.argmin(missing))]
+    p[0] = centers
     return p
 
 

@@ -1,9 +1,10 @@
-"""What an arm carries, while it moves."""
+"""Online payload estimation: recursive least squares with honest standard deviations."""
 
 from collections.abc import Sequence
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.payload.payload_fit import (covariance_of, load_deviations,
                                                               PayloadRegressor)
 from kane_dynamics.mechanics.friction import coulomb
@@ -12,13 +13,19 @@ from kane_dynamics.native.runtime.kernel import Argument, checked
 import numpy as np
 from numpy.typing import ArrayLike
 
+DOUBT = 10.0  # of friction and offset that the model does not know, in deviations of torque
+LARGEST = 1e100  # whose products over blocks do not overflow
+
 
 class PayloadEstimator:
     """
-    Mass and mass centre of a payload while the arm moves, by recursive least squares.
+    Mass and center of mass of a payload while the arm moves, by recursive least squares.
 
     It holds the normal equations of all samples, each forgotten with a time constant, so that a
-    payload that is put down is noticed.
+    payload that is put down is noticed. Each joint's friction and torque may be off by an offset,
+    Coulomb and viscous friction of ten times `sigma`; the standard deviations count these, and
+    the size and correlation of the residuals where they are larger than `sigma` (see
+    `payload_equations`).
 
     Parameters
     ----------
@@ -27,7 +34,7 @@ class PayloadEstimator:
     frame : str
         In whose axes the payload is described.
     sigma : (n,) sequence of float
-        Standard deviations of measured torque, N m or N.
+        Standard deviations of measured torque, N m or N; larger residuals count as they are.
     memory : float
         Time constant of forgetting, in samples.
 
@@ -56,12 +63,16 @@ class PayloadEstimator:
             for name in ('friction', 'friction_speed'))
         # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
         self._belief = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
+        # A joint at rest may be held by any torque up to its friction.
+        self._doubt = np.hypot(DOUBT * self._sigma, self._friction)
+        self._model = model
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._information = np.zeros((10, 10))
-        self._weighted = np.zeros(10)
+        self._equations = PayloadEquations(self._model, self._doubt, self._belief, 1.0,
+                                           self._kept)
+        self._solved: tuple[Array, Array] | None = None
 
     @property
     def gravity(self) -> Array:
@@ -91,15 +102,14 @@ class PayloadEstimator:
         # A joint at rest may hold by friction what the model says it must hold by torque.
         slip = np.abs(coulomb(state[1], self._friction_speed))
         sigma = self._sigma + (1.0 - slip) * self._friction
-        Y = self._regressor(*state[:3]) / sigma[:, None]
         known = self._regressor.robot.inverse_dynamics(*state[:3])
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
-            left = (state[3] - known) / sigma
-            information = self._kept * self._information + Y.T @ Y
-            weighted = self._kept * self._weighted + Y.T @ left
-        if not (np.isfinite(information).all() and np.isfinite(weighted).all()):
+            row = self._equations.row(self._regressor(*state[:3]), state[1], state[3] - known,
+                                      sigma)
+        if not (np.abs(row) < LARGEST).all():
             raise InputError(f'tau is {state[3].tolist()}; too large together with the motion')
-        self._information, self._weighted = information, weighted
+        self._equations.add(row)
+        self._solved = None
 
     @property
     def mass(self) -> float:
@@ -108,7 +118,7 @@ class PayloadEstimator:
 
     @property
     def com(self) -> Array:
-        """Return the mass centre in the frame's axes, (3,), m; NaN while the mass is not known."""
+        """Return the center of mass in the frame's axes, (3,), m; NaN without a clear mass."""
         x = self._parameters
         return np.asarray(x[1:4] / x[0]) if x[0] > 3.0 * self.mass_deviation else np.full(
             3, np.nan)
@@ -120,7 +130,7 @@ class PayloadEstimator:
 
     @property
     def com_deviation(self) -> Array:
-        """Return the standard deviation of the mass centre, (3,), m; NaN as `com`."""
+        """Return the standard deviation of the center of mass, (3,), m; NaN as `com`."""
         x = self._parameters
         return load_deviations(x, self.covariance)[1] if x[0] > 3.0 * self.mass_deviation else (
             np.full(3, np.nan))
@@ -128,8 +138,18 @@ class PayloadEstimator:
     @property
     def covariance(self) -> Array:
         """Return the covariance of mass, first moments and inertia about the origin, (10, 10)."""
-        return covariance_of(self._information + self._belief)
+        return self._solution[1]
 
     @property
     def _parameters(self) -> Array:
-        return np.asarray(np.linalg.solve(self._information + self._belief, self._weighted))
+        return self._solution[0]
+
+    @property
+    def _solution(self) -> tuple[Array, Array]:
+        """Return the parameters and their covariance."""
+        if self._solved is None:
+            information, weighted = self._equations.solve()
+            information = information + self._belief
+            x: Array = np.asarray(np.linalg.solve(information, weighted))
+            self._solved = x, covariance_of(information)
+        return self._solved

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
                                                                prior_metric, pseudo_inertia_of)
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
 from kane_dynamics.model.model import Frame, Inertial, Model, WORLD
 from kane_dynamics.robot.robot import Robot
@@ -17,6 +19,8 @@ from numpy.typing import ArrayLike
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
 BELIEF = 1e-3
 TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief
+# Deviation of friction and offset that the model does not know, fraction of the effort limit.
+DOUBT = 0.1
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
@@ -30,7 +34,8 @@ class Payload:
     inertial : Inertial
         In the axes of the payload's frame; physical.
     mass_deviation : float
-        Standard deviation of the mass, kg, if the rows' residuals are independent.
+        Standard deviation of the mass, kg. All deviations count the correlation of residuals, and
+        what the model's friction and the torque's zero may be wrong by: `payload_equations`.
     com_deviation : (3,) array
         Of the mass centre, m.
     inertia_deviation : (3, 3) array
@@ -90,6 +95,7 @@ class PayloadRegressor:
         return np.asarray(Y[..., self._columns] @ self._to_body)
 
 
+@on_one_processor
 def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     """
     Return the payload that explains what the model leaves of measured torques.
@@ -120,13 +126,21 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     state = recording.q, recording.u, recording.udot
     Y = regressor(*state)
     left = recording.tau - regressor.robot.inverse_dynamics(*state)
-    x, sigma = _fitted(Y, left)
-    middle = len(left) // 2
-    early, _ = _fitted(Y[:middle], left[:middle])
-    A = (Y / sigma[:, None]).reshape(-1, 10)
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
-    covariance = covariance_of(A.T @ A + belief)
+    effort = np.asarray(regressor.robot.limits.effort)
+    doubt = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
+                                        np.abs(recording.tau).max(axis=0)), 1e-6)
+    equations = PayloadEquations(model, doubt, belief)
+    middle, found = len(left) // 2, []
+    for part in (slice(0, middle), slice(middle, None)):
+        for row in zip(Y[part], recording.u[part], left[part], strict=True):
+            equations.add(equations.row(*row))
+        found.append(equations.solve())
+    (early, _), (x, information) = ((_physical(*each), each[0]) for each in found)
+    sigma = np.maximum(_rms(left - Y @ x), 1e-9)
+    A = (Y / sigma[:, None]).reshape(-1, 10)
+    covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
     if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
         raise InputError(f"the recording does not tell the mass at '{frame}': its standard "
@@ -139,14 +153,11 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
                    _rms(left[middle:] - Y[middle:] @ early), condition)
 
 
-def _fitted(Y: Array, left: Array) -> tuple[Array, Array]:
-    """Return the physical parameters that fit torques, (10,), and the RMS of what they leave."""
-    sigma = np.ones(left.shape[1])
-    for _ in range(4):
-        A = (Y / sigma[:, None]).reshape(-1, 10)
-        x = physical(A, (left / sigma).reshape(-1), [START], 0, BELIEF)
-        sigma = np.maximum(_rms(left - Y @ x), 1e-9)
-    return x, sigma
+def _physical(information: Array, weighted: Array) -> Array:
+    """Return the physical parameters, (10,), that fit `PayloadEquations` best."""
+    values, axes = np.linalg.eigh(information)
+    root = np.sqrt(np.maximum(values, 1e-15 * values[-1]))
+    return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START], 0, BELIEF)
 
 
 def _rms(error: Array) -> Array:

@@ -1,0 +1,263 @@
+"""
+Collision avoidance for exciting motions: heights above a floor, distances between links.
+
+Links have the simple shapes of the URDF: boxes, cylinders and spheres. Above the floor these
+count as they are; between links as the capsules around them: the points within a radius of the
+segment along the longest side. Pairs of bodies that a joint connects are left out, and pairs of
+shapes whose capsules touch at rest.
+
+The distance of two capsules is that of their segments less the radii (Ericson, Real-Time
+Collision Detection (2005), section 5.1.9). Its slope is that of the two closest points, by the
+Jacobians (partial velocities) of their bodies.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.shapes.link_shapes import link_shapes, size
+from kane_dynamics.urdf.visuals import Visual
+import numpy as np
+
+DISTANCE = 0.05  # m, between links
+NEAR = 0.5  # of the distance at rest: links that are nearer than DISTANCE there keep so much
+AIM = 0.02  # m: how much further away the search stays
+UNIT = 0.1  # m: a shortfall that counts as much as twice a limit of the joints
+SMALL = 1e-12  # m^2
+CHANGES = 1e-9  # m: less is rounding
+UP = np.array([0.0, 0.0, 1.0])
+
+
+class Shape(NamedTuple):
+    """A shape in the axes of its body's frame: kind, sizes, pose and capsule, m."""
+
+    name: str
+    body: int
+    kind: str
+    size: Array
+    rotation: Array
+    center: Array
+    half: Array  # from the center to the end of the capsule's segment
+    radius: float
+
+
+class Clearance:
+    """
+    Heights of links above a floor and distances between them, with their slopes.
+
+    Parameters
+    ----------
+    model : Model
+        The arm.
+    shapes : sequence of Visual
+        Boxes, cylinders and spheres of its links; a rod stands for a link without any.
+    floor : float or None
+        Height in the world, m; None for no floor.
+    distance : float or None
+        Least distance between links, m; None for none.
+
+    """
+
+    def __init__(self, model: Model, shapes: Sequence[Visual], floor: float | None,
+                 distance: float | None) -> None:
+        """Choose the shapes and pairs of shapes that count."""
+        self.robot, self.floor = Robot(model), floor
+        limits = self.robot.limits
+        rest = np.clip(np.zeros(model.n), limits.lower, limits.upper)[None]
+        self._frames = {frame.body: frame for frame in reversed(model.frames)}
+        self.shapes = [self._shape(model, body, visual) for body, visual in link_shapes(
+            model, shapes, size(model, rest[0])) if body in self._frames]
+        self._bodies = sorted({shape.body for shape in self.shapes})
+        parents = [body.parent for body in model.bodies]
+
+        def apart(a: int, b: int) -> bool:
+            return a != b and parents[a] != b and (b == WORLD or parents[b] != a)
+        found = [(i, j) for i, a in enumerate(self.shapes) for j, b in enumerate(self.shapes)
+                 if a.body > b.body and apart(a.body, b.body)]
+        self.pairs, self.needed = np.array(found, dtype=int).reshape(-1, 2), np.zeros(0)
+        at_rest = self.distances(rest)[0]
+        kept = np.flatnonzero(at_rest > (0.0 if distance is not None else np.inf))
+        self.pairs = self.pairs[kept]
+        self.needed = np.minimum(distance or 0.0, NEAR * at_rest[kept])
+        # What no joint changes does not count: a link that turns about the vertical stays as high
+        # as it is, a hub that turns about its own axis as far away.
+        spread = np.random.default_rng(0).uniform(-1.0, 1.0, (20, model.n))
+        some = np.vstack([rest, rest + spread])
+        varying = np.ptp(self.distances(some), axis=0) > CHANGES
+        self.pairs, self.needed = self.pairs[varying], self.needed[varying]
+        self.moving = [k for k, shape in enumerate(self.shapes) if shape.body != WORLD]
+        heights = np.ptp(self.heights(some), axis=0)
+        self.moving = [k for k, change in zip(self.moving, heights, strict=True)
+                       if change > CHANGES]
+
+    def _shape(self, model: Model, body: int, visual: Visual) -> Shape:
+        """Return a shape, given in its body's axes, in those of the body's frame."""
+        frame = self._frames[body]
+        R = frame.rotation.T @ visual.pose[:3, :3]
+        center = frame.rotation.T @ (visual.pose[:3, 3] - frame.translation)
+        sizes = np.asarray(visual.size, dtype=float)
+        half = np.zeros(3)
+        if visual.kind == 'box':
+            k = int(np.argmax(sizes))
+            half[k], radius = 0.5 * sizes[k], 0.5 * float(np.linalg.norm(np.delete(sizes, k)))
+        elif visual.kind == 'cylinder':
+            half[2], radius = 0.5 * sizes[1], float(sizes[0])
+        else:
+            radius = float(sizes[0])
+        name = model.base_name if body == WORLD else model.bodies[body].name
+        return Shape(visual.link or name, body, visual.kind, sizes, R, center, R @ half, radius)
+
+    def _poses(self, q: Array) -> dict[int, Array]:
+        """Return the poses of the bodies' frames, (N, 4, 4) each."""
+        fixed = np.eye(4)
+        found = {}
+        for body in self._bodies:
+            frame = self._frames[body]
+            if body == WORLD:
+                fixed[:3, :3], fixed[:3, 3] = frame.rotation, frame.translation
+                found[body] = np.broadcast_to(fixed, (len(q), 4, 4))
+            else:
+                found[body] = self.robot.frame_pose(frame.name, q)
+        return found
+
+    def _segments(self, poses: dict[int, Array]) -> tuple[Array, Array]:
+        """Return centers of the shapes and halves of their segments, (N, shapes, 3) each."""
+        centers, halves = [], []
+        for shape in self.shapes:
+            R, p = poses[shape.body][:, :3, :3], poses[shape.body][:, :3, 3]
+            centers.append(R @ shape.center + p)
+            halves.append(R @ shape.half)
+        return np.stack(centers, axis=1), np.stack(halves, axis=1)
+
+    def _lowest_points(self, poses: dict[int, Array]) -> Array:
+        """Return the lowest point of each shape that may reach the floor, (N, k, 3)."""
+        found = [np.zeros((len(poses[self._bodies[0]]), 0, 3))]
+        for shape in (self.shapes[k] for k in self.moving):
+            pose = poses[shape.body]
+            R = pose[:, :3, :3] @ shape.rotation
+            down = -R[:, 2, :]  # the world's down in the shape's axes
+            if shape.kind == 'box':
+                point = 0.5 * np.sign(down) * shape.size
+            elif shape.kind == 'cylinder':
+                flat = np.linalg.norm(down[:, :2], axis=1, keepdims=True)
+                point = np.concatenate([shape.size[0] * down[:, :2] / np.maximum(flat, SMALL),
+                                        0.5 * shape.size[1] * np.sign(down[:, 2:])], axis=1)
+            else:
+                point = shape.size[0] * down
+            center = pose[:, :3, :3] @ shape.center + pose[:, :3, 3]
+            found.append((center + (R @ point[:, :, None])[:, :, 0])[:, None])
+        return np.concatenate(found, axis=1)
+
+    def heights(self, q: Array) -> Array:
+        """Return the height of each shape that the joints raise, (N, k), m, of q (N, n)."""
+        return self._lowest_points(self._poses(q))[:, :, 2]
+
+    def _closest(self, poses: dict[int, Array]) -> tuple[Array, Array, Array]:
+        """Return closest points of pairs' segments, (N, pairs, 3), and capsules' distances."""
+        centers, halves = self._segments(poses)
+        i, j = self.pairs.T
+        first, second = closest_points(centers[:, i], halves[:, i], centers[:, j], halves[:, j])
+        radii = np.array([shape.radius for shape in self.shapes])
+        return first, second, np.linalg.norm(first - second, axis=2) - radii[i] - radii[j]
+
+    def distances(self, q: Array) -> Array:
+        """Return the distance of each pair of capsules, (N, pairs), m, of q (N, n)."""
+        return self._closest(self._poses(q))[2]
+
+    def missing(self, q: Array) -> tuple[float, Array]:
+        """Return the mean sum of squared shortfalls of q (N, n), in UNITs, and its slope."""
+        total, slope, poses = 0.0, np.zeros_like(q), self._poses(q)
+        for shortfall, pulls in (*self._low(poses), *self._near(poses)):
+            short = np.flatnonzero(shortfall > 0.0)
+            if not len(short):
+                continue
+            total += float(np.sum(shortfall[short]**2)) / (UNIT**2 * len(q))
+            for body, point, way in pulls:
+                if body == WORLD:
+                    continue
+                J = self.robot.partial_velocities(self._frames[body].name, q[short])
+                arm = point[short] - poses[body][short, :3, 3]
+                wrench = np.concatenate([way[short], np.cross(arm, way[short])], axis=1)
+                slope[short] -= 2.0 / (UNIT**2 * len(q)) * shortfall[short, None] * np.einsum(
+                    'si,sij->sj', wrench, J)
+        return total, slope
+
+    def _low(self, poses: dict[int, Array]
+             ) -> Iterator[tuple[Array, list[tuple[int, Array, Array]]]]:
+        """Yield by how much each shape is too low, (N,), and what raises it."""
+        if self.floor is None:
+            return
+        points = self._lowest_points(poses)
+        for k, point in zip(self.moving, points.transpose(1, 0, 2), strict=True):
+            yield (self.floor + AIM - point[:, 2],
+                   [(self.shapes[k].body, point, np.broadcast_to(UP, point.shape))])
+
+    def _near(self, poses: dict[int, Array]
+              ) -> Iterator[tuple[Array, list[tuple[int, Array, Array]]]]:
+        """Yield by how much each pair is too near, (N,), and what parts it."""
+        first, second, distances = self._closest(poses)
+        for k, (i, j) in enumerate(self.pairs):
+            a, b = first[:, k], second[:, k]
+            way = (a - b) / np.maximum(np.linalg.norm(a - b, axis=1, keepdims=True), SMALL)
+            yield (self.needed[k] + AIM - distances[:, k],
+                   [(self.shapes[i].body, a, way), (self.shapes[j].body, b, -way)])
+
+    def lowest(self, q: Array) -> tuple[str, float] | None:
+        """Return the lowest link along a periodic motion's samples, and its height, m."""
+        if not self.moving:
+            return None
+        low = between(self.heights(q))
+        k = int(low.argmin())
+        return self.shapes[self.moving[k]].name, float(low[k])
+
+    def nearest(self, q: Array) -> tuple[str, str, float] | None:
+        """Return the links that come nearest to each other along samples, and how near, m."""
+        if not len(self.pairs):
+            return None
+        near = between(self.distances(q))
+        i, j = self.pairs[int(near.argmin())]
+        return self.shapes[j].name, self.shapes[i].name, float(near.min())
+
+    def broken(self, q: Array) -> str | None:
+        """Return what a periodic motion's samples break, in words; None if nothing."""
+        lowest = self.lowest(q)
+        if self.floor is not None and lowest is not None and lowest[1] < self.floor:
+            return f"link '{lowest[0]}' above {self.floor:g} m"
+        if len(self.pairs):
+            left = between(self.distances(q)) - self.needed
+            k = int(left.argmin())
+            if left[k] < 0.0:
+                i, j = self.pairs[k]
+                return (f"links '{self.shapes[j].name}' and '{self.shapes[i].name}' "
+                        f'{self.needed[k]:.3g} m apart')
+        return None
+
+
+def between(values: Array) -> Array:
+    """
+    Return the least value of periodic functions, (k,), of samples (N, k) and between them.
+
+    Between samples h apart a function falls below both by h^2 max|f''| / 8, and a change of slope
+    from one side to the other by no more than a quarter of the second difference.
+    """
+    second = np.roll(values, 1, axis=0) - 2.0 * values + np.roll(values, -1, axis=0)
+    return np.asarray(values.min(axis=0) - 0.25 * np.abs(second).max(axis=0))
+
+
+def closest_points(center_1: Array, half_1: Array, center_2: Array, half_2: Array
+                   ) -> tuple[Array, Array]:
+    """Return the closest points of segments center +- half, (..., 3) each, m."""
+    def dot(x: Array, y: Array) -> Array:
+        return np.asarray(np.sum(x * y, axis=-1, keepdims=True))
+    r = center_1 - center_2
+    a, e = np.maximum(dot(half_1, half_1), SMALL), np.maximum(dot(half_2, half_2), SMALL)
+    b, c, f = dot(half_1, half_2), dot(half_1, r), dot(half_2, r)
+    determinant = a * e - b * b
+    parallel = determinant < 1e-9 * a * e
+    s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0, determinant)),
+                -1.0, 1.0)
+    t = np.clip((b * s + f) / e, -1.0, 1.0)
+    s = np.clip((b * t - c) / a, -1.0, 1.0)
+    return center_1 + s * half_1, center_2 + t * half_2

@@ -1,0 +1,133 @@
+"""
+The equations of a payload beside unknown friction and offsets, with correlated residuals.
+
+The torque that a model of the arm leaves at joint j is
+
+    left_j = Y_j x + offset_j + coulomb_j tanh(u_j / u_s) + damping_j u_j + e_j,
+
+x the payload's ten parameters. The three further unknowns of a joint are what the model's
+friction and the torque's zero may be wrong by; they have a standard deviation each, and are
+eliminated joint by joint (Schur complement). Where the motion cannot separate them from the
+payload, they widen its covariance.
+
+The residual e_j is not white: friction, filters and elasticity correlate it. Its variance counts
+as that of sums over blocks of 1, 2, 4, ... rows, divided by their length: constant for white
+residuals, growing up to the correlation time for others (Flyvbjerg & Petersen, J. Chem. Phys. 91
+(1989)). Where it grows, the largest counts, with an allowance for the few blocks it is of, and no
+joint's grows less than the joints' do on average.
+"""
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
+import numpy as np
+
+LOAD, OWN = 10, 3  # unknowns of the payload, and of each joint: offset, Coulomb, damping
+LEVELS = 11  # blocks of up to 1024 rows
+FEWEST = 6.0  # blocks whose sums have a variance, beside those that the unknowns take
+SURE = 2.0  # deviations of a variance: residuals correlate where it grows by more
+WIDER = 4.0  # deviations by which the variance of correlated ones is taken larger than found
+ROUNDS = 4  # of reweighting
+ROUNDING = 1e-7  # of the RMS of a joint's torque: no residual is known to be smaller
+
+
+class PayloadEquations:
+    """
+    Sums of a payload's equations, joint by joint, from which it is estimated.
+
+    Parameters
+    ----------
+    model : Model
+        Of the arm alone.
+    doubt : (n,) array
+        Standard deviation of what the model's friction and the torque's zero are wrong by, N m or
+        N; of viscous friction, per rad/s or m/s.
+    belief : (10, 10) array
+        Inverse covariance of the payload's parameters before any row.
+    least : float
+        Least variance of a row that is divided by its own deviation; 1 where that one is the
+        measurement's, 0 where it is not known.
+    kept : float
+        Factor by which each further row makes those before it count less.
+
+    """
+
+    def __init__(self, model: Model, doubt: Array, belief: Array, least: float = 0.0,
+                 kept: float = 1.0) -> None:
+        """Start without rows."""
+        self._speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
+        self._doubt = np.zeros((model.n, OWN, OWN))
+        self._doubt[:, range(OWN), range(OWN)] = doubt[:, None]**-2.0
+        self._belief, self._least, self._kept = belief, least, kept
+        size = LOAD + OWN + 1
+        self._products = np.zeros((LEVELS, model.n, size, size))  # of sums over blocks
+        self._counts = np.zeros(LEVELS)  # blocks
+        self._pending: list[Array | None] = [None] * LEVELS
+        self._variance = np.ones(model.n)
+
+    def row(self, Y: Array, u: Array, left: Array, sigma: Array | float = 1.0) -> Array:
+        """Return the equations of one sample, (n, 14), divided by deviations, N m or N."""
+        own = np.stack([np.ones_like(u), coulomb(u, self._speeds), u], axis=1)
+        row = np.concatenate([Y, own, left[:, None]], axis=1)
+        return np.asarray(row / np.broadcast_to(sigma, u.shape)[:, None])
+
+    def add(self, row: Array) -> None:
+        """Take the equations of one sample."""
+        block: Array | None = row
+        for level in range(LEVELS):
+            if block is None:
+                return
+            kept = self._kept**(2**level)
+            self._products[level] *= kept
+            self._products[level] += block[:, :, None] * block[:, None, :]
+            self._counts[level] = kept * self._counts[level] + 1.0
+            before = self._pending[level]
+            self._pending[level] = block if before is None else None
+            block = None if before is None else before + block
+
+    def solve(self) -> tuple[Array, Array]:
+        """
+        Return the information of the rows about the payload, and their right-hand side.
+
+        Returns
+        -------
+        information : (10, 10) array
+            Inverse covariance by the rows alone, the joints' own unknowns eliminated.
+        weighted : (10,) array
+            The best fit x to the rows alone solves information @ x = weighted.
+
+        """
+        for _ in range(ROUNDS):
+            information, weighted, own = self._reduced()
+            x: Array = np.asarray(np.linalg.solve(information + self._belief, weighted))
+            self._variance = self._residual_variance(x, own[:, :, -1] - own[:, :, :-1] @ x)
+        return self._reduced()[:2]
+
+    def _reduced(self) -> tuple[Array, Array, Array]:
+        """Return `solve`'s equations, and the joints' own unknowns as [slope by x | offset]."""
+        G = self._products[0] / self._variance[:, None, None]
+        x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), LOAD + OWN]
+        by_x = np.linalg.solve(G[:, own, own] + self._doubt, G[:, own][:, :, others])
+        reduced = (G[:, x][:, :, others] - G[:, x, own] @ by_x).sum(axis=0)
+        return 0.5 * (reduced[:, :-1] + reduced[:, :-1].T), reduced[:, -1], by_x
+
+    def _residual_variance(self, x: Array, own: Array) -> Array:
+        """Return the variance of sums of residuals a row, the largest over blocks, (n,)."""
+        z = np.concatenate([np.tile(-x, (len(own), 1)), -own, np.ones((len(own), 1))], axis=1)
+        squares = np.einsum('ja,ljab,jb->lj', z, self._products, z)
+        free = self._counts - OWN - LOAD / len(own)
+        enough = free > FEWEST
+        total = self._products[0, :, -1, -1] / max(self._counts[0], 1.0)
+        least = np.maximum(self._least, np.maximum(ROUNDING**2 * total, 1e-18))
+        variance = squares[enough] / (free * 2.0**np.arange(LEVELS))[enough, None]
+        variance = np.maximum(variance, least if self._least == 0.0 else 1e-18)
+        if len(variance) > 1:
+            unsure = np.sqrt(2.0 / free[enough, None])[1:]
+            # What blocks beyond the correlation time miss of the limit goes by 1 / length.
+            limit = np.maximum(variance[1:], 2.0 * variance[1:] - variance[:-1])
+            limit *= 1.0 + WIDER * unsure
+            correlated = variance[1:] > (1.0 + SURE * unsure) * variance[0]
+            # The few blocks of one joint may happen to be small: all joints' mean counts too.
+            growth = np.where(correlated, limit, variance[0]).max(axis=0) / variance[0]
+            variance = variance[:1] * np.maximum(growth, growth.mean())
+        return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least))

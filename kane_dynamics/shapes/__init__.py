@@ -1,0 +1,1 @@
+"""Shapes of links, as they are drawn and as they collide."""
