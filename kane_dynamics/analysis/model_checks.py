@@ -1,4 +1,4 @@
-"""What `doctor` finds without ROS: whether a URDF is one to command a real arm with."""
+"""Checks of a robot model before it controls a real arm; the command `doctor` without ROS."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from kane_dynamics.urdf.notices import NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
 
-POSTURES, STARTS = 500, 8  # tried at random; of them those from which a search goes on
-FINE, ROUNDING = 1e-4, 1e-12  # of a range, where steps end; of a weight that is no larger
-Level = Literal['fine', 'doubt', 'problem']
+SAMPLES, STARTS = 500, 8  # random configurations; starts of the search, for each joint
+SMALLEST_STEP, ROUNDING = 1e-4, 1e-12  # relative to the range; to the gravity force
+Level = Literal['fine', 'warning', 'problem']
 
 
 @dataclass(frozen=True)
 class Finding:
     """
-    What was looked at, and what it means.
+    The result of one check.
 
     Attributes
     ----------
-    level : 'fine', 'doubt' or 'problem'
-        Doubts may be meant; a problem makes torques wrong or unsafe.
+    level : 'fine', 'warning' or 'problem'
+        A warning may be intended; a problem makes torques wrong or unsafe.
     words : str
 
     """
@@ -35,32 +35,32 @@ class Finding:
 
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
-    """Return what is doubtful or wrong about a robot's description."""
-    found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'doubt', f'URDF: {warning}')
-             for warning in warnings]
+    """Return the findings about a robot model."""
+    found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'warning',
+                     f'URDF: {warning}') for warning in warnings]
     found += examine_masses(robot)
     limits, names = robot.limits, model.joint_names
     for what, values, consequence in (
-            ('effort limit', limits.effort, 'torques on them are bounded by nothing'),
-            ('speed limit', limits.velocity, 'motions are not held against one')):
+            ('effort limit', limits.effort, 'torques on them are not bounded'),
+            ('speed limit', limits.velocity, 'speeds of motions are not checked')):
         without = [name for name, value in zip(names, values) if not np.isfinite(value)]
         if without:
-            found.append(Finding('doubt', f'no {what}: {listed(without)}; {consequence}'))
+            found.append(Finding('warning', f'no {what}: {listed(without)}; {consequence}'))
     found += _weight(robot)
     joints = model.coordinate_joints
     for what, missing, consequence in (
             ('friction', [j.name for j in joints if not (j.damping or j.friction)],
              '`kane-dynamics identify` finds it from a recording'),
             ('rotor inertia (armature)', [j.name for j in joints if not j.armature],
-             'behind a gear it can outweigh the link; say it in the supplement')):
+             'behind a gear it can exceed the inertia of the link; set it in the supplement')):
         if missing:
-            found.append(Finding('doubt', f'no {what} is known of {listed(missing)}: '
+            found.append(Finding('warning', f'no {what} is known of {listed(missing)}: '
                                  f'{consequence}'))
     return found
 
 
 def examine_masses(robot: Robot) -> list[Finding]:
-    """Return joints that move no mass: forward dynamics is impossible, M is singular."""
+    """Return a problem for joints that move no mass, where M is singular."""
     equations = robot.equations
     q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
     if isinstance(equations, ConstrainedEquations):
@@ -74,41 +74,42 @@ def examine_masses(robot: Robot) -> list[Finding]:
 
 
 def _weight(robot: Robot) -> list[Finding]:
-    """Return whether the motors can hold the arm everywhere within its limits."""
-    most = heaviest(robot)
+    """Return whether the effort limits can hold the arm everywhere within its limits."""
+    most = largest_gravity_forces(robot)
     weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
             for name, weight, limit in zip(robot.joint_names, most, robot.limits.effort)
             if weight > limit]
     if weak:
-        return [Finding('problem', f'the arm cannot hold itself in every posture: {listed(weak)} '
-                        'N m or N')]
+        return [Finding('problem', 'the arm cannot hold itself in every configuration: '
+                        f'{listed(weak)} N m or N')]
     if not most.any():
-        return [Finding('doubt', 'gravity asks no torque of any joint: is the base mounted as '
-                        'the URDF says, and gravity along its -z?')]
-    return [Finding('fine', f'the efforts hold the arm in {POSTURES} random postures within its '
-                    'limits, and in the heaviest that a search from there finds')]
+        return [Finding('warning', 'gravity torques: zero for all joints; expected a base mounted '
+                        'as in the URDF, with gravity along its -z')]
+    return [Finding('fine', f'the efforts hold the arm in {SAMPLES} random configurations within '
+                    'its limits, and at the largest gravity torques that a search from there '
+                    'finds')]
 
 
-def heaviest(robot: Robot) -> Array:
+def largest_gravity_forces(robot: Robot) -> Array:
     """
-    Return the largest weight that a search finds for each joint, (n,), N m or N.
+    Return the largest gravity force that a search finds for each joint, (n,), N m or N.
 
-    From the heaviest of `POSTURES` random postures it goes on uphill. Where a joint states no
-    bound, half a turn or 1 m from 0, or from the other bound, stands in for it.
+    The search ascends from the largest of `SAMPLES` random configurations. A missing joint limit
+    is half a turn or 1 m from 0, or from the other limit.
 
     Parameters
     ----------
     robot : Robot
-        Whose limits hold.
+        The robot with its joint limits.
 
     """
     lower, upper = robot.sampling_range()
-    q = np.random.default_rng(0).uniform(lower, upper, (POSTURES, robot.n))
+    q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, robot.n))
     weights = np.abs(robot.gravity_force(q))
-    best = np.argsort(weights, axis=0)[-STARTS:].T.ravel()  # for each joint postures of its own
+    best = np.argsort(weights, axis=0)[-STARTS:].T.ravel()  # separate starts for each joint
     joint = np.repeat(np.arange(robot.n), STARTS)
     q, most, step = q[best], weights[best, joint], np.full(len(best), 0.25)
-    while (going := np.flatnonzero(step > FINE)).size:
+    while (going := np.flatnonzero(step > SMALLEST_STEP)).size:
         there, found = _uphill(robot, q[going], joint[going], step[going, None] * (upper - lower))
         up = found > most[going] * (1.0 + ROUNDING)
         q[going[up]], most[going[up]] = there[up], found[up]
@@ -118,9 +119,9 @@ def heaviest(robot: Robot) -> Array:
 
 def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tuple[Array, Array]:
     """
-    Return the heaviest of the postures that are a step away, (k, n), and its weight, (k,).
+    Return the neighbour with the largest gravity force, (k, n), and that force, (k,).
 
-    Steps go along one coordinate, or at once along all of those that lead uphill.
+    A neighbour is a step away along one coordinate, or along all coordinates that increase it.
     """
     lower, upper = robot.sampling_range()
     rows = np.arange(len(q))
@@ -142,12 +143,12 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
 
 def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
     """
-    Return what measured efforts at rest say about sign and gravity.
+    Return findings about sign and gravity of efforts measured at rest.
 
     Parameters
     ----------
     robot : Robot
-        Whose weight it is.
+        The robot that is measured.
     q, effort : (n,) arrays
         At rest; rad or m, N m or N.
 
@@ -161,26 +162,26 @@ def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
         return [Finding('fine', f'at rest the measured efforts hold {share:.0%} of the weight')]
     if share < -0.7:
         return [Finding('problem', 'at rest the measured efforts are the weight with the opposite '
-                        'sign: efforts or joint axes are reversed, and torques would push the '
-                        'wrong way')]
-    return [Finding('doubt', f'at rest the measured efforts hold {share:.0%} of the weight: the '
+                        'sign: efforts or joint axes are reversed, and torques would act in '
+                        'the wrong direction')]
+    return [Finding('warning', f'at rest the measured efforts hold {share:.0%} of the weight: the '
                     'arm adds gravity itself (then compensate.gravity: false), or its efforts '
                     'leave it out')]
 
 
 def listed(names: Iterable[str], most: int = 8) -> str:
-    """Return names in one line, the first few of many."""
+    """Return names in one line; of many, the first few and their number."""
     every = list(names)
     more = f' and {len(every) - most} more' if len(every) > most else ''
     return ', '.join(every[:most]) + more
 
 
 def print_findings(found: Sequence[Finding]) -> None:
-    """Print findings, the worst first."""
+    """Print findings, problems first."""
     counts = []
-    for level in ('problem', 'doubt', 'fine'):
+    for level in ('problem', 'warning', 'fine'):
         group = [finding for finding in found if finding.level == level]
         counts.append(len(group))
         for finding in group:
             print(f'{level:>8}: {finding.words}')
-    print(f'\n{counts[0]} problems, {counts[1]} doubts, {counts[2]} fine')
+    print(f'\n{counts[0]} problems, {counts[1]} warnings, {counts[2]} fine')

@@ -1,4 +1,4 @@
-"""The balance of power: what joints and environment put in is stored or lost to friction."""
+"""Power balance: power of joints and environment, dissipation, rate of energy."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ class PowerBalance(NamedTuple):
     """
     Power, W: of the joints, of the environment, lost to friction, and the energy's rate.
 
-    `constraints` is what constraints put in that prescribe a motion.
+    `constraints` is the power of constraints that prescribe a motion.
 
     Floats, or (N,) arrays of a batch.
     """
@@ -28,7 +28,7 @@ class PowerBalance(NamedTuple):
 
     @property
     def residual(self) -> Any:
-        """Return what does not balance, W: zero but for rounding if the equations are right."""
+        """Return the residual of the balance, W: zero up to rounding for correct equations."""
         return (self.joints + self.external + self.constraints - self.friction
                 - self.energy_rate)
 
@@ -36,13 +36,13 @@ class PowerBalance(NamedTuple):
 def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
                   wrench: Array | None = None, t: Any = 0.0) -> PowerBalance:
     """
-    Return the power of a motion: what is put in is lost to friction or stored.
+    Return the power balance of a motion.
 
     ``joint torques q' + wrenches v + constraint forces b = friction q' + d(T + V)/dt``, where b
     are the velocities that constraints prescribe.
 
     The energy's rate comes from the energies alone, by central differences of fourth order along
-    the motion, so the residual holds torques against an independent road.
+    the motion, so the residual checks torques against an independent formulation.
 
     Parameters
     ----------
@@ -62,38 +62,36 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
 
     """
     if not set(robot.speed_names) <= set(robot.joint_names):
-        raise InputError(f'the speeds of this robot are {list(robot.speed_names)}; the balance of '
-                         'power needs joint rates')
+        raise InputError(f'speeds of the robot: {list(robot.speed_names)}; expected joint rates')
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
-    with np.errstate(over='ignore', invalid='ignore'):  # refused below, in words
+    with np.errstate(over='ignore', invalid='ignore'):  # an error below
         if isinstance(robot.equations, ConstrainedEquations):
             powers = _constrained_powers(robot, q, u, tau, wrench, t)
         else:
             external = robot.external_force(q, wrench=wrench)
             friction = robot.torque_terms(q, u, udot)[..., TORQUE_TERMS.index('friction'), :]
             powers = (*(_product(force, u) for force in (tau, external, friction)), 0.0)
-        joints, pushed, lost, held = powers
-        balance = PowerBalance(joints, pushed, lost, _energy_rate(robot, q, u, udot, t), held)
+        joints, external, lost, held = powers
+        balance = PowerBalance(joints, external, lost, _energy_rate(robot, q, u, udot, t), held)
     if not np.isfinite(balance).all():
-        raise InputError(f'the power is not finite: {balance}; the motion is beyond any physical '
-                         'range')
+        raise InputError(f'power: not finite, {balance}; expected a motion in a physical range')
     return balance
 
 
 def _constrained_powers(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t: Any
                         ) -> tuple[Any, Any, Any, Any]:
-    """Return the power of joints, environment, friction and constraints: all joints may move."""
+    """Return the power of joints, environment, friction and constraints."""
     equations: Any = robot.equations
     rates = robot.joint_rates(q, u, t=t)
     joints = _product(robot.joint_torques(tau, q, t=t), rates)
     friction = np.reshape([equations.tree.friction_force(row).astype(np.float64) @ row
                            for row in np.atleast_2d(rates)], np.shape(joints))[()]
-    pushed = 0.0 * joints
+    external = 0.0 * joints
     for k, frame in enumerate(equations.wrench_frames if wrench is not None else ()):
-        pushed = pushed + _product(np.asarray(wrench)[..., k, :],
+        external = external + _product(np.asarray(wrench)[..., k, :],
                                    robot.frame_velocity(frame.name, q, u, t=t))
     forces = robot.constraint_forces(q, u, tau, wrench=wrench, t=t)
-    return joints, pushed, friction, _product(forces, _prescribed(robot, q, t))
+    return joints, external, friction, _product(forces, _prescribed(robot, q, t))
 
 
 def _prescribed(robot: Robot, q: Any, t: Any) -> Any:
@@ -101,7 +99,7 @@ def _prescribed(robot: Robot, q: Any, t: Any) -> Any:
     equations: Any = robot.equations
     states = np.atleast_2d(np.asarray(q, dtype=np.float64))
     times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(states))
-    rows = [np.array(equations.mechanism.rows(equations.mechanism.posture(at, moment)).b,
+    rows = [np.array(equations.mechanism.rows(equations.mechanism.state(at, moment)).b,
                      dtype=np.float64) for at, moment in zip(states, times)]
     return np.reshape(rows, (*np.shape(q)[:-1], len(equations.mechanism.labels)))
 
@@ -112,13 +110,13 @@ def _product(force: Any, speed: Any) -> Any:
 
 def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
     """
-    Return what the energy gained beyond what was put in, (K,), J: the error of an integration.
+    Return the energy error of an integration, (K,), J: change of energy minus work.
 
     Parameters
     ----------
     t, energy, power : (K,) arrays
-        Times, s; kinetic and potential energy together, J; what joints and environment put in
-        less what friction takes, W. Between two times the power is taken as a cubic, so the
+        Times, s; kinetic plus potential energy, J; power of joints and environment minus
+        dissipation, W. Between two times the power is taken as a cubic, so the
         integral's error is of fourth order in their distance where the power is smooth.
 
     """
@@ -132,7 +130,7 @@ def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
 def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any, t: Any) -> Any:
     constrained = isinstance(robot.equations, ConstrainedEquations)
     rates = robot.joint_rates(q, u, t=t)
-    # Under constraints all joints' own accelerations keep loops closed to the second order.
+    # With the accelerations of all joints, loops stay closed to second order.
     bend = robot.joint_accelerations(q, u, udot, t=t) if constrained else np.zeros_like(rates)
     fastest, hardest = (np.maximum(*(np.abs(x).max(axis=-1, initial=0.0) for x in pair))
                         for pair in ((rates, u), (bend, udot)))

@@ -1,4 +1,4 @@
-"""Small vibrations of a robot about a posture."""
+"""Small vibrations of a robot about a configuration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ class Vibration:
     Attributes
     ----------
     frequencies : (k,) array
-        rad/s, ascending; 0 for what nothing pulls back, and minus the rate of growth of what
-        falls away.
+        rad/s, ascending; 0 for modes without stiffness, negative (minus the growth rate, 1/s) for
+        unstable modes.
     shapes : (n, k) array
-        Column j: how the coordinates swing at frequency j, with unit modal mass.
+        Column j: mode shape of frequency j, with unit modal mass.
     names : tuple of str
-        Of the coordinates.
+        Names of the coordinates.
 
     """
 
@@ -37,29 +37,32 @@ class Vibration:
 
 def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibration:
     """
-    Linearise a robot at rest about a posture: M x'' + K x = 0, K the potential energy's Hessian.
+    Return natural frequencies and mode shapes at rest: M x'' + K x = 0.
+
+    K is the Hessian of the potential energy.
 
     Parameters
     ----------
     robot : Robot
         In joint rates, without constraints.
     q : (n,) array
-        An equilibrium, or where actuators hold the weight; rad, m, and modal coordinates.
+        An equilibrium, or a configuration held by actuators; rad, m, and modal coordinates.
     held : sequence of str
         Coordinates that do not move, such as braked joints.
 
     Raises
     ------
     InputError
-        No such coordinate, or the robot has constraints or other speeds.
+        An unknown coordinate, or the robot has constraints or other speeds.
 
     """
     names = robot.coordinate_names
     if robot.speed_names != names:
-        raise InputError('vibrations are found for robots in joint rates without constraints')
+        raise InputError('vibrations: a robot with chosen speeds or constraints; expected one in '
+                         'joint rates without constraints')
     for name in held:
         if name not in names:
-            raise InputError(f"held: no coordinate '{name}'; valid: {', '.join(names)}")
+            raise InputError(f"held: no coordinate '{name}'; expected one of {', '.join(names)}")
     q = np.array(q, dtype=np.float64)
     free = [k for k, name in enumerate(names) if name not in held]
     M, K = robot.mass_matrix(q), stiffness_matrix(robot, q)

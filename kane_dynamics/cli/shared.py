@@ -13,7 +13,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
 from kane_dynamics.model.model import Model
-from kane_dynamics.robot.configuration_methods import suspected_degrees
+from kane_dynamics.robot.methods.configuration_methods import suspected_degrees
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np

@@ -1,4 +1,4 @@
-"""What estimated external torques say: whether something unexpected pushes, and how at the tip."""
+"""Collision detection by estimated external torques, and the wrench at a frame."""
 
 from typing import NamedTuple
 import warnings
@@ -14,17 +14,17 @@ DAMPING = 0.005  # m, of `frame_wrench`: a condition number near 200 for an arm 
 
 class CollisionDetector:
     """
-    Tells from estimated external torques whether something unexpected pushes.
+    Detects a collision by thresholds on estimated external torques.
 
-    The flag rises when one joint's torque has stayed beyond its threshold for `confirm`, and falls
-    when all have stayed below `release` of theirs for `clear`: neither a single bad sample nor a
-    torque near the threshold makes it flicker.
+    The flag is set when one joint's torque has been beyond its threshold for `confirm`, and is
+    cleared when all have been below `release` times theirs for `clear`. The hysteresis ignores
+    single outliers and torques near the threshold.
 
     Parameters
     ----------
     joint_names : sequence of str
     threshold : float or (n,) array_like
-        N m or N. It must exceed what the model lacks: friction above all.
+        N m or N. It must exceed the model error, above all that of friction.
     confirm, clear : float
         s; zero: at once.
     release : float
@@ -35,12 +35,12 @@ class CollisionDetector:
     collision : bool
         The flag.
     joint : str or None
-        The joint that raised the flag: of those beyond for long enough, the one that was furthest
-        beyond in proportion.
+        The joint that set the flag: of the confirmed ones, that with the largest ratio of torque
+        to threshold.
     beyond : tuple of str
-        All joints that are now beyond their thresholds. A push on a link loads only the joints
-        between it and the base, so the touched link is that of the outermost of them or a later
-        one.
+        All joints beyond their thresholds. An external force on a link loads only the joints
+        between it and the base, so the link in contact is that of the outermost of these joints or
+        a later one.
 
     Raises
     ------
@@ -57,21 +57,21 @@ class CollisionDetector:
 
     def tune(self, threshold: ArrayLike, *, confirm: float, release: float,
              clear: float) -> None:
-        """Change thresholds and times; the flag stays as it is."""
+        """Change thresholds and times; the flag keeps its value."""
         thresholds = per_joint(threshold, 'threshold', self._names, finite=False).tolist()
         for name, value in zip(self._names, thresholds):
             if value == 0.0:
                 raise InputError(f"threshold of joint '{name}' is 0; expected a positive number")
         for what, time in (('confirm', confirm), ('clear', clear)):
             if not time >= 0.0:
-                raise InputError(f'{what} is {time}; expected a time in s, not negative')
+                raise InputError(f'{what} is {time}; expected a nonnegative time in s')
         if not 0.0 < release <= 1.0:
             raise InputError(f'release is {release}; expected a share, more than 0, at most 1')
         self._thresholds, self._release = thresholds, release
         self._confirm, self._clear = confirm, clear
 
     def reset(self) -> None:
-        """Lower the flag and forget how long torques have been where they are."""
+        """Clear the flag and the timers."""
         self.collision = False
         self.joint: str | None = None
         self.beyond: tuple[str, ...] = ()
@@ -80,9 +80,9 @@ class CollisionDetector:
 
     def update(self, t: float, torque: Array) -> bool:
         """
-        Take the torques, (n,), of time t, s; return whether the flag has changed.
+        Update with the torques, (n,), at time t, s; return whether the flag has changed.
 
-        Where the time jumps back, what had lasted begins anew.
+        A backward jump of the time restarts the timers.
         """
         shares = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
         self._since = [None if not share > 1.0 else t if since is None or t < since else since
@@ -107,18 +107,17 @@ class CollisionDetector:
 
 class FrameWrench(NamedTuple):
     """
-    The wrench at a frame that explains external torques; `frame_wrench` computes it.
+    The wrench at a frame estimated from external torques; the result of `frame_wrench`.
 
     Attributes
     ----------
     wrench : (6,) array
         Force then moment, N and N m, world axes.
     seen : int
-        How many of its six directions the torques determine. Along the others it is zero, or too
-        small by damping.
+        Number of its six directions that the torques determine. Along the others it is zero, or
+        reduced by damping.
     rest : (n,) array
-        The residual: what of the torques no wrench at the frame explains, N m or N. It is large
-        where the contact is elsewhere.
+        The residual of the least-squares fit, N m or N. It is large if the contact is elsewhere.
 
     """
 
@@ -128,42 +127,41 @@ class FrameWrench(NamedTuple):
 
     @property
     def damped(self) -> int:
-        """Return the number of directions that the joints could show, but damping reduces."""
+        """Return the number of directions reduced by damping."""
         return min(6, len(self.rest)) - self.seen
 
     @property
     def residual(self) -> Array:
-        """Return `rest`, (n,): the torques that no wrench at the frame explains, N m or N."""
+        """Return `rest`, (n,), N m or N: the residual of the least-squares fit."""
         return self.rest
 
 
 def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.3,
                  damping: float | None = None) -> FrameWrench:
     """
-    Return the wrench at a frame that explains external torques best: least squares of ``J^T w``.
+    Return the least-squares wrench at a frame: ``J^T w`` fits the external torques.
 
-    Where the arm is singular, or has fewer than six joints, some wrenches load structure alone and
-    no torque shows them. Near such configurations 1/s, s a singular value of J^T, is damped to
-    ``s / damping^2`` where s is below the damping: the wrench comes out too small there, never
-    huge. Elsewhere it is exact.
+    In a singular configuration, or with fewer than six joints, some wrenches cause no joint
+    torque. Near such configurations 1/s, s a singular value of J^T, is damped to
+    ``s / damping^2`` for s below the damping: the wrench is too small there instead of unbounded.
+    Elsewhere it is exact.
 
     Parameters
     ----------
     partial_velocities : (6, n) array
         `Robot.jacobian` of the frame, linear then angular, world axes.
     torque : (n,) array
-        Of `MomentumObserver`, N m or N.
+        The estimate of `MomentumObserver`, N m or N.
     length : float
-        m; a moment of 1 N m counts like a force of 1 / length.
+        m; weights a moment of 1 N m like a force of 1 N / length.
     damping : float, optional
-        Largest torque, N m for a force of 1 N, so m, of a direction that counts as unseen. By
-        default 5 mm, and a warning where it acts; more where torques are noisy, for their noise
-        is divided by it.
+        Smallest singular value without damping, m (N m per N). By default 5 mm, with a warning if
+        it acts; use more with noisy torques, because their noise is divided by it.
 
     Warns
     -----
     ModelWarning
-        Damping acts, and was not given: says on how many directions.
+        Damping acts and was not given; names the number of directions.
 
     Raises
     ------

@@ -25,10 +25,10 @@ class ComputedTorque:
     Parameters
     ----------
     robot : Robot
-        The one that is simulated. The former order (motion, kp, kd) still works, with a
+        The simulated robot. The former order (motion, kp, kd) still works, with a
         DeprecationWarning.
     motion : Motion
-        Of the robot's joints, in their order.
+        Motion of the robot's joints, in their order.
     kp : float or (n,) array_like
         1/s^2, finite, not negative; default: 100.
     kd : float or (n,) array_like
@@ -66,7 +66,7 @@ class ComputedTorque:
             raise InputError(f'motion: a {type(motion).__name__}; expected a Motion: the order is '
                              '(robot, motion, kp, kd)')
         if simulated is not None and motion.joint_names != simulated.joint_names:
-            raise InputError(f'the motion is of the joints {list(motion.joint_names)}; expected '
+            raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '
                              f'{list(simulated.joint_names)}')
         freeze(self, 'robot', simulated)
         freeze(self, 'motion', motion)

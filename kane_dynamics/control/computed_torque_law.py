@@ -1,11 +1,11 @@
 """
-The computed-torque law, written once and traced into one program for all of its uses.
+The computed-torque law, traced into one program for all of its uses.
 
     tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d)
 
 `Controller` calls it as a kernel; native simulation and sweeps call it as a subroutine of their
-steps. Friction is that of the desired speed: at the measured speed, its compensation would push an
-arm at rest.
+steps. Friction is that of the desired speed: compensation at the measured speed would accelerate
+an arm at rest.
 """
 
 from typing import Any
@@ -24,7 +24,7 @@ STATES = ('q', 'u', 'q_d', 'u_d', 'udot_d')  # measured, then desired; the gains
 
 def corrected_acceleration(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, kp: Any,
                            kd: Any) -> Any:
-    """Return the acceleration that computed torque asks of the model, (n,) or (N, n)."""
+    """Return the corrected acceleration of computed torque, (n,) or (N, n)."""
     return udot_d + (kd * (u_d - u) + kp * (q_d - q))
 
 
@@ -40,16 +40,16 @@ def law_program(robot: Robot) -> Program:
     """
     equations = robot.equations
     if not isinstance(equations, TreeEquations):
-        raise InputError('computed torque follows a motion of all joints: it needs a robot '
-                         'whose speeds are the joint rates, without constraints')
-    n, pushed = equations.n, len(robot.kernels.no_wrench) > 0
+        raise InputError('computed torque: a robot with chosen speeds or constraints; expected '
+                         'one in joint rates without constraints')
+    n, loaded = equations.n, len(robot.kernels.no_wrench) > 0
 
     def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, *rest: Any) -> Any:
         wanted = corrected_acceleration(q, u, q_d, u_d, udot_d, gains[:n], gains[n:])
-        rigid = equations.rigid_dynamics(q, u, wanted, rest[0] if pushed else None, rest[-1])
+        rigid = equations.rigid_dynamics(q, u, wanted, rest[0] if loaded else None, rest[-1])
         return np.array(rigid) + equations.friction_force(u_d)
     inputs: list[tuple[str, Shape]] = [*((name, (n,)) for name in STATES), ('gains', (2 * n,))]
-    if pushed:
+    if loaded:
         inputs.append(('wrench', robot.kernels.no_wrench.shape))
     return trace_program(NAME, law, [*inputs, ('parameters', robot.parameters.block.shape)])
 

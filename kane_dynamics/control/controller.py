@@ -1,7 +1,7 @@
 """
-Feedforward control: from a measured state and a desired motion to the torques to command.
+Controller: the torques to command for a measured state and a desired motion.
 
-Everything here is plain library code; the ROS node only converts messages around it.
+Plain library code without ROS; the node converts messages.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 
 class Mode(StrEnum):
-    """What the command is made of; see `Controller`."""
+    """Control modes; see `Controller`."""
 
     INVERSE_DYNAMICS = 'inverse_dynamics'
     COMPUTED_TORQUE = 'computed_torque'
@@ -33,7 +33,7 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True)
 class Terms:
-    """Sources of torque that the command contains; False for what the arm compensates itself."""
+    """Torque terms of the command; False for terms that the arm compensates itself."""
 
     gravity: bool = True
     coriolis: bool = True
@@ -43,7 +43,7 @@ class Terms:
 
 class Controller:
     """
-    Torques for one measured state after another.
+    Computes torque commands for successive measured states.
 
     Modes, with (q, u) measured and (q_d, u_d, udot_d) desired:
 
@@ -51,18 +51,18 @@ class Controller:
         The torque of the model at (q_d, u_d, udot_d); without a motion, gravity at q.
     computed_torque
         The torque of the model at q, u and udot_d + kd (u_d - u) + kp (q_d - q), but friction at
-        the desired speed: at the measured one, its compensation would push a resting arm on.
-        Without a motion it holds the first pose that it sees.
+        the desired speed: compensation at the measured one would accelerate an arm at rest.
+        Without a motion it holds the first measured pose.
     gravity_compensation
         Gravity at q. The speed is not used.
 
-    `compensate` switches sources off in every mode. The springs of the model have no switch: they
-    are part of the model's torque wherever that is commanded, and not of gravity. Switching
-    inertia off leaves out M udot_d; the feedback of computed torque stays.
+    `compensate` switches torque terms off in every mode. The springs of the model have no switch:
+    they are part of the model's torque, and not of gravity. Switching inertia off leaves out
+    M udot_d; the feedback of computed torque stays.
 
     Each torque is clamped to the effort limit, then its change from the last command to the rate
-    limit times the time between the stamps. A controller that is new or was stopped counts as
-    having commanded zero at the stamp of its first state, so with a rate limit it starts at zero.
+    limit times the time between the stamps. After construction or `stop` the previous command is
+    zero at the stamp of the first state, so with a rate limit the torque starts at zero.
 
     Parameters
     ----------
@@ -74,16 +74,16 @@ class Controller:
     kd : float or (n,) array_like
         1/s, for computed torque.
     effort_limit : float or (n,) array_like, optional
-        N m or N; what the robot's own limits say is never exceeded. Default: only those.
+        N m or N; applies in addition to the robot's own limits. Default: only those.
     rate_limit : float or (n,) array_like
         N m/s or N/s; infinite for no limit.
     bending : QuasiStatic, optional
-        The arm with the beams that `robot` takes for rigid: its torques are commanded then.
+        The flexible arm of which `robot` is the rigid model; its torques are commanded then.
 
     Raises
     ------
     InputError
-        Names the argument, the joint, the value and what is valid.
+        Names the argument, the joint, the value and what is expected.
 
     """
 
@@ -94,7 +94,7 @@ class Controller:
         self.robot, self.bending = robot, bending
         self._names = tuple(robot.joint_names)
         if bending is not None and bending.joint_names != self._names:
-            raise InputError(f'bending is of the joints {list(bending.joint_names)}; expected '
+            raise InputError(f'bending: of the joints {list(bending.joint_names)}; expected '
                              f'{list(self._names)}')
         self._source = bending or robot
         self._zero = np.zeros(len(self._names))
@@ -111,13 +111,13 @@ class Controller:
                effort_limit: ArrayLike | None = None,
                rate_limit: ArrayLike | None = None) -> None:
         """
-        Change settings between two commands; None leaves one as it is.
+        Change settings between two commands; None keeps a setting.
 
-        Either all of them change or, on an InputError, none. The rate limit carries on from the
-        last command; a new mode holds a new pose.
+        On an InputError no setting changes. The rate limit continues from the last command; a new
+        mode holds a new pose.
         """
         if mode is not None and mode not in list(Mode):
-            raise InputError(f'mode is {mode!r}; valid: {", ".join(Mode)}')
+            raise InputError(f'mode is {mode!r}; expected one of {", ".join(Mode)}')
         names = self._names
         new_kp = self.kp if kp is None else per_joint(kp, 'kp', names)
         new_kd = self.kd if kd is None else per_joint(kd, 'kd', names)
@@ -146,12 +146,12 @@ class Controller:
 
     @cached_property
     def _law(self) -> Callable[..., Array]:
-        """Return the way into computed torque with all terms."""
+        """Return the entry point of the computed-torque kernel, with all terms."""
         kernel = law_kernel(self.robot)
         return kernel.entry('', kernel)
 
     def compile(self) -> None:  # noqa: A003
-        """Compile now what a command may need beyond the robot's own kernels."""
+        """Compile the kernels that commands need besides those of the robot."""
         if self.bending is None:
             self._law  # noqa: B018
         else:
@@ -159,12 +159,12 @@ class Controller:
 
     @property
     def pose(self) -> Array | None:
-        """Return the positions, (n,) rad or m, that computed torque holds now; None if none."""
+        """Return the positions that computed torque holds, (n,) rad or m, or None."""
         return self._pose
 
     @property
     def effort_limit(self) -> Array:
-        """Return the largest torques, (n,) N m or N: the tighter of robot's and given ones."""
+        """Return the effort limits, (n,) N m or N: the minimum of the robot's and given ones."""
         return self._limiter.effort
 
     @property
@@ -181,19 +181,19 @@ class Controller:
         Parameters
         ----------
         t : float
-            Stamp of the state, s on any clock; the rate limit counts the time between stamps, and
-            takes a jump backwards for none.
+            Stamp of the state, s on any clock; the rate limit uses the time between stamps, zero
+            for a backward jump.
         q : (n,) array_like
             Measured positions, rad or m.
         u : (n,) array_like, optional
-            Measured speeds, rad/s or m/s; may be missing in gravity compensation only.
+            Measured speeds, rad/s or m/s; optional in gravity compensation only.
         motion : Motion, optional
             The desired motion, of the robot's joints in the robot's order.
         motion_time : float, optional
             Time since the motion began, s. Default: t.
         external : (n,) array_like, optional
-            What the environment is known to do (`Robot.external_force`), N m or N; the command
-            makes up for it, but in gravity compensation, where it is the hand that guides.
+            Known external generalized force (`Robot.external_force`), N m or N; the command
+            compensates it, except in gravity compensation, where an operator guides the arm.
 
         Returns
         -------
@@ -202,8 +202,8 @@ class Controller:
         Raises
         ------
         InputError
-            A number of the state is missing or not finite, or the motion is of other joints.
-            Nothing has changed then.
+            A number of the state is missing or not finite, or the motion has other joints. The
+            controller does not change then.
 
         """
         t = float(t)
@@ -213,10 +213,10 @@ class Controller:
         if u is not None:
             u = finite_row(u, 'the measured speed', self._names)
         elif self.mode is not Mode.GRAVITY_COMPENSATION:
-            raise InputError(f'the state has no speeds, which {self.mode} needs')
+            raise InputError(f'u: missing; expected the measured speeds, which {self.mode} needs')
         if motion is not None and motion is not self._motion:
             if motion.joint_names != self._names:
-                raise InputError(f'the motion is of the joints {list(motion.joint_names)}; '
+                raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
             self._motion = motion
         external = None if external is None else finite_row(
@@ -227,7 +227,7 @@ class Controller:
     def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
                         moment: float, external: Array | None = None) -> Command:
         """
-        Return the torques to apply, as `command` does, without looking at the arguments.
+        Return the torques to apply, as `command`, without checks of the arguments.
 
         For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
         the motion is of the robot's joints in the robot's order.
@@ -245,7 +245,7 @@ class Controller:
         return self._limiter.apply(t, tau)
 
     def stop(self) -> Command:
-        """Return zeros, past every limit, and start anew with the next state."""
+        """Return zeros, regardless of limits, and restart with the next state."""
         self._pose = None
         return self._limiter.stop()
 
@@ -257,12 +257,12 @@ class Controller:
                 self._pose = q.copy()
             q_d, u_d, udot_d = self._pose, self._zero, self._zero
         else:
-            self._pose = None  # where it stood before says nothing about where it will end
+            self._pose = None  # the pose at the end of the motion is held next
             q_d, u_d, udot_d = motion.sample(moment)
         if self._all and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
-        with np.errstate(over='ignore', invalid='ignore'):  # refused by the kernel, in words
+        with np.errstate(over='ignore', invalid='ignore'):  # the kernel raises an error
             udot = corrected_acceleration(
                 q, u, q_d, u_d, udot_d if self.compensate.inertia else self._zero, self.kp,
                 self.kd)

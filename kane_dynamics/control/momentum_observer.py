@@ -1,5 +1,5 @@
 """
-External joint torques from motion and actuation alone, by the generalized momentum.
+Momentum observer: external joint torques from motion and actuation.
 
 ``p = M u`` obeys ``p' = tau + external - beta`` with ``beta = bias - (C + C^T) u``, so that no
 acceleration is needed. The residual ``r = K (p - p(0) - integral(tau - beta + r) dt)`` is then
@@ -17,18 +17,18 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-OBSERVED = ('mass_matrix', 'bias_force', 'coriolis_matrix')  # what an observer computes with
+OBSERVED = ('mass_matrix', 'bias_force', 'coriolis_matrix')  # quantities that it evaluates
 
 
 class MomentumObserver:
     """
-    Estimates the torques that the environment exerts on the joints.
+    Estimator of the external joint torques.
 
     The residual is advanced from sample to sample by its exact solution for a constant external
     torque, ``r = a r + (1 - a) (dp/dt - mean(tau) + mean(beta))`` with ``a = exp(-K dt)``, which
-    is stable for every step and has no integral that could drift. It lags by 1/K: a constant
-    torque is found to 63 % after 1/K and to 95 % after 3/K. Whatever the model lacks counts as
-    external: unmodelled friction, and at rest all that static friction can hold.
+    is stable for every step and does not drift. Its time constant is 1/K: the estimate of a
+    constant torque reaches 63 % after 1/K and 95 % after 3/K. Model errors count as external
+    torque: unmodelled friction, and static friction at rest.
 
     Parameters
     ----------
@@ -38,31 +38,30 @@ class MomentumObserver:
     gain : float or (n,) array_like
         K, 1/s, positive.
     max_gap : float
-        Time between two samples, s, beyond which nothing is known of what lies between and the
-        observer starts anew.
+        Longest time between two samples, s; after a longer one the observer restarts.
     held : bool
-        How `tau` is sampled: False for a torque measured together with the state, True for a
-        command that acts from this sample to the next.
+        False if `tau` is a torque measured together with the state, True if it is a command that
+        acts from this sample to the next.
 
     Attributes
     ----------
     torque : (n,) array
-        The estimate at the last sample, N m or N: what the environment does to the joints, so that
-        ``M udot + bias = tau + torque``. Zero after a reset.
+        The estimate at the last sample, N m or N, with ``M udot + bias = tau + torque``. Zero
+        after a reset.
 
     Raises
     ------
     InputError
-        The robot is not of that kind, or a number is not valid: names it and its value.
+        The robot has chosen speeds or constraints, or a number is invalid; names it.
 
     """
 
     def __init__(self, robot: Robot, *, gain: ArrayLike = 50.0, max_gap: float = 0.1,
                  held: bool = False) -> None:
-        """Compile what is needed; the first sample starts the estimate at zero."""
+        """Compile the kernels; the estimate starts at zero with the first sample."""
         if isinstance(robot.equations, ConstrainedEquations):
-            raise InputError('the robot has chosen speeds or constraints; the momentum observer '
-                             'takes one with joint rates for speeds and none')
+            raise InputError('robot: it has chosen speeds or constraints; expected one in joint '
+                             'rates without constraints')
         self.robot, self.held = robot, held
         self._workspace = robot.bind()
         self._mass_matrix, self._bias, self._coriolis = (
@@ -73,7 +72,7 @@ class MomentumObserver:
         self.tune(gain, max_gap)
 
     def tune(self, gain: ArrayLike, max_gap: float) -> None:
-        """Change gain, 1/s, and largest gap, s; the estimate carries on."""
+        """Change the gain, 1/s, and `max_gap`, s; the estimate continues."""
         checked = per_joint(gain, 'gain', self.robot.joint_names)
         if not checked.all():
             joint = self.robot.joint_names[int(np.flatnonzero(checked == 0.0)[0])]
@@ -83,21 +82,21 @@ class MomentumObserver:
         self._gain, self._max_gap = checked, max_gap
 
     def reset(self) -> None:
-        """Forget all samples; the next one starts the estimate at zero."""
+        """Reset; the estimate starts at zero with the next sample."""
         self._t = None
         self.torque = np.zeros(self.robot.n)
 
     def refresh(self) -> None:
-        """Take a change of the robot's payload or gravity for what it is, not for a push."""
+        """Update for a changed payload or gravity of the robot, without an external torque."""
         if self._t is not None:
             self._momentum, self._beta = self._terms()
 
     def update(self, t: float, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
         """
-        Take one sample and return `torque`.
+        Update with one sample and return `torque`.
 
-        A sample of the same time as the last changes nothing; one from before it, or after a gap
-        longer than `max_gap`, starts the observer anew.
+        A sample with the stamp of the last one is ignored; an earlier one, or one more than
+        `max_gap` later, restarts the observer.
 
         Parameters
         ----------
@@ -106,13 +105,13 @@ class MomentumObserver:
         q, u : (n,) array_like
             Measured positions and speeds, rad or m and s.
         tau : (n,) array_like
-            Torques of the actuators, N m or N, as `held` says. Known external torques may be
-            added: the estimate is then of what is beyond them.
+            Torques of the actuators, N m or N, as defined by `held`. Known external torques may
+            be added; the estimate then excludes them.
 
         Raises
         ------
         InputError
-            A number is missing or not finite; the observer has been reset then.
+            A number is missing or not finite; the observer is then reset.
 
         """
         if not math.isfinite(t):
@@ -140,7 +139,7 @@ class MomentumObserver:
         return self.torque
 
     def _take(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
-        """Put the state into the workspace, which checks its numbers; return tau, (n,)."""
+        """Write the state to the workspace, which checks it; return tau, (n,)."""
         arrays = []
         for name, values in (('q', q), ('u', u), ('tau', tau)):
             array = np.array(values, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Feedforward of a flexible robot whose beams are taken to bend as the load at the moment says."""
+"""Quasi-static dynamics of a flexible robot: its modes are in equilibrium with the load."""
 
 from typing import Any
 
@@ -7,20 +7,19 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-PRECISION = 1e-10  # of the deflection, at which it is found
+PRECISION = 1e-10  # relative tolerance of the deflection
 MOST = 100  # corrections
-GROWING = 2  # that are not smaller than the one before: there is no end to them
+GROWING = 2  # corrections that do not decrease: the iteration diverges
 
 
 class QuasiStatic:
     """
-    A flexible robot as its joints see it, its modes in equilibrium with the load.
+    A flexible robot with its modes in equilibrium with the load.
 
-    Elastic forces, gravity and the inertia of the motion that the joints have balance in every
-    mode, whose speed and acceleration are left out: K eta = the load on the modes, which itself
-    depends on eta. That holds as far as the motion is slow beside the lowest vibration. Its
-    methods take and return what is of the joints alone, in the order of `joint_names`; arrays of
-    states too.
+    Elastic forces, gravity and inertial forces of the joint motion balance in every mode; speeds
+    and accelerations of the modes are neglected: K eta = load on the modes, which depends on eta.
+    This is valid for motions that are slow compared to the lowest vibration. Methods use joint
+    quantities only, in the order of `joint_names`, for one state or arrays of states.
 
     Parameters
     ----------
@@ -31,7 +30,7 @@ class QuasiStatic:
     Raises
     ------
     InputError
-        The robot is not of that kind.
+        The robot has no beams, or it has chosen speeds or constraints.
 
     """
 
@@ -39,8 +38,9 @@ class QuasiStatic:
         model = robot.model
         if not model.flexible or robot.constraint_names or (
                 robot.speed_names != robot.coordinate_names):
-            raise InputError('quasi-static deflections are those of robots with beams, in joint '
-                             'rates and without constraints')
+            raise InputError('quasi-static deflections: a robot without beams, or with chosen '
+                             'speeds or constraints; expected one with beams, in joint rates and '
+                             'without constraints')
         self.robot = robot
         modes = list(model.modal_coordinates)
         joints = [k for k in range(model.n) if k not in modes]
@@ -65,24 +65,24 @@ class QuasiStatic:
         Raises
         ------
         InputError
-            A shape is wrong, a number is not finite, or the load bends the beams beyond what
-            their stiffness bears.
+            A shape is wrong, a number is not finite, or the load exceeds the stiffness of the
+            beams.
 
         """
         return self._state(q, u, udot)[0][..., self._modes]
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any) -> Array:
-        """Return the joints' torques for a motion, (..., n); arguments and errors as `modes`."""
+        """Return the joint torques for a motion, (..., n); arguments and errors as `modes`."""
         tau: Array = self.robot.inverse_dynamics(*self._state(q, u, udot))
         return tau[..., self._joints]
 
     def torque_terms(self, q: Any, u: Any, udot: Any) -> Array:
-        """Return them by source, (..., 5, n): rows as of `Robot.torque_terms`."""
+        """Return the joint torques by source, (..., 5, n): rows as `Robot.torque_terms`."""
         terms: Array = self.robot.torque_terms(*self._state(q, u, udot))
         return terms[..., self._joints]
 
     def gravity_force(self, q: Any) -> Array:
-        """Return the torques that hold gravity, where it has bent the beams, (..., n)."""
+        """Return the joint torques that balance gravity with deflected beams, (..., n)."""
         rest = np.zeros(np.shape(q))
         tau: Array = self.robot.gravity_force(self._state(q, rest, rest)[0])
         return tau[..., self._joints]
@@ -102,11 +102,11 @@ class QuasiStatic:
             if grown == GROWING:
                 break
             before = size
-        raise InputError(f'the load bends the beams of {self.robot.model.name} beyond what their '
-                         'stiffness bears: no equilibrium was found')
+        raise InputError(f'load on the beams of {self.robot.model.name}: no equilibrium found; '
+                         'expected a load within their stiffness')
 
     def _whole(self, name: str, values: Any) -> Array:
-        """Return an array of the joints with zeros for the modes."""
+        """Return an array of all coordinates, with zeros for the modes."""
         x, n = np.asarray(values, dtype=np.float64), len(self.joint_names)
         if x.shape[-1:] != (n,):
             raise InputError(f'{name} has shape {x.shape}; expected (..., {n}) for '
@@ -117,6 +117,6 @@ class QuasiStatic:
 
 
 def _index(places: list[int]) -> slice | list[int]:
-    """Return what picks these entries: a slice, which is several times faster, if it can."""
+    """Return an index of these entries: a slice, which is faster, if they are contiguous."""
     first, last = places[0], places[-1] + 1
     return slice(first, last) if places == list(range(first, last)) else places

@@ -1,4 +1,4 @@
-"""The last step before torques leave: the effort clamp and the torque-rate limit."""
+"""Torque limits: the effort clamp, then the rate limit."""
 
 from collections.abc import Sequence
 import math
@@ -14,7 +14,7 @@ FINITE = float(np.finfo(np.float64).max)
 
 
 class Command(NamedTuple):
-    """Torques to apply, (n,) N m or N; those that a limit changed, (n,) bool; whether any did."""
+    """Torques to apply, (n,) N m or N, with flags of clamped and rate-limited joints."""
 
     tau: Array
     clamped: Flags
@@ -26,8 +26,8 @@ class TorqueLimiter:
     """
     Clamps each torque to its limit, then its change since the last command.
 
-    A limiter that is new or was stopped counts as having commanded zero at the first stamp that
-    it sees, so a torque with a rate limit starts at zero. There are no limits until they are set.
+    After construction or `stop` the previous command is zero at the first stamp, so a torque with
+    a rate limit starts at zero. There are no limits until they are set.
 
     Attributes
     ----------
@@ -49,16 +49,16 @@ class TorqueLimiter:
         self.set_rate(np.full(len(self._names), math.inf))
 
     def set_effort(self, effort: Array) -> None:
-        """Change the largest torques; the last command is taken into them at once."""
+        """Change the largest torques; the last command is clamped to them."""
         self.effort = effort
-        # A command under a wider limit must not outlast it through the rate limit.
+        # Otherwise the rate limit would hold a command above the new limit.
         self._largest: list[float] = effort.tolist()
         self._bounds = [(-most, most) for most in np.minimum(effort, FINITE).tolist()]
         self._last = [min(max(last, -most), most)
                       for last, most in zip(self._last, self._largest, strict=True)]
 
     def set_rate(self, rate: Array) -> None:
-        """Change the largest changes per second."""
+        """Change the largest rates of torque."""
         self.rate = rate
         self._rated = bool(np.isfinite(rate).any())
         # The step is slope * dt + free, which avoids inf * 0 where there is no limit.
@@ -67,21 +67,21 @@ class TorqueLimiter:
 
     def apply(self, t: float, tau: Array) -> Command:
         """
-        Return what of `tau` may be commanded at stamp `t`, s.
+        Return `tau` limited, at stamp `t`, s.
 
-        A stamp that lies before the last one leaves no time for a change.
+        A stamp before the last one allows no change.
 
         Parameters
         ----------
         t : float
             s, on any clock.
         tau : (n,) array
-            N m or N; it is the command where no limit changes it.
+            N m or N; returned unchanged within all limits.
 
         Raises
         ------
         InputError
-            A torque is not finite; the last command stays as it was.
+            A torque is not finite; the last command is not changed.
 
         """
         wanted = tau.tolist()
@@ -93,9 +93,9 @@ class TorqueLimiter:
                 self._last, self._stamp = wanted, t
                 return Command(tau, self._none, self._none, False)
         if not all(map(math.isfinite, wanted)):
-            raise InputError('the torques are not finite: '
-                             f'{dict(zip(self._names, wanted, strict=True))}; the state, '
-                             'the motion or the gains are beyond any physical range')
+            raise InputError('torques: not finite, '
+                             f'{dict(zip(self._names, wanted, strict=True))}; expected a state, '
+                             'a motion and gains in a physical range')
         within = [min(max(x, -most), most)
                   for x, most in zip(wanted, self._largest, strict=True)]
         elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
@@ -110,6 +110,6 @@ class TorqueLimiter:
         return Command(np.array(out), clamped, limited, True)
 
     def stop(self) -> Command:
-        """Return zeros, past every limit, and start anew with the next stamp."""
+        """Return zeros, regardless of limits, and restart with the next stamp."""
         self._last, self._stamp = self._zero.tolist(), None
         return Command(self._zero.copy(), self._none, self._none, False)

@@ -4,7 +4,7 @@ Inverse kinematics: the configuration at which a frame has a desired pose or pos
 Damped least squares (Levenberg-Marquardt) whose damping falls with the error, by T. Sugihara,
 "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans.
 Robotics 27(5), 2011: regular at singular configurations, quadratic near a solution. Limits of the
-coordinates are an active set: what is at a limit and would go beyond it stands still.
+coordinates are an active set: a coordinate that would move beyond its limit is fixed.
 """
 
 from typing import NamedTuple
@@ -17,10 +17,10 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-LONGEST = 0.5  # of a step, rad or m
-MOST = 1e-2  # of the squared damping: a target out of reach shall not slow the search
-BIAS = 1e-12  # of the squared damping, at an error of zero
-PATIENCE = 15  # iterations without progress, after which the search starts elsewhere
+LONGEST = 0.5  # longest step, rad or m
+MOST = 1e-2  # largest squared damping, so that unreachable targets do not slow the search
+BIAS = 1e-12  # squared damping at zero error
+PATIENCE = 15  # iterations without progress before the next start
 AT_LIMIT = 1e-9  # rad or m
 
 
@@ -54,7 +54,7 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
     target : (4, 4) or (3,) array_like
         Pose of the frame in the world, or position of its origin alone, m.
     q0 : (n_q,) array_like, optional
-        Where to start, rad or m; a solution near it is preferred. Default: `neutral`, moved to
+        Initial guess, rad or m; a solution near it is preferred. Default: `neutral`, moved to
         the nearest limits.
     tolerance : float
         Largest remaining distance, m, and angle, rad.
@@ -101,7 +101,7 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
 
 
 class _Search:
-    """Iterations from one configuration after another towards one target."""
+    """Iterations towards one target from several initial configurations."""
 
     def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float) -> None:
         self.robot, self.frame, self.goal, self.tolerance = robot, frame, goal, tolerance
@@ -110,7 +110,7 @@ class _Search:
         self.lower, self.upper = robot.limits.lower, robot.limits.upper
 
     def first(self, q0: ArrayLike | None) -> Array:
-        """Return q0, moved to the nearest limits, where all constraints are met."""
+        """Return q0 clipped to the limits and closed."""
         given = self.robot.neutral() if q0 is None else np.array(q0, dtype=np.float64)
         self.robot.frame_pose(self.frame, given)  # raises InputError in words
         q = np.clip(given, self.lower, self.upper)
@@ -136,17 +136,17 @@ class _Search:
         return best._replace(converged=self.within(best.error), iterations=k)
 
     def within(self, error: Array) -> bool:
-        """Tell whether distance and angle are below the tolerance."""
+        """Return whether distance and angle are below the tolerance."""
         return all(float(np.linalg.norm(part)) <= self.tolerance
                    for part in (error[:3], error[3:]))
 
     def error(self, q: Array) -> Array:
-        """Return what is missing at q, (6,) or (3,)."""
+        """Return the error at q, (6,) or (3,)."""
         pose = self.robot.frame_pose(self.frame, q)
         return self.goal - pose[:3, 3] if self.rows == 3 else pose_error(pose, self.goal)
 
     def step(self, q: Array, error: Array) -> Array | None:
-        """Return the configuration after one damped step, or None where none is possible."""
+        """Return the configuration after one damped step, or None if none is possible."""
         J = self.robot.jacobian(self.frame, q)[:self.rows]
         rates = self._rates(q)  # of the coordinates by the speeds
         low, high = q <= self.lower + AT_LIMIT, q >= self.upper - AT_LIMIT
@@ -173,7 +173,7 @@ class _Search:
         return self._moved(q, step * min(1.0, LONGEST / longest, max(float(room.min()), 0.0)))
 
     def _moved(self, q: Array, step: Array) -> Array | None:
-        """Return q after a step, constraints met and limits kept; shorter where that takes it."""
+        """Return q after a step within limits and constraints, shortened if necessary."""
         if not self.constrained:
             return np.clip(q + step, self.lower, self.upper)
         for _ in range(12):

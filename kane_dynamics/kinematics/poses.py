@@ -13,7 +13,7 @@ from kane_dynamics.errors import InputError
 import numpy as np
 from numpy.typing import ArrayLike
 
-ORTHONORMAL = 1e-6  # by how much R R^T of a rotation may differ from the identity
+ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identity
 
 
 def rotation_exp(vector: ArrayLike) -> Array:
@@ -159,7 +159,7 @@ def pose_error(actual: ArrayLike, desired: ArrayLike) -> Array:
 
 
 def checked_pose(pose: ArrayLike, what: str) -> Array:
-    """Return a pose, or a batch of poses, as an array; InputError that names it if it is none."""
+    """Return a pose, or a batch of poses, as an array; InputError for anything else."""
     T = _numbers(pose, (4, 4), what)
     _rotation(T[..., :3, :3], what)
     if (T[..., 3, :] != [0.0, 0.0, 0.0, 1.0]).any():
@@ -190,7 +190,7 @@ def _logarithm(R: Array) -> Array:
 
 
 def _rotation(R: Array, what: str) -> Array:
-    """Return checked rotations; InputError names the first that is none."""
+    """Return checked rotations; InputError names the first invalid one."""
     off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
     bad = (off > ORTHONORMAL) | (np.linalg.det(R) < 0.0)
     if bad.any():

@@ -1,4 +1,4 @@
-"""A robot's kernels as a C99 source and its header, for where there is neither Python nor LLVM."""
+"""Export of a robot's kernels as C99, for targets without Python and LLVM."""
 
 from collections.abc import Sequence
 import inspect
@@ -18,7 +18,7 @@ import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
                    'gravity_force')
-MARK = '/* Written by kane_dynamics'  # begins every file of ours: these alone are overwritten
+MARK = '/* Written by kane_dynamics'  # first line of exported files; others are not overwritten
 TEST_STATES = 3
 TOLERANCE = 1e-12  # relative to a result's largest entry
 SOLVING = ('forward_dynamics', 'forward_dynamics_derivatives', 'inverse_mass_matrix')
@@ -64,8 +64,8 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
 
     """
     if isinstance(robot.equations, ConstrainedEquations):
-        raise InputError('C is written of robots whose speeds are the joint rates, without '
-                         'constraints; this one has chosen speeds or constraints')
+        raise InputError('export_c: a robot with chosen speeds or constraints; expected one in '
+                         'joint rates without constraints')
     if scalar not in PRECISIONS:
         raise InputError(f'scalar is {scalar!r}; expected {" or ".join(PRECISIONS)}')
     source = Path(path).expanduser()
@@ -74,8 +74,8 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
     source = source.resolve()
     header = source.with_suffix('.h')
     if not header.name.isprintable() or any(part in header.name for part in ('"', '\\', '??')):
-        raise InputError(f'path is {str(source)!r}; C cannot include the name of its header: '
-                         'valid are characters that print, but no ", \\ or ??')
+        raise InputError(f'path is {str(source)!r}; expected printable characters without ", \\ '
+                         'and ??, because C includes the header by its name')
     for file in (source, header):
         _check_place(file)
     prefix, precision = identifier(source.stem), PRECISIONS[scalar]
@@ -96,19 +96,19 @@ def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
                and name.partition(':')[0] not in FRAME_NAMES]
     if unknown or not names:
         given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
-        raise InputError(f'{given}; valid: {", ".join(robot.kernels.names)}; and of a frame: '
-                         f'{", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
+        raise InputError(f'{given}; expected some of {", ".join(robot.kernels.names)}; of a '
+                         f'frame: {", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
     for name in names:
         quantity, _, frame = name.partition(':')
         if quantity in FRAME_NAMES:
-            robot.model.frame(frame)  # says which there are
+            robot.model.frame(frame)  # raises InputError for an unknown frame
     return names
 
 
 def _check_place(file: Path) -> None:
-    """Refuse a place that cannot be written, or where somebody else's file stands."""
+    """Raise InputError for a path without directory or with a file not of export_c."""
     if not file.parent.is_dir():
-        raise InputError(f"cannot write '{file}': there is no directory '{file.parent}'")
+        raise InputError(f"path '{file}': no directory '{file.parent}'; expected an existing one")
     if not file.exists():
         return
     try:
@@ -117,11 +117,11 @@ def _check_place(file: Path) -> None:
     except OSError as error:
         raise InputError(f"cannot write '{file}': {error.strerror}") from None
     if not ours:
-        raise InputError(f"cannot write '{file}': a file that export_c did not write is there")
+        raise InputError(f"path '{file}': exists and is not of export_c; expected a new path")
 
 
 def _write(file: Path, text: str) -> None:
-    """Write a file whole or not at all."""
+    """Write a file atomically."""
     temporary = file.with_name(f'.{file.name}.{os.getpid()}')
     try:
         try:
@@ -154,21 +154,21 @@ def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> _Kernel
             error = np.abs(rounded - results[-1]).max(initial=0.0)
             size = np.abs(results[-1]).max(initial=0.0) or 1.0
             tolerance = max(tolerance, SPARE * float(error / size))
-        elif quantity in SOLVING:  # what rounding may do to a solution of M x = b
+        elif quantity in SOLVING:  # rounding error of a solution of M x = b
             condition = np.linalg.cond(robot.mass_matrix(q))
             tolerance = max(tolerance, float(10.0 * np.finfo(float).eps * condition))
     return _Kernel(quantity, identifier(f'{prefix}_{name}'), program, tolerance, inputs, results)
 
 
 def _about(robot: Any, kernels: Sequence[_Kernel]) -> list[str]:
-    """Return the lines that open both files."""
+    """Return the first lines of both files."""
     model, equations = robot.model, robot.equations
-    pushed = ', '.join(frame.name for frame in equations.wrench_frames) or 'none'
+    loaded = ', '.join(frame.name for frame in equations.wrench_frames) or 'none'
     payload = equations.payload_frame.name if equations.payload_frame else 'none'
     friction = 'in' if robot.friction else 'left out'
     lines = [f'Robot {model.name}, model {model.digest()}.',
              f'Damping and friction: {friction}.',
-             f'Frames that carry a wrench: {pushed}. Frame of the payload: {payload}.',
+             f'Frames that carry a wrench: {loaded}. Frame of the payload: {payload}.',
              'Arithmetic of one call (functions are sines, cosines, tanh and square roots):']
     for kernel in kernels:
         count = kernel.program.operation_count()
@@ -180,7 +180,7 @@ def _about(robot: Any, kernels: Sequence[_Kernel]) -> list[str]:
 
 def _header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[_Kernel],
                  precision: Precision, self_test: bool) -> str:
-    """Return the header: sizes, the order of the joints, and what may be called."""
+    """Return the header: sizes, the order of the joints, prototypes."""
     upper, equations = prefix.upper(), robot.equations
     lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',
              f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
@@ -211,7 +211,7 @@ def _header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequenc
 
 
 def _joint_enum(robot: Any, upper: str) -> list[str]:
-    """Return the order of the joints, by name; empty for a robot without joints."""
+    """Return the lines of the enumeration of joints; empty without joints."""
     lines, used = [], set()
     for k, joint in enumerate(robot.model.coordinate_joints):
         name = f'{upper}_JOINT_{identifier(joint.name).upper()}'
@@ -224,7 +224,7 @@ def _joint_enum(robot: Any, upper: str) -> list[str]:
 
 
 def _conventions(robot: Any, prefix: str) -> list[str]:
-    """Return what a caller has to know."""
+    """Return the lines of the calling conventions."""
     upper = prefix.upper()
     gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
     lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
@@ -233,10 +233,10 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
              'state is kept: any thread may call anything at any time. Arguments are not',
              'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
     lines += [] if robot.equations.payload_frame is None else [
-        '  then the payload, in its frame: mass, mass x centre of mass (3), and the integrals',
+        '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
     lines.append(f'  NULL stands for the values at export: gravity ({gravity})'
-                 + (' and the payload then.' if robot.equations.payload_frame else '.'))
+                 + (' and the payload at export.' if robot.equations.payload_frame else '.'))
     if robot.equations.wrench_frames:
         lines += ['wrench: for each frame that carries one, the force (N) then the moment (N m)',
                   '  that the environment exerts at its origin, world axes; NULL stands for none']
@@ -245,8 +245,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
 
 def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
                  kernels: Sequence[_Kernel], precision: Precision, self_test: bool) -> str:
-    """Return the source: the functions, then the test of itself."""
-    # The name of a header is no string: C reads no escapes in it.
+    """Return the source: the functions, then the self-test."""
+    # C interprets no escapes in the name of an included header.
     lines = [*about, f'#include "{header}"', '', '#include <float.h>', '#include <math.h>',
              '#include <stddef.h>', '#include <stdint.h>', '',
              _array('default_parameters', robot.parameters.block, precision)]
@@ -268,7 +268,7 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
 
 
 def _array(name: str, values: Array, precision: Precision) -> str:
-    """Return a constant array; C has none of length zero."""
+    """Return the definition of a constant array, of at least one entry as C requires."""
     flat = [constant(x, precision) for x in np.ravel(values)] or ['0']
     text = f'static const {precision.c} {name}[{len(flat)}] = {{\n'
     rows = [', '.join(flat[k:k + 4]) for k in range(0, len(flat), 4)]
@@ -276,7 +276,7 @@ def _array(name: str, values: Array, precision: Precision) -> str:
 
 
 def _self_test(prefix: str, kernels: Sequence[_Kernel], precision: Precision) -> list[str]:
-    """Return the reference data and the function that compares with them."""
+    """Return the reference data and the function that checks them."""
     agree = AGREE.replace('REAL', precision.c).replace('FABS', f'fabs{precision.suffix}')
     lines, body = [f'#ifndef {prefix.upper()}_NO_SELF_TEST', agree], []
     for number, kernel in enumerate(kernels, 1):

@@ -1,4 +1,4 @@
-"""The kernels of one robot: what each computes, how it is traced, and the one of each made."""
+"""The kernels of one robot: traced from its equations and compiled on first use."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -19,9 +19,9 @@ from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
 
-LARGE = 24  # coordinates from which on an inverse is not written out
-LONG = 16  # and from which on a product with it is none of the compiler's business
-OUTLINED = 40  # and from which on derivatives would
+LARGE = 24  # more coordinates: the inverse mass matrix is traced with a subroutine
+LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
+OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
 Instead = Callable[[dict[str, Array]], 'KernelSet | None']
@@ -29,25 +29,25 @@ Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
 class KernelSet:
     """
-    The kernels of one robot, each compiled at its first use.
+    The kernels of one robot, each compiled on first use.
 
     Parameters
     ----------
     equations : TreeEquations or ConstrainedEquations
     key : str or None
-        Everything that the equations depend on, for the cache; None where functions of a user
-        are among it: then programs are traced and tell themselves apart.
+        Cache key of everything that the equations depend on; None with user-defined functions,
+        where the traced programs are the key.
     parameters : array
-        The block that kernels read at each call.
+        The block of parameters that kernels read at each call.
     instead : callable, optional
-        Given the arguments of a state whose result is not finite: raises a better error than the
-        kernels' own, or returns the kernels that can answer there, or None.
+        Called with the arguments of a state with a non-finite result: raises a specific error, or
+        returns kernels that are regular there, or None.
 
     """
 
     def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
                  parameters: Array, instead: Instead | None = None) -> None:
-        """Compile nothing yet."""
+        """Store the equations; kernels compile on first use."""
         self.equations = equations
         self._instead = instead
         self._at_time_zero = np.zeros(())
@@ -59,9 +59,9 @@ class KernelSet:
 
     def with_parameters(self, parameters: Array, instead: Instead | None = None) -> 'KernelSet':
         """
-        Return the kernels, those compiled so far among them, on another block of parameters.
+        Return the same kernels, compiled ones included, with another block of parameters.
 
-        `instead` is that of the result.
+        `instead` is the callable of the result.
         """
         other = KernelSet(self.equations, self.key, parameters, instead)
         other._same = dict(self._same)
@@ -72,13 +72,13 @@ class KernelSet:
         return other
 
     def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
-        """Return the kernel that answers at a state where that of a place does not."""
+        """Return the replacement of a kernel at a state with a non-finite result, or None."""
         other = None if self._instead is None else self._instead(state)
         return None if other is None or other is self else self._same[place](other)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the quantities that are one kernel; for a large robot not all of them are."""
+        """Names of the quantities that this robot has as one kernel."""
         left_out = [*self.equations.unsupported,
                     *(['forward_dynamics_derivatives'] if self.equations.n > LONG else [])]
         return tuple(name for name in ALL
@@ -88,13 +88,13 @@ class KernelSet:
         """Return the kernel of one of `names`; InputError lists them for another name."""
         def make() -> Kernel:
             if name not in self.names:
-                raise InputError(f"no kernel '{name}' of this robot; valid: "
+                raise InputError(f"no kernel '{name}' of this robot; expected one of "
                                  f'{", ".join(self.names)}')
             return self._kernel(name, lambda: self.program(name), ALL[name])
         return self._kept((name, ''), make)
 
     def in_use(self, name: str) -> bool:
-        """Tell whether the kernel of one of `QUANTITIES` has been asked for."""
+        """Return whether the kernel of one of `QUANTITIES` has been used."""
         return (name, '') in self._made
 
     def at_frame(self, name: str, frame: str) -> Kernel:
@@ -112,7 +112,8 @@ class KernelSet:
         model = self.equations.model
         names = [body.joint.name for body in model.bodies]
         if joint not in names:
-            raise InputError(f"no moving joint '{joint}'; valid: {', '.join(names) or 'none'} "
+            raise InputError(f"no moving joint '{joint}'; expected one of "
+                             f'{", ".join(names) or "none"} '
                              '(fixed and locked joints are merged into the bodies they join)')
         body = names.index(joint)
         method = partial(self.equations.joint_reaction, body)
@@ -122,7 +123,7 @@ class KernelSet:
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
-        """Return a kernel of the caller's own on this robot; `name` tells its program apart."""
+        """Return a kernel of a program of the caller; `name` identifies it in this set."""
         return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
                                                      shape))
 
@@ -138,7 +139,7 @@ class KernelSet:
         return self._traced(name, method, ALL[name])
 
     def _large_inverse(self, equations: TreeEquations) -> Program:
-        """Trace M^-1 column by column, the solution as one subroutine: code that stays small."""
+        """Trace M^-1 column by column with one solve subroutine, for small code."""
         n = equations.n
         places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
 

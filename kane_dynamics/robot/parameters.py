@@ -1,4 +1,4 @@
-"""What a robot's kernels read at each call, and what bounds its joints."""
+"""Run-time parameters of a robot (gravity, payload, tolerances) and its joint limits."""
 
 from copy import copy
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Bounds of every coordinate's joint, (n,) arrays; infinite where none is stated."""
+    """Limits of every coordinate's joint, (n_q,) arrays; infinite where none is given."""
 
     lower: Array
     upper: Array
@@ -23,12 +23,12 @@ class JointLimits:
 
 
 class Parameters:
-    """Gravity and payload: what may change while a robot runs, without another compilation."""
+    """Gravity, payload and closure tolerance, which may change without compiling again."""
 
     __slots__ = ('_frame', '_payload', '_tolerance', 'block', 'physical')  # others are errors
 
     def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0) -> None:
-        """Start with the model's gravity and no payload; `watched` numbers are limits."""
+        """Start with the model's gravity and no payload; `watched` is the number of limits."""
         self._frame = payload_frame
         self._payload: Inertial | None = None
         self._tolerance: tuple[float, float] | None = None
@@ -37,7 +37,7 @@ class Parameters:
         self.gravity = model.gravity
 
     def copy(self) -> 'Parameters':
-        """Return the same values in a block of their own."""
+        """Return a copy with a separate block."""
         other = copy(self)
         other.block = self.block.copy()
         return other
@@ -54,10 +54,10 @@ class Parameters:
     @property
     def closure_tolerance(self) -> tuple[float, float] | None:
         """
-        Largest residual of conditions on positions that calls accept, (m, rad); None: any.
+        Largest constraint residual that calls accept, (m, rad); None for no limit.
 
-        Set it to a number for both, to a pair, or to None. Residuals count together, as the root
-        of the sum of their squares.
+        Set it to a number for both, to a pair, or to None. It applies to the 2-norm of the
+        residuals.
         """
         return self._tolerance
 
@@ -74,19 +74,20 @@ class Parameters:
                 raise InputError(f'closure_tolerance is {value!r}; expected a positive number, m '
                                  'and rad, a pair of them, or None')
             self._tolerance = float(pair[0]), float(pair[1])
-        if len(self.block) > self.physical:  # rows left out follow from others where loops close
+        if len(self.block) > self.physical:  # redundant rows hold where loops close
             self.block[self.physical + 1:] = (0.0 if self._tolerance is None else np.array(
                 [*self._tolerance, EXCESS])**-2.0)
 
     @property
     def payload(self) -> Inertial | None:
-        """Return what the robot carries, in the axes of its `payload_frame`."""
+        """Return the payload in the axes of `payload_frame`; None without one."""
         return self._payload
 
     @payload.setter
     def payload(self, value: Inertial | None) -> None:
         if self._frame is None:
-            raise InputError('this robot carries no payload: construct it with payload_frame=')
+            raise InputError('payload: given to a robot without payload frame; expected '
+                             "Robot(..., payload_frame='...')")
         if not (value is None or isinstance(value, Inertial)):
             raise InputError(f'payload is a {type(value).__name__}; expected an Inertial or None')
         P = np.zeros((4, 4)) if value is None else value.pseudo_inertia

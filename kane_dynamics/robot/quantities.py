@@ -1,4 +1,4 @@
-"""What a robot's kernels compute: their names, arguments and shapes."""
+"""The quantities of a robot's kernels: names, arguments and shapes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ class Sizes(NamedTuple):
 @dataclass(frozen=True)
 class Quantity:
     """
-    What a kernel computes.
+    The quantity of a kernel.
 
     Attributes
     ----------
     arguments : tuple of str
-        Of `Equations`' method of the same name, before the wrench and the parameters.
+        Arguments of the equations' method of that name, before the wrench and the parameters.
     shape : callable
         Shape of the result from the `Sizes` of a robot.
     wrench, parameters : bool
-        Whether the method takes these as well.
+        Whether the method has these arguments.
 
     """
 
@@ -102,9 +102,9 @@ CONSTRAINED = {
     'constraint_velocity_residual': Quantity(STATE, _rows, parameters=False),
     'joint_accelerations': Quantity(MOTION, _joints, parameters=False),
 }
-# Functions of q alone, right wherever loops stand and whatever speeds are independent:
+# Quantities that are valid for open loops and any choice of independent speeds:
 UNWATCHED = ('potential_energy', 'friction_force', 'constraint_residual', 'frame_pose')
-# What control and simulation call: a node compiles these before it serves.
+# Quantities of control and simulation, which a node compiles in configure.
 IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
             'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'joint_reactions',
             'kinetic_energy', 'potential_energy')

@@ -1,7 +1,6 @@
-"""`Robot`: a model with its dynamics compiled, what users hold."""
+"""`Robot`: a model with its compiled dynamics, the main class of the library."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 import os
 from pathlib import Path
@@ -10,19 +9,17 @@ from typing import Any, TYPE_CHECKING
 from kane_dynamics._util.attribute_hints import missing, refused
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS, RANK, SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
-from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.native.tracing.program import OperationCount
-from kane_dynamics.robot.configuration_methods import Configurations
-from kane_dynamics.robot.dynamics_methods import DynamicsMethods
+from kane_dynamics.robot.methods.configuration_methods import Configurations
+from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
-from kane_dynamics.robot.frame_methods import FrameMethods
+from kane_dynamics.robot.methods.frame_methods import FrameMethods
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
@@ -37,60 +34,60 @@ CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 class Robot(DynamicsMethods, FrameMethods, Configurations):
     """
-    The dynamics of one manipulator or mechanism, compiled for it.
+    The compiled dynamics of one manipulator or mechanism.
 
     M(q) udot + bias(q, u) = tau + external, with u = q' unless speeds are chosen, and everything
-    in SI units and world axes. Every method takes one state, (n,) arrays, or a batch, (N, n)
-    arrays, and answers in kind. Kernels compile on first use and are kept in a cache on disk.
-    Batches have kernels of their own, which take several states at once and leave other Python
-    threads free; where that pays they use as many threads as there are processors, or as
-    ``KANE_DYNAMICS_THREADS`` says.
+    in SI units and world axes. Every method accepts one state, (n,) arrays, or a batch, (N, n)
+    arrays, and returns the same. Kernels compile on first use and are cached on disk. Batches use
+    SIMD kernels, which release the GIL; for large batches they run on as many threads as there
+    are processors, or on ``KANE_DYNAMICS_THREADS``.
 
     Parameters
     ----------
     model : Model
     speeds : Speeds or callable, optional
-        Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or your
-        own functions; joint rates by default.
+        Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or
+        user-defined functions; joint rates by default.
     constraints : sequence of constraints
-        What holds besides: `Closure`, `Coupling`, `PointVelocity`, `knife_edge`, `Rolling`,
+        `Closure`, `Coupling`, `PointVelocity`, `knife_edge`, `Rolling`,
         `Prescribed`, `DependentSpeeds`. u are then the n independent speeds, tau is dual to
         them, and q keeps n_q > n entries.
     independent : sequence of str, optional
-        Names of the speeds to take as independent. By default the best conditioned, and
-        `simulate` goes on with others where these come to depend on each other.
+        Names of the independent speeds. By default the best conditioned ones; `simulate` then
+        changes to others where these become ill-conditioned.
     actuated : sequence of str, optional
         The joints that have actuators (see `joint_torques`).
     configuration : (n_q,) array_like, optional
-        A configuration, rad or m, that is closed or nearly: speeds and rows are chosen there, and
-        `closed_posture` stays on its branch. By default places within the limits are tried.
+        A closed or nearly closed configuration, rad or m: speeds and rows are chosen there, and
+        `closed_posture` stays on its branch. By default configurations within the limits are
+        tried.
     closure_tolerance : float, (float, float) or None
         Largest residual of loops and other conditions on positions that calls accept, m and rad;
         None accepts any. `parameters.closure_tolerance` changes it.
     redundant : 'minimum_norm' or 'kept'
-        How constraint rows that follow from others share their force: with the least sum of
-        squares, moments divided by `mechanism.length`, or so that those left out carry nothing.
+        Forces of redundant constraint rows: minimum norm, with moments divided by
+        `mechanism.length`, or zero for the rows that were left out.
     rank_tolerance : float
-        Part of the largest singular value of the constraint rows up to which one counts as zero:
-        a larger one accepts loops whose description is rounded (a URDF's rpy="1.5708"), which may
-        then stay open by so much, m or rad.
+        Singular values of the constraint rows up to this fraction of the largest count as zero. A
+        larger value accepts loops with a rounded description (a URDF's rpy="1.5708"); their
+        residual may then be up to this value, m or rad.
     wrench_frames : sequence of str
-        Frames on which the environment may push (`wrench=`, one row each).
+        Frames at which external wrenches may act (`wrench=`, one row each).
     payload_frame : str, optional
         Frame in which `parameters.payload` is given.
     friction : bool
-        Whether damping and Coulomb friction are part of the equations.
+        Include damping and Coulomb friction.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels, link by link where that saves
-        arithmetic (`operation_count` tells). The numbers are the same.
+        Use Denavit-Hartenberg-like frames inside the kernels, for links where that saves
+        arithmetic (see `operation_count`). The results are the same.
 
     Raises
     ------
     InputError
-        No such frame; the message lists the valid ones.
+        An unknown frame; the message lists the valid ones.
     ConstraintError
-        The constraints contradict each other, cannot be met, leave no freedom, or name what the
-        model does not have; or the speeds are singular.
+        The constraints contradict each other, cannot be met, leave no degree of freedom, or name
+        an unknown joint or frame; or the speeds are singular.
 
     """
 
@@ -101,7 +98,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
                  rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
                  frame_reduction: bool = True) -> None:
-        """Prepare the equations; nothing is compiled yet."""
+        """Prepare the equations without compiling kernels."""
         if not isinstance(model, Model):
             raise InputError(f'model is a {type(model).__name__}; expected a Model '
                              '(load_urdf returns one)')
@@ -145,14 +142,14 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         self._entries = {}
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse what would have no effect; `limits` may be replaced."""
+        """Raise AttributeError for all attributes but `limits`."""
         if '_entries' in self.__dict__ and name != 'limits':
             raise AttributeError(refused(self, name, (*self._choices, *self._options)))
         super().__setattr__(name, value)
 
-    if not TYPE_CHECKING:  # a type checker knows by itself what is missing
+    if not TYPE_CHECKING:  # type checkers report missing attributes themselves
         def __getattr__(self, name: str) -> Any:
-            """Name the counterpart of an attribute that there is not."""
+            """Raise AttributeError with a hint for a missing attribute."""
             raise AttributeError(missing(self, name))
 
     def __repr__(self) -> str:
@@ -161,7 +158,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
                 f'{short(self.coordinate_names)}>')
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as model, options and parameters; kernels load again from the cache."""
+        """Pickle model, options and parameters; kernels load from the cache again."""
         choices = {**self._choices, **self._options,
                    'closure_tolerance': self.parameters.closure_tolerance}
         return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload)
@@ -173,16 +170,16 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
 
     @property
     def speeds_are_given(self) -> bool:
-        """Tell whether the independent speeds are those that the user named."""
+        """Return whether the user chose the independent speeds."""
         return self._choices['independent'] is not None
 
     def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Robot':
         """
         Return this robot with other independent speeds and constraint rows, by number.
 
-        It shares the parameters; its u and tau are those of the other speeds.
+        The result shares the parameters; its u and tau are in the other speeds.
         """
-        assert self.speed_sets is not None  # a robot without constraints has but one choice
+        assert self.speed_sets is not None  # a robot without constraints has one choice
         kernels = self.speed_sets.kernels(free, kept)
         if kernels is self.kernels:
             return self
@@ -195,9 +192,9 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
 
     def copy(self) -> 'Robot':
         """
-        Return a robot on the same machine code, with parameters of its own.
+        Return a robot with the same machine code and a copy of the parameters.
 
-        For another thread, which may then carry another payload; nothing is compiled twice.
+        For use in another thread, with another payload or gravity, without compiling again.
         """
         other = object.__new__(type(self))
         for name in ('_options', '_choices', 'model', 'friction', 'equations'):
@@ -213,116 +210,60 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         other._entries = {}
         return other
 
-    @property
-    def n(self) -> int:
-        """Return the number of independent generalized speeds."""
-        return self.equations.n
-
-    @property
-    def n_q(self) -> int:
-        """Return the number of coordinates."""
-        return self.equations.n_q
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints that move freely, in the order of q."""
-        return self.model.joint_names
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the entries of q."""
-        return self.model.coordinate_names
-
-    @property
-    def frame_names(self) -> tuple[str, ...]:
-        """Names of the frames: of links, for `jacobian`, `frame_pose` and their like."""
-        return tuple(frame.name for frame in self.model.frames)
-
     def equals(self, other: 'Robot') -> bool:
-        """Tell whether another robot has the same equations and now the same parameters."""
+        """Return whether another robot has the same equations and current parameters."""
         return self is other or bool(
             self.kernels.key is not None and self.kernels.key == other.kernels.key
             and np.array_equal(self.parameters.block, other.parameters.block))
 
     def bind(self) -> Workspace:
-        """Return arrays with zero-argument calls on them, for a loop that must not allocate."""
+        """Return a workspace: preallocated arrays with calls that allocate nothing."""
         return Workspace(self.kernels)
-
-    def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
-        """
-        Compile kernels now that would compile at their first use.
-
-        Parameters
-        ----------
-        *names : str
-            Which; without any, all but those of frames and joint reactions.
-        batches : bool
-            Also for batches, which take several states at once by kernels of their own.
-
-        Raises
-        ------
-        InputError
-            No such kernel; the message lists the valid names.
-
-        """
-        names = names or self.kernels.names
-        run_concurrently([partial(self._compile, name, batches) for name in names])
-
-    def _compile(self, name: str, batches: bool) -> None:
-        with suppress(ModelError):  # no forward dynamics with massless joints; a call says so
-            kernel = self.kernels.quantity(name)
-            if batches:
-                kernel.compile_lanes()
-            getattr(self, name)
 
     def verify(self, states: int = 5) -> float:
         """
-        Compare the compiled kernels with Kane's equations as defined, at random states.
+        Compare the compiled kernels with the definition of Kane's equations at random states.
 
         Returns
         -------
         float
-            The largest error found, relative to the largest entry of its quantity. Forward
-            dynamics is judged by the torque that its answer asks for.
+            The largest error, relative to the largest entry of its quantity. The error of forward
+            dynamics is that of the torque of its result.
 
         Raises
         ------
         InputError
-            Not at least one state.
+            `states` is less than 1.
         CompileError
-            An error is larger than 1e-9: names the quantity and the error.
+            An error is larger than 1e-9; names the quantity and the error.
 
         """
-        from kane_dynamics.robot.verification import verified  # and with it the definition
+        from kane_dynamics.robot.verification import verified  # imports the definition
         return verified(self, states)
-
-    def operation_count(self) -> dict[str, OperationCount]:
-        """Return the arithmetic of one call of every kernel."""
-        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
 
     def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS,
                  *, scalar: str = 'float64', self_test: bool = True) -> tuple[Path, Path]:
         """
         Write kernels as C99 that needs libm alone: a source, and a header that documents it.
 
-        The parameters of now are its defaults. `<stem>_self_test()` compares every function with
+        The current parameters are its defaults. `<stem>_self_test()` compares every function with
         results of this library. Sines and cosines are computed by code that compilers vectorise;
-        ``-D'<STEM>_SINCOS(x, s, c)=...'`` puts another function in their place, such as one of
-        the processor's vendor.
+        ``-D'<STEM>_SINCOS(x, s, c)=...'`` replaces them by another function, such as one of the
+        processor's vendor.
 
         Parameters
         ----------
         path : path
-            Of the source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
-            begins with `<stem>_`. Files that an earlier export wrote are replaced, others never.
+            The source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
+            begins with `<stem>_`. Only files of an earlier export are overwritten.
         kernels : sequence of str
             Names of quantities, as `operation_count` lists them; of a frame
             ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or ``'partial_velocities:...'``).
         scalar : {'float64', 'float32'}
-            Of arguments, results and arithmetic. The tolerance of the self-test is then what
-            single precision reaches.
+            Type of arguments, results and arithmetic. The self-test of 'float32' has the tolerance
+            of single precision.
         self_test : bool
-            Whether to write it; ``-D<STEM>_NO_SELF_TEST`` leaves it out when compiling.
+            Write the self-test; ``-D<STEM>_NO_SELF_TEST`` leaves it out when compiling.
 
         Returns
         -------
@@ -332,7 +273,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         Raises
         ------
         InputError
-            No such kernel, or the path cannot be written; names it.
+            An unknown kernel, or a path that cannot be written; names it.
 
         """
         return write_c(self, path, kernels, scalar, self_test)

@@ -1,4 +1,4 @@
-"""The kernels of a constrained robot for several choices of independent speeds and rows."""
+"""Kernels of a constrained robot for several choices of independent speeds and rows."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -18,30 +18,30 @@ import numpy as np
 
 class SpeedSets:
     """
-    One constrained robot's kernels, a set of them for each choice that was needed.
+    The kernel sets of a constrained robot, one for each choice in use.
 
     Parameters
     ----------
     asked : Mechanism
-        With the independent speeds in which u is given, and the rows chosen at first.
+        The mechanism with the independent speeds of u and the initial choice of rows.
     equations : callable
-        Makes the equations of a mechanism that differs from `asked` by its choice.
+        Returns the equations of a mechanism with another choice.
     key : str or None
-        Everything else that kernels depend on; None where functions of a user are among it.
+        Cache key of everything else that kernels depend on; None with user-defined functions.
     parameters : Parameters
-        What all of them read at each call.
+        The parameters that all kernels read at each call.
 
     """
 
     def __init__(self, asked: Mechanism, equations: Callable[[Mechanism], ConstrainedEquations],
                  key: str | None, parameters: Parameters) -> None:
-        """Make nothing yet."""
+        """Store the parts; kernels compile on first use."""
         self.asked = asked
         self._equations, self._key, self._parameters = equations, key, parameters
         self._made: dict[tuple[tuple[int, ...], tuple[int, ...]], KernelSet] = {}
 
     def kernels(self, free: Sequence[int], kept: Sequence[int]) -> KernelSet:
-        """Return the kernels of a choice; each compiles at its first use."""
+        """Return the kernels of a choice; each compiles on first use."""
         choice = tuple(free), tuple(kept)
         if choice not in self._made:
             mechanism = self.asked.with_choice(*choice)
@@ -52,7 +52,7 @@ class SpeedSets:
         return self._made[choice]
 
     def with_parameters(self, parameters: Parameters) -> 'SpeedSets':
-        """Return the same kernels on other parameters."""
+        """Return the same kernels with other parameters."""
         other = SpeedSets(self.asked, self._equations, self._key, parameters)
         other._made = {choice: kernels.with_parameters(
             parameters.block, partial(other.instead, kernels.equations.mechanism))
@@ -62,23 +62,23 @@ class SpeedSets:
 
     def instead(self, own: Mechanism, state: dict[str, Array]) -> KernelSet | None:
         """
-        Return the kernels that answer where the robot's own do not, or None.
+        Return kernels that are regular at a state where the robot's own are not, or None.
 
-        They have the same independent speeds and other rows: which rows follow from others may
-        differ from place to place.
+        They have the same independent speeds and other rows, because the redundant rows may
+        depend on the configuration.
 
         Parameters
         ----------
         own : Mechanism
-            That of the kernels that did not answer.
+            The mechanism of the kernels with the non-finite result.
         state : dict of arrays
-            The arguments of a call whose result is not finite.
+            The arguments of the call with the non-finite result.
 
         Raises
         ------
         ConstraintError
             The independent speeds do not determine the motion there, a loop is open, or rows
-            that were left out matter.
+            that were left out are not redundant there.
 
         """
         q = state.get('q')
@@ -99,7 +99,7 @@ class SpeedSets:
 
     def _require_closed(self, stack: Stack, q: Array, t: float,
                         limits: tuple[float, float]) -> None:
-        """Raise ConstraintError where a condition on positions is missed by too much."""
+        """Raise ConstraintError for a constraint residual above the closure tolerance."""
         share = np.abs(stack.gap) / np.where(self.asked.turning, limits[1], limits[0])
         if np.linalg.norm(share) < SHARE:
             return
@@ -108,15 +108,15 @@ class SpeedSets:
         raise ConstraintError(
             f"constraint '{self.asked.labels[k]}': its residual is {abs(stack.gap[k]):.3g} {unit} "
             f'at {described(self.asked, q)}, t = {t:.6g} s; expected at most {most:g} {unit} '
-            '(closure_tolerance): take the configuration from robot.closed_posture')
+            '(closure_tolerance), as from robot.closed_posture')
 
 
 def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most: float,
                    where: str = '') -> None:
     """
-    Raise ConstraintError where rows that were taken to follow from others do not.
+    Raise ConstraintError if rows that were left out are not redundant at a state.
 
-    Either they contradict them, or they stop a motion that the independent speeds admit.
+    Either they contradict the kept rows, or they constrain the independent speeds.
     """
     Y, J = scaled_rows(mechanism, stack)
     kept = list(best_choice(mechanism, stack, mechanism.free).kept)
@@ -151,6 +151,6 @@ def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:
 
 
 def limits_of(figure: float, residual: float | None = None) -> Array:
-    """Return the four numbers that `conditioning.margin` compares with; None: no residual's."""
+    """Return the four limits of `conditioning.margin`; no limit of residuals if None."""
     others = np.zeros(3) if residual is None else np.array([residual, residual, EXCESS])**-2.0
     return np.array([figure**-2.0, *others])

@@ -1,4 +1,4 @@
-"""Where a torque comes from: by source and by body."""
+"""Torque breakdown: inverse dynamics by source and by body."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ SOURCES = (*TORQUE_TERMS, 'external')
 @dataclass(frozen=True, eq=False)
 class TorqueBreakdown:
     """
-    Inverse dynamics taken apart.
+    Inverse dynamics by source and by body.
 
     Attributes
     ----------
     by_source : (6, n) or (N, 6, n) array
-        Rows as `sources`, which add up to inverse dynamics; N m or N. Rotors' armature is part
-        of inertia, centrifugal forces are part of coriolis, and what the environment helps with
-        is negative.
+        Rows as `sources`, which add up to inverse dynamics; N m or N. Armature
+        belongs to inertia, centrifugal forces to coriolis; external is minus the generalized
+        force of the wrenches.
     by_body : (n_bodies, n) or (N, n_bodies, n) array
-        What each body's inertia and weight ask of every joint; the rows, as `bodies`, add up to
+        Torque of each body's inertia and weight at every joint; the rows, as `bodies`, add up to
         the sources inertia (without armature), coriolis and gravity.
     sources, bodies : tuple of str
     joints : tuple of str
@@ -36,11 +36,11 @@ class TorqueBreakdown:
 
     @property
     def torque(self) -> Array:
-        """Return the whole, (n,) or (N, n)."""
+        """Return the total torque, (n,) or (N, n)."""
         total: Array = self.by_source.sum(axis=-2)
         return total
 
     def source(self, name: str) -> Array:
-        """Return one source's share, (n,) or (N, n)."""
+        """Return the torque of one source, (n,) or (N, n)."""
         share: Array = self.by_source[..., self.sources.index(name), :]
         return share

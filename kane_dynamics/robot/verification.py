@@ -1,4 +1,4 @@
-"""Compiled kernels held against Kane's equations as they are defined."""
+"""Comparison of the compiled kernels with the definition of Kane's equations."""
 
 from copy import copy
 from dataclasses import replace
@@ -14,23 +14,23 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.model.with_payload import with_payload
 import numpy as np
 
-Pair = tuple[Array, Array]  # what a kernel answers, what the definition says
-REGULAR, TRIES = 1e4, 100  # a condition number that costs four digits; states to look for it at
-TOLERANCE = 1e-9  # relative error of a kernel at which it is taken to be wrong, not rounded
+Pair = tuple[Array, Array]  # result of a kernel, result of the definition
+REGULAR, TRIES = 1e4, 100  # largest figure of a regular state; random states to try
+TOLERANCE = 1e-9  # largest relative error of a correct kernel
 
 
 def verified(robot: Any, states: int) -> float:
     """
     Return the largest relative error of a Robot's kernels at random states.
 
-    Dynamics always; Coriolis matrix, derivatives, regressor and torques by body where they have
-    been used before, of a robot in joint rates. Forward dynamics is judged by the torque that its
-    answer asks for, and left out where the mass matrix is singular.
+    Dynamics always; Coriolis matrix, derivatives, regressor and torques by body only if they were
+    used before, for a robot in joint rates. The error of forward dynamics is that of the torque of
+    its result; it is skipped where the mass matrix is singular.
 
     Raises
     ------
     InputError
-        Not at least one state.
+        `states` is less than 1.
     CompileError
         An error is larger than `TOLERANCE`; names the quantity and the error.
 
@@ -55,15 +55,15 @@ def verified(robot: Any, states: int) -> float:
             size = max(float(np.abs(expected).max(initial=0.0)), 1e-300)
             error = float(np.abs(value - expected).max(initial=0.0)) / size
             if not error < TOLERANCE:
-                raise CompileError(f'{name} is off by {error:.3g} of its size from the '
-                                   f'definition; at most {TOLERANCE:g} is rounding')
+                raise CompileError(f'{name}: relative error {error:.3g} to the definition; '
+                                   f'expected at most {TOLERANCE:g}')
             worst = max(worst, error)
     return worst
 
 
 def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
               udot: Array) -> dict[str, Pair]:
-    """Return the compiled value and the definition's of each quantity of a control loop."""
+    """Return compiled and defined values of the quantities of a control loop."""
     M = kane.mass_matrix(model, q)
     bias = kane.bias_force(model, q, u, gravity=gravity, friction=robot.friction)
     tau = M @ udot + bias
@@ -79,11 +79,11 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 
 def _constrained(robot: Any, model: Model, gravity: Array,
                  rng: np.random.Generator) -> dict[str, Pair]:
-    """Return the same where speeds are chosen or constraints given, at a regular state."""
+    """Return the same for chosen speeds or constraints, at a random regular state."""
     mechanism = copy(robot.mechanism)
     mechanism.model = model
     middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
-    if robot.configuration is not None:  # functions of a user are asked about it alone
+    if robot.configuration is not None:  # user-defined functions are evaluated near it
         middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
     t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
@@ -111,14 +111,14 @@ def _constrained(robot: Any, model: Model, gravity: Array,
 
 
 def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Array:
-    """Return what the bodies' inertia and weight ask for, (n,): no rotors, springs, friction."""
+    """Return the rigid-body torque, (n,), without armature, springs and friction."""
     inertia: Array = kane.generalized_inertia_force(without_rotors(model), q, u, udot)
     weight: Array = kane.gravity_force(model, q, gravity=gravity)
     return weight - inertia
 
 
 def without_rotors(model: Model) -> Model:
-    """Return the model with its joints' armature taken off."""
+    """Return the model without armature."""
     return replace(model, bodies=tuple(
         replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies))
 

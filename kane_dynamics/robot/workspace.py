@@ -1,4 +1,4 @@
-"""`Workspace`: a robot's quantities on memory of their own, for loops that must not allocate."""
+"""`Workspace`: a robot's quantities on preallocated arrays, for loops without allocation."""
 
 from collections.abc import Callable
 from functools import cache
@@ -13,13 +13,13 @@ from kane_dynamics.robot.quantities import FRAME_QUANTITIES
 import numpy as np
 
 STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
-PLACES = {name: place for place, name in enumerate(ALL)}  # of tables
+PLACES = {name: place for place, name in enumerate(ALL)}  # indices of tables
 DOCS = {name: f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
         for name in ALL}
 
 
 class _Quantity:
-    """A quantity as a function of the workspace, where interpreters allow no machine code."""
+    """A quantity as a method, for interpreters without direct machine-code methods."""
 
     def __init__(self, name: str) -> None:
         self.name, self.__doc__ = name, DOCS[name]
@@ -40,10 +40,9 @@ class Workspace(entry.NativeMethods):
     unpacks), and energies return a float.
     A call allocates no array and runs no Python. It reads the robot's `parameters` as they are.
 
-    The arrays stay where they are: to rebind an attribute is an error, and so is to resize an
-    array. A workspace belongs to one thread. A quantity compiles at its first use. A call raises
-    InputError where what it reads or what comes out is not finite; the array of its result is then
-    not to be used.
+    The arrays cannot be rebound or resized. A workspace belongs to one thread. A quantity compiles
+    on first use. A call raises InputError if an argument or the result is not finite; the array of
+    the result is invalid then.
 
     Parameters
     ----------
@@ -54,7 +53,7 @@ class Workspace(entry.NativeMethods):
 
     __slots__ = ('__weakref__', '_at', '_kernels', '_owned', '_states', 'q', 't', 'tau', 'u',
                  'udot', 'wrench')
-    _unmade: Array | None = None  # of the class: what tables are at first
+    _unmade: Array | None = None  # of the class: initial tables
     q: Array
     u: Array
     udot: Array
@@ -67,11 +66,11 @@ class Workspace(entry.NativeMethods):
     _owned: dict[str, entry.EntryTable]  # tables in use
 
     def __new__(cls, kernels: KernelSet) -> 'Workspace':
-        """Return an object whose quantities are methods of machine code, where there can be."""
+        """Return a workspace with machine-code methods, where the interpreter supports them."""
         return object.__new__(_of_machine_code() if entry.supported() else cls)
 
     def __init__(self, kernels: KernelSet) -> None:
-        """Make the arrays; nothing is compiled yet."""
+        """Allocate the arrays; quantities compile on first use."""
         equations = kernels.equations
         states = {'q': _fixed((equations.n_q,)),
                   **{name: _fixed((equations.n,)) for name in ('u', 'udot', 'tau')}}
@@ -85,13 +84,13 @@ class Workspace(entry.NativeMethods):
             object.__setattr__(self, name, value)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse: the compiled calls read the memory that is there."""
+        """Raise InputError: the compiled calls read the existing memory."""
         raise InputError(f"a workspace's {name} cannot be rebound; write into its arrays: "
                          f'workspace.{name}[:] = ...')
 
     def __reduce__(self) -> Any:
-        """Refuse: what is bound is memory of this process."""
-        raise TypeError('a workspace cannot be copied or pickled; bind the robot anew')
+        """Raise TypeError: a workspace is bound to memory of this process."""
+        raise TypeError('a workspace cannot be copied or pickled; expected robot.bind() again')
 
     def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
         """
@@ -108,11 +107,11 @@ class Workspace(entry.NativeMethods):
         Raises
         ------
         InputError
-            No such quantity or frame; the message lists the valid ones.
+            An unknown quantity or frame; the message lists the valid ones.
 
         """
         if name not in FRAME_QUANTITIES:
-            raise InputError(f"no quantity of a frame is called '{name}'; valid: "
+            raise InputError(f"no quantity of a frame is called '{name}'; expected one of "
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
@@ -126,20 +125,20 @@ class Workspace(entry.NativeMethods):
         return self._bound_at(self._kernels.reaction(joint), joint)
 
     def _function(self, name: str) -> Callable[[], Any]:
-        """Return a quantity that is no method."""
+        """Return a quantity as a bound function."""
         if (name, '') not in self._at:
             self._at[name, ''] = self._bound(self._kernels.quantity(name), DOCS[name])
         return self._at[name, '']
 
     def _table(self, name: str) -> entry.EntryTable:
-        """Let a quantity's method find the memory of this workspace."""
+        """Return the entry table of a quantity on the memory of this workspace."""
         kernel = self._kernels.quantity(name)
         table: entry.EntryTable = kernel.table(*self._memory(kernel))
         self._owned[name], self._tables[PLACES[name]] = table, id(table)
         return table
 
     def _memory(self, kernel: Kernel) -> tuple[list[Array], Array]:
-        """Return the arrays that a kernel reads, and the one that it writes."""
+        """Return the argument arrays and the result array of a kernel."""
         target = STATE_RESULTS.get(kernel.name)
         return ([self._states[argument.name] for argument in kernel.arguments],
                 _fixed(kernel.shape) if target is None else self._states[target])
@@ -153,13 +152,13 @@ class Workspace(entry.NativeMethods):
         return kernel.bind(*self._memory(kernel), doc)
 
 
-for _name in ALL:  # not by `__getattr__`, which makes every look-up of an attribute slower
+for _name in ALL:  # faster than `__getattr__`
     setattr(Workspace, _name, _Quantity(_name))
 
 
 @cache
 def _of_machine_code() -> type[Workspace]:
-    """Return the class of workspaces whose quantities are methods of machine code."""
+    """Return the class of workspaces with machine-code methods."""
     kind: type[Workspace] = type(Workspace.__name__, (Workspace,), {
         '__slots__': (), '__doc__': Workspace.__doc__, '__module__': Workspace.__module__})
     kind._unmade = entry.methods(kind, DOCS, Workspace._table)
@@ -167,5 +166,5 @@ def _of_machine_code() -> type[Workspace]:
 
 
 def _fixed(shape: tuple[int, ...]) -> Array:
-    """Return zeros that cannot be resized: numpy refuses that to an array on another's memory."""
+    """Return zeros that cannot be resized, as a view of another array."""
     return np.zeros(shape)[...]

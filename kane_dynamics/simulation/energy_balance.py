@@ -1,12 +1,12 @@
 """
-The energy balance of a simulation, checked while it runs.
+The energy balance of a simulation, checked during the simulation.
 
-The energy that a motion gains is the work that torques and moving constraints put in, less what
-friction and damping take. An integration that goes wrong without diverging breaks this balance: a
-step that is too long, independent speeds that become singular, a constraint that is lost.
+The change of energy equals the work of torques and moving constraints minus the dissipation of
+friction and damping. The error of this balance shows a wrong integration that does not diverge: a
+step that is too long, nearly singular independent speeds, a violated constraint.
 
-Energy and dissipation of all states of a chunk are one call of a SIMD kernel, which is why every
-step can be checked.
+Energy and dissipation of all states of a chunk are one call of a SIMD kernel, which is fast enough
+for a check of every step.
 """
 
 from collections.abc import Callable
@@ -20,10 +20,10 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_kernels import driven_kernel, energy_kernel, TERMS
 import numpy as np
 
-RELATIVE = 1e-3  # of the energy that the motion has turned over
+RELATIVE = 1e-3  # of the energy exchanged so far
 ROUNDING = 1e-9  # of the energy itself
-MANY_ROWS, FEW_ROWS = 32, 4  # looked at first in a chunk of one simulation, of many
-SKIP = 8  # steps from one state that is looked at to the next, where those do not suffice
+MANY_ROWS, FEW_ROWS = 32, 4  # rows of the first check of a chunk: one simulation, many
+SKIP = 8  # steps between the rows of the second check
 
 Law = Callable[[Array], Array]
 
@@ -42,7 +42,7 @@ class Seen(NamedTuple):
 
 class EnergyBalance:
     """
-    Compare, step by step, the energy that motions gain with the work done on them.
+    Compare the change of energy with the work, step by step.
 
     Parameters
     ----------
@@ -50,23 +50,22 @@ class EnergyBalance:
     step : float
         s.
     states : (N, size) array
-        At time 0, as `stepping.state_names`.
+        Initial states, entries as `step_kernels.state_names`.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
     start : float
         Time of the first state, s.
 
     Attributes
     ----------
     began : (N,) array
-        Time at which the balance of each simulation was first missed, s; infinite where it never
-        was.
+        Time of the first error above the allowed one, for each simulation, s; infinite if none.
     error : (N,) array
-        Energy gained that no work accounts for, up to now, J.
+        Current error of the balance, J: change of energy minus work.
     worst : (N,) array
         Its largest magnitude, J.
     expected : (N,) array
-        The largest error that the step explained at that time, J.
+        The allowed error at the time `began`, J.
 
     """
 
@@ -89,21 +88,20 @@ class EnergyBalance:
 
     def look(self, states: Array, done: int, tau: Array | Law) -> None:
         """
-        Take further steps into the balance.
+        Update the balance with further steps.
 
-        A few states of a chunk tell whether its balance closes well; where that is not clear,
-        all are looked at.
+        A few rows of a chunk are checked first; all rows only if the error there is not clearly
+        below the allowed one.
 
         Parameters
         ----------
         states : (N, K + 1, size) array
             After `done` steps, and after each of the K next ones; C-contiguous.
         done : int
-            Steps before these.
+            Number of earlier steps.
         tau : (1 or N, 1 or K, n) array, or callable
-            Torques held during each of the K steps; or, of a law that is evaluated continuously,
-            a function of row numbers that returns the torques at these rows of `states`,
-            (N, rows, n).
+            Torques held during each of the K steps; or, for a continuous law, a function that
+            returns the torques at row numbers of `states`, (N, rows, n).
 
         """
         count = states.shape[1] - 1
@@ -125,14 +123,14 @@ class EnergyBalance:
         self._keep(seen)
 
     def _keep(self, seen: 'Seen') -> None:
-        """Take what has been seen for granted."""
+        """Store the last row as the current balance."""
         self.worst = np.maximum(self.worst, np.abs(seen.error).max(axis=0))
         (self.error, _, self._unresolved, self._worked, self._fastest, self._low,
          self._high) = (part[-1] for part in seen)
 
     def _balance(self, states: Array, rows: Array, tau: Array | Law,
                  unresolved: bool = False) -> 'Seen':
-        """Return the balance at some rows of states, the first apart, which is known."""
+        """Return the balance at some rows of states, without the first."""
         chosen = states if len(rows) == states.shape[1] else states[:, rows]
         kinetic, potential, loss = self._terms(chosen)
         h = (self._step * np.diff(rows))[:, None]
@@ -149,15 +147,16 @@ class EnergyBalance:
         energy = kinetic + potential
         error = self.error + (energy[1:] - energy[:1]) - np.cumsum(work + passive, axis=0)
         worked = self._worked + np.cumsum(np.abs(work) + np.abs(passive), axis=0)
-        doubt = self._unresolved + np.zeros(error.shape)
+        uncertain = self._unresolved + np.zeros(error.shape)
         if unresolved:
-            doubt = doubt + np.cumsum(self._uncertain(chosen, given, potential, tau), axis=0)
+            uncertain = uncertain + np.cumsum(
+                self._uncertain(chosen, given, potential, tau), axis=0)
         fastest = np.maximum(np.maximum.accumulate(kinetic[1:], axis=0), self._fastest)
         low = np.minimum(np.minimum.accumulate(potential[1:], axis=0), self._low)
         high = np.maximum(np.maximum.accumulate(potential[1:], axis=0), self._high)
-        allowed = (RELATIVE * (fastest + (high - low) + worked) + doubt
+        allowed = (RELATIVE * (fastest + (high - low) + worked) + uncertain
                    + ROUNDING * (fastest + np.maximum(np.abs(low), np.abs(high))))
-        return Seen(error, allowed, doubt, worked, fastest, low, high)
+        return Seen(error, allowed, uncertain, worked, fastest, low, high)
 
     def _work(self, states: Array, chosen: Array, rows: Array, tau: Array | Law) -> Any:
         """Return the work of held torques between rows, (rows - 1, N) or 0, J."""
@@ -178,7 +177,7 @@ class EnergyBalance:
 
     def _uncertain(self, states: Array, power: Array, potential: Array,
                    tau: Array | Law) -> Array:
-        """Return how far the work of each step is uncertain, (K, N), J."""
+        """Return the estimated quadrature error of the work of each step, (K, N), J."""
         found = self._step * _differences(power, 2)
         if self._damped:
             found = found + 2.0 * _differences(potential, 3)
@@ -189,7 +188,7 @@ class EnergyBalance:
         return found
 
     def _terms(self, states: Array) -> Array:
-        """Return kinetic and potential energy and power of friction, (3, K, N)."""
+        """Return kinetic energy, potential energy and power of friction, (3, K, N)."""
         found = np.empty((*states.shape[:2], TERMS))
         rows = np.ascontiguousarray(states)
         run_batch(self._kernel.lane_address, [
@@ -215,14 +214,14 @@ class EnergyBalance:
 
     def warning(self, single: bool, cause: str | None = None) -> str | None:
         """
-        Return what to say of balances that were missed; None where all of them close.
+        Return the warning for energy balances with too large errors, or None.
 
         Parameters
         ----------
         single : bool
-            Leave out which simulation it is.
+            Leave out the number of the simulation.
         cause : str, optional
-            What is known already to be wrong with the step.
+            A known reason, such as the warning of the step.
 
         """
         missed = np.flatnonzero(np.isfinite(self.began))
@@ -247,10 +246,10 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _differences(rows: Array, order: int) -> Array:
     """
-    Return sizes of differences of that order for every interval along the first axis.
+    Return magnitudes of differences of an order for every interval along the first axis.
 
-    An interval has the largest of the differences that it is part of; where there are too few
-    rows, a lower order's.
+    Each interval has the largest of the differences that include it; with too few rows, the order
+    is lower.
     """
     order = min(order, len(rows) - 1)
     found = np.abs(np.diff(rows, order, axis=0))

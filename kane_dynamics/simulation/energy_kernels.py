@@ -1,8 +1,8 @@
 """
 The kernels of the energy balance: energies and dissipation, and the power of moving constraints.
 
-A constraint or a speed that prescribes a motion does work: q' = T u + X, and the forces f of the
-joints have the power f . q' = tau . u + f . X.
+A constraint or a speed that prescribes a motion does work: with q' = T u + X, the joint forces f
+have the power f . q' = tau . u + f . X.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
 
 
 def compile_balance(robot: Robot) -> None:
-    """Compile what `EnergyBalance` calls."""
+    """Compile the kernels of `EnergyBalance`."""
     for kernel in (energy_kernel(robot), driven_kernel(robot)):
         if kernel is not None:
             kernel.compile_lanes()
@@ -43,7 +43,7 @@ def energy_kernel(robot: Robot) -> Kernel:
 
 
 def driven_kernel(robot: Robot) -> Kernel | None:
-    """Return the kernel of the power of joint forces beyond that of tau, W; None if zero."""
+    """Return the kernel of the power of moving constraints, W; None without any."""
     equations, n_q, n = robot.equations, robot.n_q, robot.n
     if not isinstance(equations, ConstrainedEquations) or not _driven(robot):
         return None
@@ -56,7 +56,7 @@ def driven_kernel(robot: Robot) -> Kernel | None:
 
 
 def _driven(robot: Robot) -> bool:
-    """Tell whether speeds or constraints prescribe rates: joints then move at u = 0."""
+    """Return whether speeds or constraints prescribe joint rates (q' nonzero at u = 0)."""
     mechanism = robot.mechanism
     if mechanism in _DRIVEN:
         return _DRIVEN[mechanism]
@@ -64,7 +64,7 @@ def _driven(robot: Robot) -> bool:
 
     def given(state: Any) -> Any:
         q, _, time = np.split(state, [robot.n_q, robot.n_q + robot.n])
-        right = mechanism.system(mechanism.posture(q, *time))[1]
+        right = mechanism.system(mechanism.state(q, *time))[1]
         found.extend(not is_zero(x) for x in right)
         return right
     trace_program('given_rates', given, [('state', (_size(robot),))])

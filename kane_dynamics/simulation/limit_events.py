@@ -1,4 +1,4 @@
-"""Which joints pass their limits in a simulation, and when."""
+"""Limit events: crossings of joint limits in a simulation."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -18,7 +18,7 @@ Extremes = tuple[Array, Array]
 
 
 class Crossings(NamedTuple):
-    """Of one limit: (M,) times, simulations, joints, values and bounds."""
+    """Crossings of one limit: (M,) times, simulations, joints, values and bounds."""
 
     limit: str
     t: Array
@@ -30,9 +30,9 @@ class Crossings(NamedTuple):
 
 class LimitEvents(Sequence[LimitEvent]):
     """
-    What a `LimitWatch` has found, in the order of time.
+    The events of a `LimitWatch`, in the order of time.
 
-    The events are made when they are first asked for: a free arm's fall has thousands.
+    The objects are created on first access, because a simulation may have thousands.
     """
 
     def __init__(self, joint_names: Sequence[str], found: Sequence[Crossings],
@@ -62,16 +62,16 @@ class LimitEvents(Sequence[LimitEvent]):
 
 class LimitWatch:
     """
-    Finds the steps at which a joint passes a limit that it kept before.
+    Detects the steps at which a joint passes a limit.
 
     Parameters
     ----------
     joint_names : sequence of str
     limits : JointLimits
     states : (N, 2 n) array
-        At time 0; what is beyond a limit there is an event.
+        Initial states; values beyond a limit are events.
     single : bool
-        Whether events shall leave open which of the N simulations they are of.
+        Leave out the number of the simulation in events.
 
     """
 
@@ -90,7 +90,7 @@ class LimitWatch:
 
     @property
     def events(self) -> LimitEvents:
-        """Return what has been found so far."""
+        """Return the events so far."""
         return LimitEvents(self._names, self._found, self._single)
 
     def look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
@@ -100,12 +100,12 @@ class LimitWatch:
         Parameters
         ----------
         states : (N, K, 2 n) array
-            Of every simulation at further times.
+            States of every simulation at further times.
         t : (K,) array
             Their times, s.
         extremes : (N, 2 n) arrays, optional
-            Least and largest of each entry over the K times, where they are known already: they
-            tell which joints may have passed a limit at all.
+            Minimum and maximum of each entry over the K times, if known already; used to skip
+            joints that cannot have passed a limit.
 
         Raises
         ------
@@ -133,19 +133,19 @@ class LimitWatch:
             i, j = i[which], j[which]
             self._count += len(k)
             if self._count > MOST_EVENTS:
-                raise InputError(f'joints pass their limits more than {MOST_EVENTS} times by '
-                                 f'{t[-1]:.6g} s; simulate less, or give the model no limits')
+                raise InputError(f'limit events: more than {MOST_EVENTS} by {t[-1]:.6g} s; '
+                                 'expected a shorter simulation, or a model without limits')
             if len(k):
                 self._found.append(Crossings(name, t[k], i, j, x[i, j, k], bound[j]))
 
 
 def _beyond(x: Array, bound: Array, sign: float) -> Any:
-    """Tell which entries are past a limit: a speed's size, a position to one side."""
+    """Return which entries are beyond a limit: of speeds in magnitude, of positions signed."""
     return np.abs(x) > bound if sign == 0.0 else x > bound if sign > 0.0 else x < bound
 
 
 def _passing(low: Array, high: Array, bound: Array, sign: float, before: Any) -> Any:
-    """Tell which joints, of each simulation, may have passed a limit, by their extremes."""
+    """Return which joints may have passed a limit, from their minima and maxima."""
     if sign == 0.0:
         return (np.maximum(high, -low) > bound) & ~(((low > bound) | (high < -bound)) & before)
     largest, least = (high, low) if sign > 0.0 else (-low, -high)

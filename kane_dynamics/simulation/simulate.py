@@ -2,13 +2,12 @@
 Forward simulation in native code.
 
 One step of an integrator is traced with the robot's forward dynamics as a subroutine and compiled.
-Its result is the next step's argument, so that calling the kernel along a buffer of states is the
-loop over time, without the GIL. Many simulations go through it several at once.
+The kernel runs along a buffer of states, where each result is the argument of the next step; this
+loop over time is native and releases the GIL. Many simulations run in SIMD lanes.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-import math
 import time
 from typing import Any
 import warnings
@@ -16,26 +15,23 @@ import warnings
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
+from kane_dynamics.simulation.simulation_arguments import (
+    checked_torque, initial_states, MOST_STEPS, steps_per_sample, whole_steps)
 from kane_dynamics.simulation.speed_switching import SwitchingInput
-from kane_dynamics.simulation.step_kernels import margin_count, state_names
-from kane_dynamics.simulation.step_size import step_warning
-from kane_dynamics.simulation.torque_input import asked_torque, torque_input
+from kane_dynamics.simulation.step_kernels import state_names
+from kane_dynamics.simulation.step_size import diverged_error, step_warning
+from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
-CLOSED = 1e-8  # m or rad: a larger gap at the start is the caller's mistake
-MOST_STEPS = 100_000_000
-MOST_SAMPLES = 1_000_000
-DEFAULT_SAMPLES = 1000
-CHUNK_SECONDS = 0.01  # of native code between two looks at progress: half of the promised bound
-CHUNK_BYTES = 2**27  # of states between two looks, unless a single step of all takes more
+CHUNK_SECONDS = 0.01  # of native code between two progress reports: half of the documented bound
+CHUNK_BYTES = 2**27  # of states in one chunk, unless a single step of all takes more
 FIRST_CHUNK = 256  # steps
-LEAST_CHUNK = 8  # steps of many simulations, lest the looks take longer than the steps
+LEAST_CHUNK = 8  # steps of many simulations, so that checks take less time than the steps
 
 Torque = Callable[[float, Array, Array], Any]
 Progress = Callable[[float], bool | None]
@@ -48,79 +44,79 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     """
     Integrate the equations of motion with steps of one length.
 
-    Conditions on positions, such as closed loops, are held: what a step misses is taken back after
-    it, and the result tells what remains. Independent speeds that come to depend on each other
-    give way to others on the way (`Trajectory.speed_changes`), unless the user named them.
+    Conditions on positions, such as closed loops, are corrected by one Newton step after every
+    step; the trajectory holds the remaining residuals. Independent speeds that become singular are
+    replaced by others during the simulation (`Trajectory.speed_changes`), unless the user named
+    them.
 
     Parameters
     ----------
     robot : Robot
-        Whose equations to integrate.
+        The robot to simulate.
     q0, u0 : (n_q,), (n,) or (N, n_q), (N, n) array_like
-        State at time 0, or N of them, each the start of a simulation; rad or m, and s.
+        Initial state, or N initial states of N simulations; rad or m, and s.
     duration : float
         s; a whole number of steps.
     step : float
         s.
     torque : None, array, callable or ComputedTorque
-        Nothing: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
-        during step k. (N, K, n): a table for each of N initial states (the others serve all).
-        ``torque(t, q, u)``: asked once a step and held; for a single initial state only, because
-        Python would be called N times a step. `ComputedTorque`: evaluated continuously, with
-        friction at the desired speed.
+        None: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
+        during step k. (N, K, n): a table for each of N initial states (other forms apply to all).
+        ``torque(t, q, u)``: evaluated once a step and held; for a single initial state only,
+        because Python would be called N times a step. `ComputedTorque`: evaluated continuously,
+        with friction at the desired speed.
     sample : float, optional
         Time between the rows of the result, a whole number of steps. Default: about a thousand
-        rows, or fewer where N initial states would then give more than a million. First and last
-        state are always in.
+        rows, or fewer if N initial states would give more than a million. The first and the last
+        state are always included.
     progress : callable, optional
-        Called with the simulated time now and then (native code never runs for more than about
-        20 ms in between, or eight steps of all N states); returning False ends the simulation
-        there.
+        Called with the simulated time at intervals of about 20 ms at most, or of eight steps of
+        all N states if those take longer; returning False ends the simulation there.
     integrator : {'rk4', 'implicit'}
-        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method to which
-        friction, springs and beams set no longest step, for robots without constraints whose
-        speeds are the joint rates (`mechanics.implicit`). Where the motion is smooth the first
-        is more accurate; where joints stick, the second is the faster by orders.
+        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose step
+        friction, springs and beams do not limit, for robots in joint rates without constraints
+        (`mechanics.integrators.rosenbrock`). The first is more accurate for smooth motions; the
+        second is faster by orders of magnitude where joints stick.
     t0 : float
-        Time at which the state is q0, u0, s: what depends on time begins there.
+        Initial time, s, for functions of time.
 
     Returns
     -------
     Trajectory
-        Its arrays lead with N where N initial states are given. A simulation among N has the
-        numbers that it has alone, to rounding; they do not depend on the other N - 1.
+        Its arrays have a leading axis N for N initial states. Each simulation of N equals the
+        single simulation from its initial state, to rounding.
 
     Raises
     ------
     InputError
-        Names the argument, the value and what is valid; also where the motion leaves the finite
-        numbers, with the time and the joint.
+        Names the argument, the value and what is expected; also if the motion diverges (is not
+        finite), with the time and the joint.
     ConstraintError
         The motion comes to a kinematic singularity (a dead point); independent speeds that the
-        user named become singular; constraints contradict each other; or a step opens a loop too
-        far. Names the time, the configuration and the constraint.
+        user named become singular; constraints contradict each other; or a loop's residual after
+        one step is too large. Names the time, the configuration and the constraint.
 
     Warns
     -----
     ModelWarning
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
-        at the (first) initial posture: the motion near rest is not to be trusted (`longest_step`).
-        The energy balance does not close within what the step explains: names the time at which
-        that began. Both are in `Trajectory.warnings` too.
+        at the (first) initial configuration: the motion near rest is inaccurate (`longest_step`).
+        The error of the energy balance is above that expected of the step: names the time of its
+        begin. Both are in `Trajectory.warnings` too.
 
     """
-    starts = _starts(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
+    starts = initial_states(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
-    count = _whole('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
-    doubt = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
-    if doubt is not None:
-        warnings.warn(doubt, ModelWarning, stacklevel=2)
-    every = _sampling(count, step, sample, N, single)
+    count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
+    step_text = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
+    if step_text is not None:
+        warnings.warn(step_text, ModelWarning, stacklevel=2)
+    every = steps_per_sample(count, step, sample, N, single)
     if callable(torque) and not single:
-        raise InputError('torque is a function, which is asked state by state; for '
-                         f'{N} initial states give None, an array or a ComputedTorque')
+        raise InputError(f'torque: a function, with {N} initial states; expected None, an array '
+                         'or a ComputedTorque')
     source: Any = torque_input(robot, step, 1 if callable(torque) else count,
                                None if callable(torque) else torque, None if single else N,
                                integrator, t0)
@@ -137,7 +133,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
-    missed = balance.warning(single, doubt)
+    missed = balance.warning(single, step_text)
     if missed is not None:
         warnings.warn(missed, ModelWarning, stacklevel=2)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
@@ -145,7 +141,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     return Trajectory(t0 + kept * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=events,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
-                      warnings=tuple(text for text in (doubt, missed) if text is not None),
+                      warnings=tuple(text for text in (step_text, missed) if text is not None),
                       speed_changes=tuple(source.changes) if watched else ())
 
 
@@ -185,7 +181,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
-    """Leave out the rows that a simulation ended early did not reach; its end is in."""
+    """Return steps and states up to the end of a simulation, its last state included."""
     rows = int(np.searchsorted(kept, done, side='right'))
     if kept[rows - 1] < done:
         kept[rows], states[:, rows], rows = done, last, rows + 1
@@ -195,7 +191,7 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
                   progress: Progress | None, t0: float, integrator: str
                   ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
-    """Ask for the torque before every step; Python in the loop."""
+    """Step with a Python torque function, evaluated before every step."""
     robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n
     kept, states, taus = [], [], []
@@ -209,10 +205,10 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
         j = k % FIRST_CHUNK
         state = buffer[0, j].copy()
         t = t0 + k * step
-        seen = (source.asked_state(0, state, k) if isinstance(source, SwitchingInput) else
+        seen = (source.user_state(0, state, k) if isinstance(source, SwitchingInput) else
                 (state[:n_q], state[n_q:n_q + n]))
-        tau = _vector(robot, f'torque at {t:.6g} s',
-                      asked_torque(torque, t, *(x.copy() for x in seen)))
+        tau = checked_torque(robot, f'torque at {t:.6g} s',
+                      evaluated_torque(torque, t, *(x.copy() for x in seen)))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)
@@ -239,74 +235,19 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
     return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
 
 
-def _starts(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
-    """Return the initial state, as `state_names`, or all of them, (N, ...)."""
-    q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
-    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
-    if q.shape[:-1] != u.shape[:-1]:
-        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
-                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
-    if robot.constraint_names and q.size:
-        gap = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
-        i, k = np.unravel_index(np.argmax(gap), gap.shape)
-        if gap[i, k] > max(CLOSED, 2.0 * robot.mechanism.rank_tolerance):
-            which = '' if q.ndim == 1 else f' of state {i}'
-            raise InputError(f"q0{which} misses '{robot.constraint_names[k]}' by {gap[i, k]:.3g} "
-                             '(m or rad): start from robot.closed_posture(q0)')
-    time = np.full((*q.shape[:-1], 1 if robot.equations.timed else 0), t0)
-    margins = np.ones((*q.shape[:-1], margin_count(robot)))
-    return np.concatenate([q, u, time, margins], axis=-1)
-
-
 def _watched(robot: Robot) -> JointLimits:
-    """Return the limits that a state shows: speeds of joints are in it where they are u."""
+    """Return the limits to watch; those of speeds only in joint rates."""
     if robot.speed_names == robot.joint_names:
         return robot.limits
     return replace(robot.limits, velocity=np.full(robot.n_q, np.inf))
 
 
-def _sampling(count: int, step: float, sample: Any, N: int, single: bool) -> int:
-    """Return the number of steps between two rows of the result; InputError past their cap."""
-    if sample is None:
-        rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
-        every = max(1, -(-count // rows))
-    else:
-        every = _whole('sample', positive_time(sample, 'sample'), step, MOST_STEPS)
-    rows = count // every + 1
-    if N * (rows + 1) > MOST_SAMPLES:
-        which = '' if single else f' for each of {N} initial states'
-        remedy = 'a longer sample time' if single else 'a longer sample time or fewer states'
-        raise InputError(f'{count} steps sampled every {every} would give {rows} rows{which}; '
-                         f'at most {MOST_SAMPLES}{"" if single else " together"}: choose {remedy}')
-    return every
-
-
-def _vector(robot: Robot, name: str, value: Any) -> Array:
-    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
-    if array.ndim != 1:
-        raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
-    return array
-
-
-def _whole(name: str, value: float, step: float, most: int) -> int:
-    """Return how many steps a time is; InputError unless that is a whole number in bounds."""
-    count = round(value / step) if math.isfinite(value / step) else 0
-    if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
-        raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
-                         'whole number of steps')
-    if count > most:
-        raise InputError(f'{name} is {value} s, {count} steps of {step} s; at most {most} steps')
-    return count
-
-
 def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
-    """Raise where a motion has left the finite numbers; it never comes back."""
+    """Raise InputError for a diverged (non-finite) motion; it stays non-finite."""
     if np.isfinite(buffer[:, -1]).all():
         return
     at = ~np.isfinite(buffer)
     k = int(np.argmax(at.any(axis=(0, 2))))
     i, j = (int(index) for index in np.argwhere(at[:, k])[0])
     which = 'the simulation' if single else f'simulation {i}'
-    raise InputError(f'{which} leaves the finite numbers at {(done + k) * step:.6g} s, '
-                     f"'{state_names(robot)[j]}' first: is the mass matrix singular there, or the "
-                     f'step of {step} s too long?')
+    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j])

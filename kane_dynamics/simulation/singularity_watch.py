@@ -1,4 +1,4 @@
-"""States of a simulation looked at one by one where a singularity may lie between two of them."""
+"""Detection of singularities between successive states of a simulation."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,36 +19,36 @@ TURN = 0.5  # largest change of S in a step, relative to S, near a singularity
 
 class SingularityWatch:
     """
-    Looks at rows of states for singularities that are passed between two of them.
+    Detects singularities between successive rows of states.
 
     Parameters
     ----------
     asked : Robot
-        As the user made it; of its speeds, those that the user named must stay regular.
+        The user's robot; independent speeds that the user named must stay regular.
     step : float
-        Between two rows, s.
+        Time between two rows, s.
 
     """
 
     def __init__(self, asked: Robot, step: float) -> None:
-        """Compile nothing yet."""
+        """Store the robot; kernels compile on first use."""
         self._asked, self._step = asked, step
 
     def look(self, robot: Robot, near: bool, q: Array, times: Array, where: Callable[[int], str],
              speeds: Callable[[int], Array]) -> None:
         """
-        Raise ConstraintError where a row and the next are on two sides of a singularity.
+        Raise ConstraintError for a singularity between a row and the next.
 
         Parameters
         ----------
         robot : Robot
-            In the choice that the simulation uses.
+            The robot in the current choice of the simulation.
         near : bool
-            Whether that choice is close to singular, and no other is better.
+            Whether that choice is nearly singular and no other is better.
         q, times : (K, n_q), (K,) arrays
             Configurations, rad or m, and their times, s.
         where, speeds : callable
-            Return the beginning of a message, and the asked speeds, for the number of a row.
+            Return the begin of a message, and the user's speeds, for the number of a row.
 
         """
         mechanism, asked = robot.mechanism, self._asked.mechanism
@@ -69,7 +69,7 @@ class SingularityWatch:
                     f'{where(k)}the independent speeds {", ".join(asked.speed_names)} become '
                     f'singular within the next step under {loop}, at {described(asked, q[k])}, '
                     f'u = {np.round(speeds(k), 9).tolist()}: they do not determine the joint '
-                    'rates there; take others, or independent=None, which changes them on the way')
+                    'rates there; expected others, or independent=None, which changes them')
         if near:
             S = every[:, [*mechanism.free, *kept]]
             turn = np.linalg.solve(S[:-1], S[1:]) - np.eye(n)
@@ -90,7 +90,7 @@ class SingularityWatch:
         inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
 
         def rows(q: Any, *rest: Any) -> Any:
-            here = mechanism.posture(q, rest[0][()] if equations.timed else 0.0, geometry)
+            here = mechanism.state(q, rest[0][()] if equations.timed else 0.0, geometry)
             return np.concatenate([here.speed_rows(mechanism.speeds.names)[0] * mechanism.units,
                                    mechanism.rows(here).J * mechanism.units
                                    / np.array(mechanism.sizes)[:, None]])

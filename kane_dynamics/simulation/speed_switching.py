@@ -1,11 +1,11 @@
 """
-Simulations of constrained robots: their conditioning is watched, and other speeds taken in time.
+Simulations of constrained robots with a change of independent speeds before singularities.
 
-Every native step ends in a margin, which is positive where its state may be trusted
-(`mechanics.constraints.conditioning`). Where it is not, what is wrong is found out in Python:
-independent speeds or rows that come to depend on each other are replaced by the best ones, and the
-simulation goes on from the last good state; anything else is an error that says what happened.
-Near a singularity of all choices every step is looked at.
+Every native step computes a margin, which is positive for an accepted state
+(`mechanics.constraints.conditioning`). For a non-positive margin, Python code finds the reason:
+ill-conditioned independent speeds or rows are replaced by the best ones, and the simulation
+continues from the last accepted state; any other reason is an error. Near a singularity of all
+choices every step is checked.
 """
 
 from collections.abc import Sequence
@@ -17,33 +17,33 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
                                                               figure, LIMITS, SHARE, SINGULAR,
                                                               singular_error, stacked, WELL_CHOSEN)
-from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
-from kane_dynamics.simulation.asked_speeds import AskedSpeeds, tau_from
 from kane_dynamics.simulation.singularity_watch import SingularityWatch
-from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_kernels import next_configuration, step_kernel
+from kane_dynamics.simulation.step_size import diverged_error
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
+from kane_dynamics.simulation.user_speeds import UserSpeeds
 import numpy as np
 
-STEP_RESIDUAL = 1e-3  # m or rad: what one step may open a loop by before it is closed again
-GAIN = 2.0  # so much better others must be to be taken
-ROOM = 4.0  # a choice is kept until its figure is so much larger than when it was taken
-PIECE = 256  # steps after a change before the states are looked at again
+STEP_RESIDUAL = 1e-3  # m or rad: largest residual after one step, before the correction
+GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
+ROOM = 4.0  # a choice is kept until its figure has grown by this factor
+PIECE = 256  # steps after a change before the next check of the states
 MOST_CHANGES = 20  # at one state
 
 
 @dataclass(frozen=True)
 class Phase:
-    """The choice that a simulation uses: a robot in it, and the largest figure allowed."""
+    """The current choice of a simulation: its robot, and the largest figure allowed."""
 
     robot: Robot
     limit: float
 
 
 def trusted(states: Array) -> Any:
-    """Tell which states, (..., size), are finite and end in a positive margin; the first is."""
+    """Return which states, (..., size), are finite with a positive margin; first always true."""
     good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
     good[..., 0] = True
     return good
@@ -51,26 +51,26 @@ def trusted(states: Array) -> Any:
 
 class SwitchingInput:
     """
-    A torque input that goes on in other independent speeds where those in use become singular.
+    A torque input that changes the independent speeds where those in use become singular.
 
     Parameters
     ----------
     source : TorqueInput
-        Of the robot as the user made it; its torques stay dual to that robot's speeds.
+        The torque input of the user's robot; torques stay dual to its speeds.
     count : int
         Number of simulations.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
 
     Attributes
     ----------
     changes : list of SpeedChange
-        In the order of the simulations' steps, each simulation by itself.
+        Changes of every simulation, in order of time.
 
     """
 
     def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
-        """Begin in the robot's own speeds."""
+        """Start all simulations in the robot's own speeds."""
         self.robot, self.step = source.robot, source.step
         self.torque = source.torque
         self._source, self._integrator, self._single = source, integrator, single
@@ -81,12 +81,12 @@ class SwitchingInput:
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        self._asked = AskedSpeeds(source.robot)
+        self._asked = UserSpeeds(source.robot)
         self._watch = SingularityWatch(source.robot, source.step)
         self.changes: list[SpeedChange] = []
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
-        """Fill in the states after each step; as `TorqueInput.advance`."""
+        """Compute the states after each step; as `TorqueInput.advance`."""
         every = list(range(len(buffer)))
         groups: dict[tuple[int, float], list[int]] = {}
         for i in every if self._elsewhere else []:
@@ -114,7 +114,7 @@ class SwitchingInput:
         return extremes
 
     def _source_of(self, places: Sequence[int]) -> TorqueInput:
-        """Return the native step of these simulations, which are in one phase."""
+        """Return the native step of simulations in the same phase."""
         phase = self._phases[places[0]]
         key = id(phase.robot), phase.limit
         if key not in self._sources:
@@ -129,7 +129,7 @@ class SwitchingInput:
         return replace(self._sources[key], torque=torque)
 
     def _resume(self, i: int, rows: Array, bad: int, done: int) -> None:
-        """Go on with simulation i from the state before the first bad row, to the last one."""
+        """Continue simulation i from the state before the first rejected row to the last row."""
         state, tries = rows[bad - 1].copy(), 0
         self._look_closely(i, rows[:bad], done)
         start, last, piece = bad - 1, len(rows) - 1, PIECE
@@ -153,17 +153,17 @@ class SwitchingInput:
 
     def _decided(self, i: int, state: Array, done: int) -> Array:
         """
-        Choose how simulation i goes on from a state whose next step is not to be trusted.
+        Choose the phase in which simulation i continues from a state with a rejected step.
 
         Returns
         -------
         (size,) array
-            The state in the speeds that are independent from now on.
+            The state in the independent speeds of the new phase.
 
         Raises
         ------
         ConstraintError
-            A kinematic singularity; a loop that opens; rows that contradict each other.
+            A kinematic singularity; a loop's residual; rows that contradict each other.
         InputError
             The motion diverges.
 
@@ -198,7 +198,8 @@ class SwitchingInput:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
                 f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
-                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}: shorten the step')
+                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, as with a '
+                'shorter step')
         left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
         if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
             raise ConstraintError(
@@ -208,18 +209,18 @@ class SwitchingInput:
         raise self._diverged(i, done + 1)
 
     def _preferred(self, stack: Any) -> Any:
-        """Return the user's speeds where they are well conditioned, else the best choice."""
+        """Return the user's speeds if they are well conditioned, else the best choice."""
         asked = self.robot.mechanism
         own = best_choice(asked, stack, asked.free)
         return own if own.figure < self._usual / GAIN else best_choice(asked, stack)
 
     def _changed(self, i: int, state: Array, choice: Any, done: int) -> Array:
-        """Return a state in the speeds of another choice, which simulation i uses from now on."""
+        """Change simulation i to another choice; return the state in its speeds."""
         old, t = self._phases[i].robot, self._time(done)
         q, u = self._parts(state)
         new = self.robot.in_choice(choice.free, choice.kept)
         at: dict[str, Any] = {'t': t} if old.equations.timed else {}
-        Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.posture(
+        Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.state(
             q, t).speed_rows(new.speed_names))
         state = state.copy()
         state[old.n_q:old.n_q + old.n] = Y @ old.joint_rates(q, u, **at) + Z
@@ -235,31 +236,17 @@ class SwitchingInput:
         self._elsewhere.add(i)
 
     def _next(self, i: int, state: Array, done: int) -> Array:
-        """Return the configuration one step on, before loops are closed, in plain numbers."""
-        robot = self._phases[i].robot
-        equations: Any = robot.equations
-        n_q, n = robot.n_q, robot.n
-        block = robot.parameters.block[:robot.parameters.physical]
-        wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+        """Return the configuration after the next step, before loops are closed."""
         table = self.torque[min(i, len(self.torque) - 1)]
         tau = table[min(done, len(table) - 1)]
+        try:
+            return next_configuration(self._phases[i].robot, state, tau, self.robot.speed_names,
+                                      self.step)
+        except (ConstraintError, ZeroDivisionError):
+            raise self._diverged(i, done + 1) from None
 
-        def rates(x: Any, given: Any) -> Any:
-            time = x[n_q + n:-1]
-            t = time[0] if len(time) else 0.0
-            acting = tau_from(equations, self.robot.speed_names, x[:n_q], tau, t)
-            found = equations.state_rates(x[:n_q], x[n_q:n_q + n], acting, wrench, block, t)
-            return np.array([*found, *(1.0 for _ in time), 0.0],
-                            dtype=np.float64)
-        with np.errstate(all='ignore'):
-            try:
-                after = runge_kutta_4(rates, state, (tau, tau, tau), self.step)
-            except (ConstraintError, ZeroDivisionError):
-                raise self._diverged(i, done + 1) from None
-        return np.asarray(after[:n_q], dtype=np.float64)
-
-    def asked_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
-        """Return q and the user's own speeds of simulation i at a state that it is in."""
+    def user_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
+        """Return q and the user's own speeds of simulation i at one of its states."""
         q, u = self._parts(state)
         robot = self._phases[i].robot
         if robot.speed_names == self.robot.speed_names:
@@ -279,7 +266,7 @@ class SwitchingInput:
         return self._source.torques(kept, q, u)
 
     def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
-        """Return what follows from kept states, in the user's own speeds; see `AskedSpeeds`."""
+        """Return derived quantities of kept states, in the user's speeds; see `UserSpeeds`."""
         times = self._source.start + kept * np.float64(self.step)
         return self._asked.results(self._history, kept, times, states, tau)
 
@@ -289,7 +276,7 @@ class SwitchingInput:
         times = self._source.start + (done + np.arange(len(rows))) * np.float64(self.step)
         self._watch.look(phase.robot, phase.limit > ROOM * self._usual, self._parts(rows)[0],
                          times, lambda k: self._where(i, done + k),
-                         lambda k: self.asked_state(i, rows[k], done + k)[1])
+                         lambda k: self.user_state(i, rows[k], done + k)[1])
 
     def _parts(self, state: Array) -> tuple[Array, Array]:
         n_q, n = self.robot.n_q, self.robot.n
@@ -304,5 +291,4 @@ class SwitchingInput:
 
     def _diverged(self, i: int, done: int) -> InputError:
         which = 'the simulation' if self._single else f'simulation {i}'
-        return InputError(f'{which} leaves the finite numbers at {self._time(done):.6g} s: is the '
-                          f'mass matrix singular there, or the step of {self.step} s too long?')
+        return diverged_error(which, self._time(done), self.step)

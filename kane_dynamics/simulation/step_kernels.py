@@ -1,14 +1,16 @@
-"""One integration step of a robot as a kernel, its dynamics as subroutines."""
+"""Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
 from functools import cached_property, partial
 from typing import Any
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.mechanism import speed_places
+from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.argument import Argument
@@ -20,21 +22,21 @@ from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.asked_speeds import tau_from
 from kane_dynamics.simulation.energy_kernels import compile_balance
+from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
-# What `simulate` asks for all rows of its result at once.
+# Quantities that `simulate` computes for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
               'constraint_residual', 'constraint_velocity_residual')
 
 
 def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
     """
-    Compile every kernel that `simulate` may need, so that no request waits for a compiler.
+    Compile every kernel of `simulate` in advance, so that no request waits for the compiler.
 
-    Those that step many simulations at once are not among them. `names` are further quantities to
-    compile at the same time.
+    The kernels for many simulations at once are excluded. `names` are further quantities to
+    compile concurrently.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
 
 
 def loop_kernels(robot: Robot) -> list[str]:
-    """Return the names of the kernels that control and simulation of this robot call."""
+    """Return the names of the kernels of control and simulation of this robot."""
     return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
 
 
@@ -72,8 +74,8 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
     constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
 
-    The state of a constrained robot ends in `conditioning.margin`, whose limits are the last of
-    the constants: a state is not to be trusted from where that is not positive.
+    The last entry of a constrained robot's state is `conditioning.margin`, whose limits are the
+    last of the constants: a state is accepted if it is positive.
 
     Raises
     ------
@@ -96,14 +98,14 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Name the entries of a state: q, u, the time where the robot depends on it, the margin."""
+    """Return the names of the entries of a state: q, u, the time if needed, the margin."""
     return (*robot.coordinate_names, *robot.speed_names,
             *(['time'] if robot.equations.timed else []),
             *['margin'] * margin_count(robot))
 
 
 def margin_count(robot: Robot) -> int:
-    """Return how many entries of a state, one or none, tell whether it is to be trusted."""
+    """Return the number of margins in a state: 1 for a constrained robot, else 0."""
     equations = robot.equations
     return int(isinstance(equations, ConstrainedEquations) and equations.watched)
 
@@ -180,9 +182,9 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
         after = method.step(motion, state, h[0])
         if isinstance(equations, ConstrainedEquations):
             q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
-            if equations.watched:  # an entry that no next step reads: to wait would cost time
+            if equations.watched:  # no later step reads this entry, so it causes no latency
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
-            after[:n_q] = equations.closer(q, t)
+            after[:n_q] = equations.closure_step(q, t)
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 
@@ -218,3 +220,43 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
         ('parameters', robot.parameters.block.shape)])
+
+
+def next_configuration(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+                       step: float) -> Array:
+    """
+    Return q, (n_q,), after one Runge-Kutta step in NumPy, without the correction of closed loops.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    state : (size,) array
+        Entries as `state_names`; rad or m, and s.
+    tau : (n,) array
+        Dual to the speeds named `dual_to`, held during the step; N m or N.
+    dual_to : tuple of str
+        Names of independent speeds.
+    step : float
+        s.
+
+    Raises
+    ------
+    ConstraintError, ZeroDivisionError
+        The mass matrix, or the system of speeds and constraints, is singular.
+
+    """
+    equations: Any = robot.equations
+    n_q, n = robot.n_q, robot.n
+    block = robot.parameters.block[:robot.parameters.physical]
+    wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+
+    def rates(x: Any, given: Any) -> Any:
+        time = x[n_q + n:-1]
+        t = time[0] if len(time) else 0.0
+        own = tau_from(equations, dual_to, x[:n_q], tau, t)
+        found = equations.state_rates(x[:n_q], x[n_q:n_q + n], own, wrench, block, t)
+        return np.array([*found, *(1.0 for _ in time), 0.0], dtype=np.float64)
+    with np.errstate(all='ignore'):
+        after = runge_kutta_4(rates, state, (tau, tau, tau), step)
+    return np.asarray(after[:n_q], dtype=np.float64)

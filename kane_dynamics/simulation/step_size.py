@@ -1,30 +1,31 @@
-"""How long a Runge-Kutta step may be: what a robot's friction, springs and beams allow."""
+"""The longest stable Runge-Kutta step with a robot's friction, springs and beams."""
 
 from functools import cache
 import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-DIFFERENCE = 1e-6  # rad, m and their rates: small beside any speed at which friction sets in
+DIFFERENCE = 1e-6  # rad, m and their rates: small compared to the friction speed
 ANGLES = np.linspace(0.5 * np.pi, np.pi, 181)
 
 
 class LongestStep(NamedTuple):
     """
-    The longest step, and what sets it.
+    The longest stable step, and the speed that limits it.
 
     Attributes
     ----------
     step : float
-        s; infinite if nothing does.
+        s; infinite without a limit.
     name : str
-        Of the speed that moves most in the motion that a longer step makes grow.
+        The speed with the largest amplitude in the least stable mode.
 
     """
 
@@ -34,20 +35,20 @@ class LongestStep(NamedTuple):
 
 def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     """
-    Return the longest Runge-Kutta step with which a robot stays at rest where it would.
+    Return the longest Runge-Kutta step that is stable at rest.
 
-    The equations are linearised about rest at a posture, x' = J x. A step h multiplies the part
-    of x that belongs to an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
-    the eigenvalue, and no R may be larger than 1 in size (Hairer & Wanner, Solving Ordinary
-    Differential Equations II, section IV.2). Smoothed Coulomb friction decides most often: the
-    slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
+    The equations are linearised about rest at a configuration, x' = J x. A step h multiplies the
+    part of x of an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
+    the eigenvalue, and |R| <= 1 is required (Hairer & Wanner, Solving Ordinary
+    Differential Equations II, section IV.2). The limit is most often smoothed Coulomb friction:
+    the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
     Parameters
     ----------
     robot : Robot
-        At its parameters of now.
+        With its current parameters.
     q : (n_q,) array
-        The configuration, rad or m; loops are closed there.
+        The configuration, rad or m, with closed loops.
     t : float
         Time, s.
 
@@ -63,20 +64,20 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
     if not n:
         return LongestStep(math.inf)
-    # To move by z from q is to move the joints along their partial rates: loops stay closed to
-    # the first order, and what is missed to the second is the same on both sides.
+    # Joints move along their partial rates: loops stay closed to first order, and the residual of
+    # second order is equal on both sides.
     still = robot.joint_rates(q, rest, t=t)
     along = [robot.joint_rates(q, v, t=t) - still for v in turned]
 
     def slopes(moved: list[tuple[Array, Array]]) -> Array:
-        """Return the slope of udot by each of some small motions of q and u."""
+        """Return the central differences of udot for small motions of q and u."""
         return np.array([robot.forward_dynamics(q + dq, du, rest, t=t)
                          - robot.forward_dynamics(q - dq, -du, rest, t=t)
                          for dq, du in moved]).T / (2.0 * DIFFERENCE)
     by_u, by_z = slopes([(0.0 * q, v) for v in turned]), slopes([(d, rest) for d in along])
     J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])
     values, vectors = np.linalg.eig(J)
-    # What grows by itself, such as an arm that stands on its head, may go on doing so.
+    # An unstable equilibrium (an inverted arm) does not limit the step.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
     with np.errstate(divide='ignore'):
         steps = np.interp(angles, ANGLES, _radii()) / np.abs(values)
@@ -87,23 +88,23 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
 
 def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
                  t: float = 0.0) -> str | None:
-    """Return what to say of a step, s, that is too long for a robot at a posture, else None."""
+    """Return the warning for a step, s, that is too long at a configuration, else None."""
     if integrator_of(integrator).damps:
         return None
     longest, name = longest_step(robot, q, t=t)
     if step <= longest:
         return None
-    remedy = ("Take the integrator 'implicit', or shorten the step"
+    remedy = ("Use the integrator 'implicit', or shorten the step"
               if isinstance(robot.equations, TreeEquations) else
               'Shorten the step, or give the joint the inertia of its rotor (armature) or a '
               'higher friction_speed')
-    return (f"a step of {step:g} s is too long for '{name}': near rest its friction, springs "
-            f'or bending take one of at most {longest:.2g} s. With a longer one it trembles or '
-            f'creeps where it should stand. {remedy}')
+    return (f"a step of {step:g} s is too long for '{name}'; expected at most {longest:.2g} s "
+            'near rest with its friction, springs or bending. With a longer step it oscillates or '
+            f'creeps instead of resting. {remedy}')
 
 
 def _pulled_back(model: Model, friction: bool) -> bool:
-    """Tell whether anything may set a step: gravity by itself is slow."""
+    """Return whether friction, springs or beams may limit the step."""
     return any(body.beam is not None or body.joint.stiffness
                or (friction and (body.joint.damping or body.joint.friction))
                for body in model.bodies)
@@ -111,7 +112,7 @@ def _pulled_back(model: Model, friction: bool) -> bool:
 
 @cache
 def _radii() -> Array:
-    """Return how far from 0 the region |R(z)| <= 1 reaches at each of `ANGLES`."""
+    """Return the radius of the region |R(z)| <= 1 at each of `ANGLES`."""
     low, high = np.zeros(len(ANGLES)), np.full(len(ANGLES), 4.0)
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -119,3 +120,10 @@ def _radii() -> Array:
         inside = np.abs(1.0 + z * (1.0 + z * (1.0 + z * (1.0 + z / 4.0) / 3.0) / 2.0)) <= 1.0
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
     return low
+
+
+def diverged_error(which: str, t: float, step: float, entry: str = '') -> InputError:
+    """Return the error for a simulation whose state is not finite at t, s."""
+    first = f" ('{entry}' first)" if entry else ''
+    return InputError(f'{which}: the state diverged (is not finite) at {t:.6g} s{first} with a '
+                      f'step of {step} s; expected a regular mass matrix and a shorter step')

@@ -1,4 +1,4 @@
-"""Where a simulation's torques come from, as the native step reads them."""
+"""The torques of a simulation in the layout of the native step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,25 +19,25 @@ import numpy as np
 
 @dataclass(frozen=True)
 class TorqueInput:
-    """A native step and where its inputs come from; `torque_input` makes one."""
+    """A native step with its inputs; returned by `torque_input`."""
 
     robot: Robot
     kernel: Kernel
     step: float
     constants: Array  # gains and step, then the robot's parameters
-    torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques; one serves all
+    torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques
     start: float = 0.0  # s
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """
-        Fill in the states after each step, without the GIL.
+        Compute the states after each step, without the GIL.
 
         Parameters
         ----------
         buffer : (N, K + 1, size) array
-            The N states after `done` steps, then room for K more of each.
+            The N states after `done` steps, and space for the next K of each.
         done : int
-            Steps before these.
+            Number of earlier steps.
         single : bool
             Use the kernel for one state; N is 1.
 
@@ -61,7 +61,7 @@ class TorqueInput:
         return extremes
 
     def _inputs(self, done: int, count: int) -> tuple[Array, int, int]:
-        """Return the inputs of `count` steps from `done` on; bytes between states and steps."""
+        """Return the inputs of `count` steps after `done`; strides of states and steps, bytes."""
         if isinstance(self.torque, ComputedTorque):
             halves: Array = self.start + np.arange(
                 2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
@@ -72,11 +72,11 @@ class TorqueInput:
         return table, table.strides[0] * states, table.strides[1] * steps
 
     def in_own_speeds(self, buffer: Array, done: int) -> Array:
-        """Return a buffer's states in the robot's speeds: they are."""
+        """Return the buffer, which is in the robot's own speeds."""
         return buffer
 
     def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
-        """Return what follows from kept states (N, K, size) and torques (N, K, n)."""
+        """Return derived quantities of kept states (N, K, size) and torques (N, K, n)."""
         robot, shape = self.robot, states.shape[:2]
         q, u = (np.ascontiguousarray(x).reshape(-1, x.shape[2]) for x in np.split(
             states, [robot.n_q, robot.n_q + robot.n], axis=2)[:2])
@@ -89,13 +89,13 @@ class TorqueInput:
 
     def acting(self, buffer: Array, done: int) -> Array | Callable[[Array], Array]:
         """
-        Return the torques of the steps of a buffer that `advance` has filled in.
+        Return the torques of the steps of a buffer from `advance`.
 
         Returns
         -------
         (1 or N, 1 or K, n) array, or callable
-            Held during each step; or, of a law that is evaluated continuously, a function of row
-            numbers of the buffer that returns the torques there.
+            Torques held during each step; or, for computed torque, a function that returns the
+            torques at row numbers of the buffer.
 
         """
         if isinstance(self.torque, ComputedTorque):
@@ -135,30 +135,30 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     Parameters
     ----------
     robot : Robot
-        Which is simulated.
+        The simulated robot.
     step : float
         s.
     count : int
-        Steps that must have their torque.
+        Number of steps.
     torque : None, array_like or ComputedTorque
-        As `simulate` takes it.
+        As in `simulate`.
     states : int or None
         Number of simulations; None for a single one.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
     start : float
         Time at the first step's beginning, s.
 
     Raises
     ------
     InputError
-        Names what is wrong with the torque or the integrator.
+        Names the invalid torque or integrator.
 
     """
     block = robot.parameters.block
     if isinstance(torque, ComputedTorque):
         if torque.motion.joint_names != robot.joint_names:
-            raise InputError(f'the motion is of the joints {list(torque.motion.joint_names)}; '
+            raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
         if torque.robot is not None and not torque.robot.equals(robot):
             raise InputError('torque: computed torque of another robot (model, options, gravity '
@@ -193,14 +193,14 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
     return table
 
 
-def asked_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
+def evaluated_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
                  u: Array) -> Any:
-    """Return what a torque function returns; InputError if it takes or returns another thing."""
+    """Return the value of a torque function; InputError for a wrong signature or None."""
     try:
         found = torque(t, q, u)
     except TypeError as error:
         if error.__traceback__ is None or error.__traceback__.tb_next is not None:
-            raise  # not of this call, but of what the function does
+            raise  # raised inside the function, not by the call
         raise InputError(f'torque: {error}; expected a function torque(t, q, u)') from None
     if found is None:
         raise InputError(f'torque at {t:.6g} s: None; expected {len(u)} numbers')

@@ -1,4 +1,4 @@
-"""`Trajectory`: what a simulation returns."""
+"""`Trajectory`: the result of a simulation."""
 
 from collections.abc import Sequence
 import csv
@@ -26,7 +26,7 @@ NAMES = ('joint_names', 'speed_names', 'constraint_names')
 
 
 class LimitEvent(NamedTuple):
-    """A joint's first crossing of one of its limits since it last kept it."""
+    """A joint's crossing of one of its limits."""
 
     t: float
     joint: str
@@ -45,7 +45,7 @@ class LimitEvent(NamedTuple):
 
 class SpeedChange(NamedTuple):
     """
-    A simulation goes on in other independent speeds, because those in use become singular.
+    A change of the independent speeds of a simulation before a singularity.
 
     The trajectory's u, udot and tau stay those of its own `speed_names`.
     """
@@ -58,14 +58,14 @@ class SpeedChange(NamedTuple):
     def __str__(self) -> str:
         """Say it in words."""
         which = '' if self.state is None else f'simulation {self.state}: '
-        return (f'{which}at {self.t:.4g} s the independent speeds {", ".join(self.before)} give '
-                f'way to {", ".join(self.after)}')
+        return (f'{which}at {self.t:.4g} s the independent speeds {", ".join(self.before)} change '
+                f'to {", ".join(self.after)}')
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
-    A simulated motion, sampled; or N motions of one robot, sampled at the same times.
+    A sampled simulated motion, or N motions of one robot at the same times.
 
     Attributes
     ----------
@@ -79,20 +79,19 @@ class Trajectory:
         Kinetic and potential energy, J.
     joint_names : tuple of str
     limit_events : sequence of LimitEvent
-        Found at every step, not only at the samples. The simulation goes on past a limit: a stop
-        would be a contact, which is not modelled. Limits of speed are those of joints whose rates
-        are the speeds.
+        Checked at every step, not only at the samples. The simulation continues past a limit,
+        because stops are not modelled. Speed limits are checked for robots in joint rates.
     speed_names, constraint_names : tuple of str
         Of the entries of u, udot and tau, and of the rows of the constraints.
     constraint_forces : (K, m) or (N, K, m) array
-        What the constraints exert, N or N m; as `Robot.constraint_forces`.
+        Forces of the constraints, N or N m; as `Robot.constraint_forces`.
     constraint_residual, constraint_velocity_residual : (K, m) or (N, K, m) arrays
-        By how much conditions on positions, m or rad, and on velocities, m/s or rad/s, are
-        missed; as the methods of `Robot` of these names.
+        Residuals of positions, m or rad, and of velocities, m/s or rad/s; as the methods of
+        `Robot` of these names.
     speed_changes : sequence of SpeedChange
-        Where the simulation went on in other independent speeds.
+        Changes of the independent speeds.
     warnings : tuple of str
-        What the simulation warned of.
+        Warnings of the simulation.
 
     """
 
@@ -113,7 +112,7 @@ class Trajectory:
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Fill in what follows from the rest."""
+        """Set the defaults of names and constraint arrays."""
         if not self.speed_names:
             freeze(self, 'speed_names', self.joint_names)
         if not self.constraint_names:
@@ -130,12 +129,12 @@ class Trajectory:
     @classmethod
     def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':
         """
-        Return a motion that was not simulated, with the torques that it takes and its energies.
+        Return a given motion with its torques (inverse dynamics) and energies.
 
         Parameters
         ----------
         robot : Robot
-            Without constraints.
+            A robot without constraints.
         t : (K,) array
             s; increases from row to row.
         q, u, udot : (K, n) arrays
@@ -148,7 +147,7 @@ class Trajectory:
 
         """
         if robot.constraint_names:
-            raise InputError('the robot has constraints; the motion of such a one is simulated')
+            raise InputError('robot: it has constraints; expected one without')
         q = np.asarray(q)
         if q.ndim != 2:
             raise InputError(f'q has shape {q.shape}; expected ({robot.n_q},) a row')
@@ -165,9 +164,9 @@ class Trajectory:
     @property
     def drift(self) -> float:
         """
-        Return how well the constraints were held.
+        Return the largest constraint residual.
 
-        The largest residual of all rows, of positions, m or rad, and of velocities, m/s or rad/s.
+        Over all rows, of positions, m or rad, and of velocities, m/s or rad/s.
         """
         return max(float(np.abs(residual).max(initial=0.0)) for residual in (
             self.constraint_residual, self.constraint_velocity_residual))
@@ -176,7 +175,7 @@ class Trajectory:
         """Return the motion from the k-th initial state, of N; InputError if there is none."""
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
-            raise InputError(f'state is {k}; the trajectory holds {count}')
+            raise InputError(f'state is {k}; the trajectory holds {count}; expected one of these')
         events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
         changes = (c._replace(state=None) for c in self.speed_changes
                    if c.state == k % len(self.q))
@@ -216,13 +215,13 @@ class Trajectory:
                                np.zeros_like(content['constraint_residual']))
             return cls(**content, limit_events=events, speed_changes=changes)
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f'{os.fspath(path)} is no trajectory of save_npz: {error}') from None
+            raise InputError(f'{os.fspath(path)}: {error}; expected a file of save_npz') from None
 
     def save_csv(self, path: Path) -> None:
         """
         Write one row a sample; the header names quantity and joint, as ``q.elbow``.
 
-        Only a single motion has such rows: of many, save ``trajectory.state(k)``.
+        For a single motion; of N motions, save ``trajectory.state(k)``.
         """
         self._require_single('save_csv')
         with open(path, 'w', newline='', encoding='utf-8') as file:
@@ -237,7 +236,7 @@ class Trajectory:
         return extra('kane_dynamics.plot', 'plot', 'plot').plot_trajectory(self, path)
 
     def require(self, robot: Robot, what: str) -> None:
-        """Raise InputError unless this is one motion, and of that robot; `what` asks for it."""
+        """Raise InputError unless this is one motion of a robot; `what` names the caller."""
         self._require_single(what)
         names = (robot.joint_names, robot.speed_names)
         if (self.joint_names, self.speed_names) != names:
@@ -248,7 +247,7 @@ class Trajectory:
     def _require_single(self, what: str) -> None:
         if self.q.ndim == 3:
             raise InputError(f'{what} takes a single motion; this trajectory holds '
-                             f'{len(self.q)}: choose one with state(k)')
+                             f'{len(self.q)}; expected one of them, by state(k)')
 
     def _columns(self) -> list[str]:
         of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')

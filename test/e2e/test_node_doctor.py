@@ -27,7 +27,7 @@ def doctor(urdf, *arguments):
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(
             [str(ROOT), os.environ.get('PYTHONPATH', '')])})
     assert done.stderr == '', done.stderr
-    found = {'problem': '', 'doubt': '', 'fine': ''}
+    found = {'problem': '', 'warning': '', 'fine': ''}
     for finding in json.loads(done.stdout):
         found[finding['level']] += finding['words'] + '\n'
     return done.returncode, found
@@ -46,7 +46,7 @@ def test_shipped_arms_and_their_configurations_have_no_problem(name):
                          str(ROOT / 'config' / f'{name}.yaml'))
     assert (code, found['problem']) == (0, '')
     assert f'{name}.yaml: every parameter is known and fits the arm' in found['fine']
-    assert 'no rotor inertia (armature) is known' in found['doubt']
+    assert 'no rotor inertia (armature) is known' in found['warning']
 
 
 def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
@@ -57,14 +57,14 @@ def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
                      'joints: [turn, elbow]}}')
     code, found = doctor(path, '--config', str(wrong))
     assert code == 1
-    for words in ("the arm cannot hold itself in every posture: 'lift'",
+    for words in ("the arm cannot hold itself in every configuration: 'lift'",
                   "parameter 'mod' does not exist and is ignored; did you mean 'mode'?",
                   "parameter 'gains.kp' is -1.0"):
         assert words in found['problem']
     wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
     code, found = doctor(path, '--config', str(wrong))
     assert "joints: 'elbow' is no joint of one freedom; valid: turn, lift" in found['problem']
-    assert 'gravity is [0.0, 0.0, 9.81]' in found['doubt']
+    assert 'gravity is [0.0, 0.0, 9.81]' in found['warning']
 
 
 def test_a_valid_graph_has_no_problem(client, urdf):
@@ -95,8 +95,8 @@ def test_a_valid_graph_has_no_problem(client, urdf):
     assert 'commands: from kane_dynamics to plant' in found['fine'], found
     assert 'joint states/s with all joints' in found['fine'], found
     assert 'of the weight' in found['fine'], found
-    assert 'stamps' not in found['doubt'], found
-    assert 'commands' not in found['doubt'], found
+    assert 'stamps' not in found['warning'], found
+    assert 'commands' not in found['warning'], found
 
 
 def test_the_problems_of_a_graph_are_reported(client, urdf):

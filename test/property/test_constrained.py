@@ -42,8 +42,8 @@ def check_roads(mechanism, seed):
     for value, of_definition in zip((qdot, qddot),
                                     nonholonomic.joint_motion(mechanism, q, u, udot, T)):
         np.testing.assert_allclose(value, of_definition, rtol=0.0, atol=1e-9 * speed)
-    rows = mechanism.rows(mechanism.posture(moving(q, qdot), moving(T, 1.0)))
-    here = mechanism.rows(mechanism.posture(q, T))
+    rows = mechanism.rows(mechanism.state(moving(q, qdot), moving(T, 1.0)))
+    here = mechanism.rows(mechanism.state(q, T))
     J, b = np.array(here.J, dtype=float), np.array(here.b, dtype=float)
     np.testing.assert_allclose(J @ qdot, b, rtol=0.0, atol=1e-10 * speed)
     np.testing.assert_allclose(rates(rows.J) @ qdot + J @ qddot, rates(rows.b), rtol=0.0,
@@ -97,7 +97,7 @@ def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
     forces = equations.constraint_forces(q, u, tau, None, g, T).astype(float)
     motion = mechanism.joint_motion(q, u, udot, T)
     needed = equations.tree.inverse_dynamics(q, motion.qdot, motion.qddot, None, g).astype(float)
-    J = np.array(mechanism.rows(mechanism.posture(q, T)).J, dtype=float)
+    J = np.array(mechanism.rows(mechanism.state(q, T)).J, dtype=float)
     np.testing.assert_allclose(motor + J.T @ forces, needed, rtol=0.0,
                                atol=1e-10 * np.abs(needed).max())
 

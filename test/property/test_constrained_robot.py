@@ -157,7 +157,7 @@ def test_joints_carry_what_constraints_exert(kind):
                     - robot.joint_rates(q - h * rate, u - h * udot, t=T - h)) / (2 * h)
     needed = tree.inverse_dynamics(q, rate, acceleration)
     forces = robot.constraint_forces(q, u, tau, t=T)
-    here = robot.mechanism.posture(q, T)
+    here = robot.mechanism.state(q, T)
     J = np.array(robot.mechanism.rows(here).J, dtype=float)
     supplied = robot.joint_torques(tau, q, t=T) + J.T @ forces
     np.testing.assert_allclose(supplied, needed, atol=1e-5 * (1.0 + np.abs(needed).max()))
@@ -269,10 +269,10 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
 
 def test_misuse_is_rejected_by_name(tmp_path):
     model = four_bar_model()
-    with pytest.raises(InputError, match='C is written of robots whose speeds are the joint rat'):
+    with pytest.raises(InputError, match='expected one in joint rates without constraints'):
         four_bar().export_c(tmp_path / 'four_bar.c')
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(InputError, match=r"misses 'pin/.' by .*closed_posture"):
+    with pytest.raises(InputError, match=r"residual of 'pin/.' is .*closed_posture"):
         simulate(four_bar(), [0.8, 0.0, -1.5], [5.0], 0.1)
     with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
         four_bar().inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))

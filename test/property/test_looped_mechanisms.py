@@ -78,7 +78,7 @@ def check(seed):
         other = turned(loops, 1.1)
         there = Robot(other.model, constraints=other.constraints, configuration=loops.q0)
         here = force_sizes(robot, run)
-        speeds = np.array([there.mechanism.posture(q).speed_rows(there.speed_names)[0] @ v
+        speeds = np.array([there.mechanism.state(q).speed_rows(there.speed_names)[0] @ v
                            for q, v in zip(run.q, joint_rates(robot, run))], dtype=float)
         forces = there.constraint_forces(run.q, speeds, np.zeros_like(speeds))
         turned_run = type('Forces', (), {'constraint_forces': forces})
@@ -93,7 +93,7 @@ def joint_rates(robot, run):
         np.array(here.speed_rows(robot.speed_names)[0], dtype=float),
         np.array(robot.mechanism.rows(here).J, dtype=float)]), np.concatenate([
             u, np.zeros(len(robot.constraint_names))]), rcond=1e-9)[0]
-        for here, u in ((robot.mechanism.posture(q), u) for q, u in zip(run.q, run.u))]
+        for here, u in ((robot.mechanism.state(q), u) for q, u in zip(run.q, run.u))]
 
 
 @pytest.mark.parametrize('seed', FEW)

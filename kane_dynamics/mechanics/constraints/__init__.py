@@ -1,10 +1,10 @@
 """
-Constraints on the motion of a mechanism, each stated as a velocity that vanishes or is given.
+Constraints on the motion of a mechanism, each as a velocity that is zero or prescribed.
 
-Every constraint is rows J(q, t) q' = b(q, t). A row is a component of partial velocities, so
-nothing is differentiated by hand (Kane & Levinson, sections 2.13 and 2.14). Rows that come from
-a condition on positions (a closed loop, a wheel on the ground) also have a residual, by which that
-condition is missed, whose rate the row is where the loop is closed.
+Every constraint is rows J(q, t) q' = b(q, t). A row is a component of a Jacobian (partial
+velocities; Kane & Levinson, sections 2.13 and 2.14). Rows of a condition on positions (a closed
+loop, a wheel on the ground) also have a constraint residual; the row is its time derivative where
+the loop is closed.
 
 All functions here run over any scalar. World axes, SI units.
 """
@@ -12,12 +12,12 @@ All functions here run over any scalar. World axes, SI units.
 from typing import Any, get_args
 
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.closure import Closure
-from kane_dynamics.mechanics.constraints.constraint_rows import ConstraintRows, Geometry
-from kane_dynamics.mechanics.constraints.position_constraints import Coupling, Prescribed
-from kane_dynamics.mechanics.constraints.rolling import Rolling
-from kane_dynamics.mechanics.constraints.velocity_constraints import (DependentSpeeds, knife_edge,
-                                                                      PointVelocity)
+from kane_dynamics.mechanics.constraints.types.closure import Closure
+from kane_dynamics.mechanics.constraints.types.constraint_rows import ConstraintRows, Geometry
+from kane_dynamics.mechanics.constraints.types.position_constraints import Coupling, Prescribed
+from kane_dynamics.mechanics.constraints.types.rolling import Rolling
+from kane_dynamics.mechanics.constraints.types.velocity_constraints import (
+    DependentSpeeds, knife_edge, PointVelocity)
 
 Constraint = PointVelocity | Rolling | DependentSpeeds | Closure | Coupling | Prescribed
 
@@ -27,7 +27,7 @@ __all__ = ['Closure', 'Constraint', 'Coupling', 'DependentSpeeds', 'Geometry', '
 
 
 def checked_constraints(given: Any) -> tuple[Constraint, ...]:
-    """Return a sequence of constraints as a tuple; ConstraintError says what else was given."""
+    """Return a sequence of constraints as a tuple; ConstraintError for anything else."""
     kinds = get_args(Constraint)
     valid = ', '.join(kind.__name__ for kind in kinds)
     if isinstance(given, kinds):

@@ -1,25 +1,25 @@
-"""What to say of loops that leave no freedom or cannot be closed: which rows, which kinds fit."""
+"""Error texts for loops without degrees of freedom: singular values, kinds that would fit."""
 
 from dataclasses import replace
 from typing import get_args
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.closure import Closure, Kind
+from kane_dynamics.mechanics.constraints.types.closure import Closure, Kind
 from kane_dynamics.mechanics.constraints.conditioning import rank_of, scaled_rows, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-SMALL = 1e-2  # of the largest singular value: one below may be rounding of a description
-OPEN = 1e-3  # m or rad: another kind that is open by less fits
+SMALL = 1e-2  # relative singular value below which it may be rounding of the description
+OPEN = 1e-3  # m or rad: largest residual with which another kind of closure fits
 
 
 def advice(mechanism: Mechanism, q: Array) -> str:
     """
-    Return the singular values of the constraints at q, (n_q,), and what would leave a freedom.
+    Return the singular values of the constraints at q, (n_q,), and remedies, as text.
 
-    That is a larger rank_tolerance, where a singular value or a residual may be rounding, and
-    other kinds of closures, where one leaves a freedom and is closed there.
+    Remedies are a larger rank_tolerance, where a singular value or a residual may be rounding, and
+    other kinds of closures that are closed at q and leave a degree of freedom.
     """
     stack = stacked(mechanism, q)
     size = np.linalg.svd(scaled_rows(mechanism, stack)[1], compute_uv=False)
@@ -36,7 +36,7 @@ def advice(mechanism: Mechanism, q: Array) -> str:
 
 
 def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
-    """Return which other kinds of one closure would leave a freedom, the strictest of them."""
+    """Return the strictest other kinds of one closure that leave a degree of freedom."""
     found: list[tuple[int, str]] = []
     for k, own in enumerate(mechanism.constraints):
         if not isinstance(own, Closure):
@@ -57,7 +57,8 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
 
 
 def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:
-    """Return what to raise where constraints leave no freedom."""
+    """Return the error for constraints that leave no degree of freedom."""
     return ConstraintError(
-        f'{rows} independent constraint rows leave no freedom to {mechanism.model.n} speeds: '
-        f'{", ".join(mechanism.labels)}; {advice(mechanism, q)}')
+        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected fewer '
+        f'than the {mechanism.model.n} speeds, because these leave no degree of freedom; '
+        f'{advice(mechanism, q)}')

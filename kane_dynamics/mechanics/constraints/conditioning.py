@@ -1,13 +1,13 @@
 """
-How well independent speeds and constraint rows determine the motion, and which do best.
+Conditioning of the system of independent speeds and constraint rows, and its best choice.
 
-The system of a mechanism, S q' = s with S = [Y_I; J_kept], loses digits where its rows come close
-to depending on each other. Its figure here is the Frobenius norm of S^-1 in units of the
-mechanism: rates of sliding joints count in its length, each row in the size that it has where the
-structure was found. S^-1 is at hand in every kernel, so the figure costs a sum of squares.
+The system of a mechanism, S q' = s with S = [Y_I; J_kept], is ill-conditioned where its rows are
+nearly dependent. The figure (of conditioning) is the Frobenius norm of S^-1 in scaled units: rates
+of sliding joints relative to the mechanism's length, each row relative to its size at the sample
+configurations. Every kernel computes S^-1, so the figure only adds a sum of squares.
 
-`margin` is traced into the kernels of constrained robots. The other functions are numbers only:
-they explain what a margin refuses, and choose the speeds and the rows to go on with.
+`margin` is traced into the kernels of constrained robots. The other functions are numeric: they
+choose speeds and rows, and write the errors for a state without a positive margin.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-SINGULAR = 1e4  # accelerations lose twice its digits, eight of sixteen: no larger one is served
-EXCESS = 1e-3  # of their size: motion that rows left out may stop before it is an error
-WELL_CHOSEN = 8.0  # figure, relative to sqrt(n_q), up to which speeds are kept in a simulation
+SINGULAR = 1e4  # largest figure: accelerations lose twice its digits, eight of sixteen
+EXCESS = 1e-3  # relative: largest violation of redundant rows before it is an error
+WELL_CHOSEN = 8.0  # largest figure over sqrt(n_q) with which a simulation keeps its speeds
 RANK = 1e-9  # relative size of a singular value that counts as zero
-LIMITS = 4  # numbers that `margin` compares with
-SHARE = 0.5  # of a limit: past it that limit is what a margin is about
+LIMITS = 4  # number of limits of `margin`
+SHARE = 0.5  # of a limit: above it, that limit is the reason for a negative margin
 
 
 def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
@@ -33,7 +33,7 @@ def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
     reciprocal = 1.0 / mechanism.units
     total: Any = 0.0
     n = mechanism.n
-    for r in range(len(S)):  # a speed is its own size
+    for r in range(len(S)):  # a speed is scaled by its own norm
         size_2 = (_square(S[r] * mechanism.units) if r < n else
                   mechanism.sizes[mechanism.kept[r - n]]**2)
         total = total + size_2 * _square(inverse[:, r] * reciprocal)
@@ -42,25 +42,25 @@ def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
 
 def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None) -> Any:
     """
-    Return a number that is positive where a state may be trusted, over any scalar.
+    Return the margin of a state, which is positive within all limits, over any scalar.
 
-    It is 1 less the squares, relative to their limits, of the figure, of residuals of positions,
-    and of the motion that rows left out would stop.
+    It is 1 minus the squares, relative to their limits, of the figure, of the residuals of
+    positions, and of the violation of redundant rows.
 
     Parameters
     ----------
     mechanism : Mechanism
         Speeds and constraints.
     q, t : (n_q,) array, scalar
-        Where; rad or m, and s.
+        Configuration and time; rad or m, and s.
     limits : (4,) array
         One over the square of the largest figure, of the largest residual of positions in m, in
-        rad, and of the largest motion that rows left out would stop; 0 allows everything.
+        rad, and of the largest violation of redundant rows; 0 for no limit.
     links : sequence of Link, optional
-        Use their kinematics, the ones that are compiled.
+        Use the kinematics of these links, which are compiled.
 
     """
-    here = mechanism.posture(q, t, links)
+    here = mechanism.state(q, t, links)
     S, s = mechanism.system(here)
     inverse = mechanism.solved(S, np.eye(len(S)))
     rows = mechanism.rows(here)
@@ -74,7 +74,7 @@ def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None)
 
 
 def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any) -> Any:
-    """Return the squared motion that rows left out would stop, relative to their size."""
+    """Return the squared violation of redundant rows, relative to their size."""
     total: Any = 0.0
     n = mechanism.n
     at_zero = inverse @ s
@@ -90,10 +90,10 @@ def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any
 
 def guarded(values: Any, condition: Any) -> Any:
     """
-    Return an array, or a scalar, whose first entry is not a number unless a number is positive.
+    Return values with NaN as the first entry unless a condition is positive.
 
-    In arithmetic alone, because a traced program does not branch: the root of a negative number
-    is not a number, and what is divided by itself is 1 otherwise.
+    Arithmetic only, because a traced program does not branch: the square root r of a negative
+    number is NaN, and r / r is 1 otherwise.
     """
     result = np.array(values, dtype=object)
     if isinstance(condition, float) or not result.size:
@@ -116,7 +116,7 @@ def _dot(a: Any, b: Any) -> Any:
 @dataclass(frozen=True, eq=False)
 class Stack:
     """
-    All speeds and all constraint rows at one place, numbers.
+    All speeds and all constraint rows at one configuration and time, numeric.
 
     Attributes
     ----------
@@ -146,9 +146,9 @@ class Choice:
 
 
 def stacked(mechanism: Mechanism, q: Array, t: float = 0.0) -> Stack:
-    """Return speeds and rows at a configuration, (n_q,), and time; not finite where they are."""
+    """Return speeds and rows at a configuration, (n_q,), and time; may be non-finite."""
     with np.errstate(all='ignore'):
-        here = mechanism.posture(np.asarray(q, dtype=np.float64), t)
+        here = mechanism.state(np.asarray(q, dtype=np.float64), t)
         rows = mechanism.rows(here)
         Y, Z = mechanism.speeds.of(here.q, t)
         return Stack(*(np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, [
@@ -161,14 +161,14 @@ def system(stack: Stack, free: Sequence[int], kept: Sequence[int]) -> Array:
 
 
 def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
-    """Return Y and J in units of the mechanism: entries of about 1."""
+    """Return Y and J in units of the mechanism, with entries of order 1."""
     Y = stack.Y * mechanism.units
     Y = Y / np.maximum(np.linalg.norm(Y, axis=1, keepdims=True), 1e-300)
     return Y, stack.J * mechanism.units / np.array(mechanism.sizes)[:, None]
 
 
 def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequence[int]) -> float:
-    """Return the figure of a choice; infinite where its system is singular."""
+    """Return the figure of a choice; infinite for a singular system."""
     Y, J = scaled_rows(mechanism, stack)
     S = np.concatenate([Y[list(free)], J[list(kept)]])
     if not np.isfinite(S).all():
@@ -182,16 +182,16 @@ def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequen
 def best_choice(mechanism: Mechanism, stack: Stack,
                 free: Sequence[int] | None = None) -> Choice:
     """
-    Return the choice that determines the motion best.
+    Return the best conditioned choice.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Its number of rows is kept.
+        The choice has as many rows as this mechanism.
     stack : Stack
-        Where.
+        Speeds and rows at a configuration and time.
     free : sequence of int, optional
-        Independent speeds that are settled: then only rows are chosen.
+        Given independent speeds; then only rows are chosen.
 
     """
     Y, J = scaled_rows(mechanism, stack)
@@ -210,7 +210,7 @@ def best_choice(mechanism: Mechanism, stack: Stack,
 
 
 def pivots(C: Array, count: int) -> list[int]:
-    """Return the columns that Gram-Schmidt with pivoting takes first."""
+    """Return the first pivot columns of Gram-Schmidt with column pivoting."""
     rest = C.copy()
     taken: list[int] = []
     for _ in range(count):
@@ -224,14 +224,14 @@ def pivots(C: Array, count: int) -> list[int]:
 
 
 def rank_of(C: Array, tolerance: float = RANK) -> int:
-    """Return the number of singular values larger than a part of the largest."""
+    """Return the numerical rank: singular values above a fraction of the largest."""
     size = np.linalg.svd(C, compute_uv=False)
     return int(np.sum(size > tolerance * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
 
 
 def constraints_at_fault(mechanism: Mechanism, stack: Stack, free: Sequence[int],
                          kept: Sequence[int]) -> str:
-    """Return the names of the constraints whose rows come to depend on others, quoted."""
+    """Return the quoted names of the constraints with nearly dependent rows."""
     Y, J = scaled_rows(mechanism, stack)
     S = np.concatenate([Y[list(free)], J[list(kept)]])
     if not np.isfinite(S).all():
@@ -250,11 +250,11 @@ def described(mechanism: Mechanism, q: Array) -> str:
 
 def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, where: str = '',
                    u: Array | None = None) -> ConstraintError:
-    """Return what to raise where speeds and constraints do not determine the motion."""
+    """Return the error for a singular system of speeds and constraints."""
     if not stack.J.size:
-        return ConstraintError(f'{where}Y is singular at {described(mechanism, q)}, t = {t:.6g} '
-                               f's: the speeds {", ".join(mechanism.speed_names)} do not '
-                               'determine the joint rates there; choose others (speeds=)')
+        return ConstraintError(f'{where}speeds: {", ".join(mechanism.speed_names)}, Y is singular '
+                               f'at {described(mechanism, q)}, t = {t:.6g} s; expected speeds '
+                               'that determine the joint rates there (speeds=)')
     at = f'{where}speeds and constraints are singular at {described(mechanism, q)}, t = {t:.6g} s'
     if u is not None:
         at += f', u = {np.round(u, 9).tolist()}'

@@ -1,12 +1,12 @@
 """
 The equations of motion in chosen speeds and under constraints, over any scalar.
 
-`TreeEquations` gives the joint forces f(q, q', q'') that a tree's motion takes. With the joints'
-motion from `mechanism`, q' = T u + ..., Kane's method needs nothing else:
+`TreeEquations` computes the joint forces f(q, q', q'') of a tree (RNEA). With the joint motion
+from `mechanism`, q' = T u + ..., Kane's method gives:
 
     tau = T^T f,    M = T^T M_q T,    constraint forces = N^T (f - joint torques)
 
-T^T f is F~_r + F~_r* with the sign changed: what does no work in an admissible motion drops out.
+T^T f is F~_r + F~_r* with the sign changed: forces without work in an admissible motion cancel.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,15 @@ from typing import Any
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.constraints.conditioning import margin
-from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism, Released
+from kane_dynamics.mechanics.constraints.constrained_kinematics import ConstrainedKinematics
+from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism
+from kane_dynamics.mechanics.constraints.mechanism_state import ReleasedJointState
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Frame
 import numpy as np
 
 
-class ConstrainedEquations:
+class ConstrainedEquations(ConstrainedKinematics):
     """
     The equations of motion of a mechanism.
 
@@ -33,10 +33,10 @@ class ConstrainedEquations:
         Of the same model, in joint rates and without constraints.
     mechanism : Mechanism
     actuated : sequence of str, optional
-        Names of the joints that have actuators, which share a load with the least sum of
-        squares. By default what acts is the force dual to each independent speed, nothing else.
+        Names of the joints that have actuators; the torques have minimum norm. By default tau acts
+        as the forces dual to the independent speeds.
     redundant : one of `redundant_forces.SHARING`
-        How rows that follow from others share their force.
+        Distribution of the forces of redundant rows.
 
     Raises
     ------
@@ -45,47 +45,32 @@ class ConstrainedEquations:
 
     Notes
     -----
-    Methods are those of `TreeEquations` with q (n_q,) and the independent speeds u (n,), and take
-    the time t, s, besides.
+    Methods are those of `TreeEquations` with q (n_q,), the independent speeds u (n,), and the time
+    t, s, as an additional argument.
 
     """
 
     def __init__(self, tree: TreeEquations, mechanism: Mechanism,
                  actuated: Sequence[str] | None = None,
                  redundant: str = 'minimum_norm') -> None:
-        """Keep the parts."""
+        """Check the actuated joints and store the parts."""
+        super().__init__(tree, mechanism)
         self._redundant = redundant
-        self.watched = bool(mechanism.labels)  # by calls and simulations
-        self.tree, self.mechanism = tree, mechanism
-        self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n
-        self.speed_names = mechanism.speed_names
-        self.wrench_frames, self.payload_frame = tree.wrench_frames, tree.payload_frame
-        self.timed = mechanism.key is None
-        self._actuated = None if actuated is None else self._places(actuated)
+        self._actuated = None if actuated is None else self._actuated_coordinates(actuated)
 
-    def _places(self, joints: Sequence[str]) -> list[int]:
+    def _actuated_coordinates(self, joints: Sequence[str]) -> list[int]:
+        """Return the numbers of the actuated coordinates, or raise ConstraintError."""
         names = self.model.coordinate_names
         for joint in joints:
             if joint not in names:
-                raise ConstraintError(f"actuated: no joint '{joint}'; valid: {', '.join(names)}")
+                raise ConstraintError(f"actuated: '{joint}'; expected joints of "
+                                      f'{", ".join(names)}')
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
-            raise ConstraintError(f'actuated names {len(places)} joints; {self.n} independent '
-                                  f'speeds ({", ".join(self.speed_names)}) need as many')
+            raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, '
+                                  'the number of independent speeds '
+                                  f'({", ".join(self.speed_names)})')
         return places
-
-    @property
-    def unsupported(self) -> tuple[str, ...]:
-        """Return the names of the methods that do not know what a beam's modes do."""
-        return self.tree.unsupported
-
-    def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> JointMotion:
-        """Return the joints' motion."""
-        return self.mechanism.joint_motion(q, u, udot, t, self.tree.geometry)
-
-    def at_rest(self, q: Any, t: Any) -> JointMotion:
-        """Return the joints' motion at u = udot = 0, for what depends on T and N alone."""
-        return self.joint_motion(q, self.zeros, self.zeros, t)
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                          t: Any = 0.0) -> Any:
@@ -94,15 +79,15 @@ class ConstrainedEquations:
         return motion.T.T @ self._joint_forces(q, motion, wrench, parameters)
 
     def _joint_forces(self, q: Any, motion: JointMotion, wrench: Any, parameters: Any) -> Any:
-        """Return what the joints of the tree must exert for a motion, (n_q,)."""
+        """Return the joint forces of the tree for a motion, (n_q,)."""
         return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
 
     def bias_force(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return what tau must hold at udot = 0, external wrenches apart, (n,)."""
+        """Return the bias force h(q, u), (n,): tau at udot = 0 without external wrenches."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters, t)
 
     def gravity_force(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return the tau that holds gravity alone, (n,)."""
+        """Return the tau that balances gravity alone, (n,)."""
         return self.at_rest(q, t).T.T @ self.tree.gravity_force(q, parameters)
 
     def external_force(self, q: Any, wrench: Any, t: Any = 0.0) -> Any:
@@ -126,20 +111,6 @@ class ConstrainedEquations:
         motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
         return np.concatenate([motion.qdot, udot])
 
-    def closer(self, q: Any, t: Any = 0.0) -> Any:
-        """
-        Return q one Newton step closer to where the conditions on positions are met, (n_q,).
-
-        It goes along the constraints' own directions N: the independent speeds do not notice.
-        """
-        gap = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry)).gap
-        missed = [0.0 if gap[k] is None else gap[k] for k in self.mechanism.kept]
-        return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
-
-    def margin(self, q: Any, t: Any, limits: Any) -> Any:
-        """Return a number that is positive where a state may be trusted; see `conditioning`."""
-        return margin(self.mechanism, q, t, limits, self.tree.geometry)
-
     def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                  t: Any) -> tuple[JointMotion, Any, Any]:
         """Return the motion at udot = 0, the joint forces of the true one, and udot."""
@@ -153,9 +124,9 @@ class ConstrainedEquations:
 
     def actual_joint_forces(self, q: Any, u: Any, tau: Any, parameters: Any,
                             t: Any = 0.0) -> Any:
-        """Return what torques and constraints together exert on the joints, (n_q,)."""
+        """Return the joint forces of torques and constraints together, (n_q,)."""
         if self.n == self.n_q:
-            here = self.mechanism.posture(q, t, self.tree.geometry)
+            here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau
         return self._forward(q, u, tau, None, parameters, t)[1]
 
@@ -168,22 +139,22 @@ class ConstrainedEquations:
 
     def _free(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
               t: Any) -> tuple[Any, Any]:
-        """Return q' and udot without constraints: the tree's own forward dynamics, re-spoken."""
-        Y, negative_Z = self.mechanism.system(self.mechanism.posture(q, t, self.tree.geometry))
+        """Return q' and udot without constraints, by the tree's forward dynamics."""
+        Y, negative_Z = self.mechanism.system(self.mechanism.state(q, t, self.tree.geometry))
         if self.mechanism.speeds.definite:
             order = self.tree.order
             qdot = solve(factorize(Y, order), order, u + negative_Z)
         else:
             qdot = self.mechanism.solved(Y, u + negative_Z)
         qddot = self.tree.forward_dynamics(q, qdot, Y.T @ tau, wrench, parameters)
-        Y_moving, negative_Z_moving = self.mechanism.system(self.mechanism.posture(
+        Y_moving, negative_Z_moving = self.mechanism.system(self.mechanism.state(
             moving(q, qdot), moving(t, 1.0), self.tree.geometry))
         return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
     def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
-        """Return the joint torques, (n_q,), that are tau to the independent speeds."""
-        if self._actuated is None:  # Y_I T = 1 and Y_I N = 0: it is tau, and strains nothing
-            here = self.mechanism.posture(q, t, self.tree.geometry)
+        """Return joint torques, (n_q,), with the generalized force tau."""
+        if self._actuated is None:  # Y_I T = 1, Y_I N = 0: gives tau without constraint forces
+            here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau
         T = self.at_rest(q, t).T[self._actuated]
         order = list(range(self.n))
@@ -192,38 +163,20 @@ class ConstrainedEquations:
         torques[self._actuated] = T @ share
         return torques
 
-    def joint_rates(self, q: Any, u: Any, t: Any = 0.0) -> Any:
-        """Return q', (n_q,)."""
-        return self.joint_motion(q, u, self.zeros, t).qdot
-
     def constraint_forces(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                           t: Any = 0.0) -> Any:
-        """Return the force of every constraint row, (m,); of redundant rows as `redundant`."""
+        """Return the force of every constraint row, (m,); redundant rows as `redundant`."""
         motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
         return self._shared(q, t, motion.N, force - self.joint_torques(q, tau, t))
 
     def _shared(self, q: Any, t: Any, N: Any, missing: Any) -> Any:
-        """Return the forces of all rows, (m,), that make up for missing joint forces."""
-        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
+        """Return the forces of all rows, (m,), for given constraint forces of the joints."""
+        rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
         return shared_forces(self.mechanism, rows.J, N, N.T @ missing, self._redundant)
-
-    def constraint_residual(self, q: Any, t: Any = 0.0) -> Any:
-        """Return what each row's condition on positions is missed by, (m,); 0 without one."""
-        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
-        return np.array([0.0 if gap is None else gap for gap in rows.gap], dtype=object)
-
-    def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
-        """Return by what each row's velocity is missed, J q' - b, (m,)."""
-        rows = self.mechanism.rows(self.mechanism.posture(q, t, self.tree.geometry))
-        return rows.J @ self.joint_rates(q, u, t) - rows.b
-
-    def joint_accelerations(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
-        """Return q'', (n_q,)."""
-        return self.joint_motion(q, u, udot, t).qddot
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                        t: Any = 0.0) -> Any:
-        """Return that of body number `body` alone, (6,)."""
+        """Return the joint reaction of body number `body`, (6,)."""
         return self.joint_reactions(q, u, udot, wrench, parameters, t)[body]
 
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
@@ -233,11 +186,11 @@ class ConstrainedEquations:
         force = self._joint_forces(q, motion, wrench, parameters)
         applied = self.joint_torques(q, motion.T.T @ force, t)
         held = self._shared(q, t, motion.N, force - applied)
-        here = self.mechanism.posture(q, t, self.tree.geometry)
+        here = self.mechanism.state(q, t, self.tree.geometry)
         of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
         result = []
         for body, (origin, whole) in enumerate(zip(self.tree.joint_origins(q), of_tree)):
-            rows = self.mechanism.rows(Released(here, body, origin))
+            rows = self.mechanism.rows(ReleasedJointState(here, body, origin))
             result.append(whole - rows.J.T @ held)
         return np.array(result)
 
@@ -250,12 +203,12 @@ class ConstrainedEquations:
         return np.stack([inertia, *(motion.T.T @ x for x in (carried + coriolis, *others))])
 
     def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return (n_bodies, n): what each body, with what it carries, asks of every speed."""
+        """Return the contribution of each body to tau, (n_bodies, n)."""
         motion = self.joint_motion(q, u, udot, t)
         return self.tree.body_torques(q, motion.qdot, motion.qddot, parameters) @ motion.T
 
     def regressor(self, q: Any, u: Any, udot: Any, parameters: Any, t: Any = 0.0) -> Any:
-        """Return (n, 10 n_bodies): the rigid bodies' share of tau is this times parameters."""
+        """Return the regressor Y, (n, 10 n_bodies): the rigid-body part of tau is Y theta."""
         motion = self.joint_motion(q, u, udot, t)
         return motion.T.T @ self.tree.regressor(q, motion.qdot, motion.qddot, parameters)
 
@@ -275,37 +228,8 @@ class ConstrainedEquations:
         """Return the velocity of the center of mass per unit of each independent speed, (3, n)."""
         return self.tree.center_of_mass_jacobian(q, parameters) @ self.at_rest(q, t).T
 
-    def frame_pose(self, frame: Frame, q: Any, t: Any = 0.0) -> Any:
-        """Return the homogeneous transformation frame to world, (4, 4)."""
-        return self.tree.frame_pose(frame, q)
-
-    def frame_velocity(self, frame: Frame, q: Any, u: Any, t: Any = 0.0) -> Any:
-        """Return linear then angular velocity, (6,)."""
-        return self.tree.frame_velocity(frame, q, self.joint_rates(q, u, t))
-
-    def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
-        """Return linear then angular acceleration, (6,)."""
-        motion = self.joint_motion(q, u, udot, t)
-        return self.tree.frame_acceleration(frame, q, motion.qdot, motion.qddot)
-
-    def partial_velocities(self, frame: Frame, q: Any, t: Any = 0.0) -> Any:
-        """Return those of the independent speeds, nonholonomic where constraints are, (6, n)."""
-        return self.tree.partial_velocities(frame, q) @ self.at_rest(q, t).T
-
-    def partial_velocity_rates(self, frame: Frame, q: Any, u: Any, t: Any = 0.0) -> Any:
-        """Return the time derivative of the partial velocities along the motion, (6, n)."""
-        motion = self.joint_motion(q, u, self.zeros, t)
-        return (self.tree.partial_velocity_rates(frame, q, motion.qdot) @ motion.T
-                + self.tree.partial_velocities(frame, q) @ motion.T_rate)
-
-    @property
-    def zeros(self) -> Any:
-        """Return n zeros that cost a traced program nothing."""
-        return np.zeros(self.n).astype(object)
-
-
 def congruent(M: Any, T: Any) -> Any:
-    """Return T^T M T for a symmetric M, its lower triangle the upper one's expressions."""
+    """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
     half = M @ T
     n = T.shape[1]
     upper = {(r, s): T[:, r] @ half[:, s] for r in range(n) for s in range(r, n)}

@@ -1,9 +1,9 @@
 """
-Which speeds are independent and which constraint rows are: found once, at sample postures.
+The choice of independent speeds and constraint rows, at sample configurations.
 
-Numbers only. A row that follows from others (the out-of-plane rows of a planar loop) is left out;
-one that contradicts others is an error. What is found holds where it was looked for: calls and
-simulations watch it (`conditioning`), and choose again where a motion needs it.
+Numeric only. A redundant row (the out-of-plane rows of a planar loop) is left out; a contradictory
+row is an error. The choice is valid near the samples: calls and simulations check its conditioning
+(`conditioning`) and choose again where needed.
 """
 
 from collections.abc import Sequence
@@ -15,48 +15,47 @@ from kane_dynamics.mechanics.constraints import (checked_constraints, checked_na
                                                  DependentSpeeds, PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
 from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
-from kane_dynamics.mechanics.constraints.constraint_rows import positive
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism, speed_places
+from kane_dynamics.mechanics.constraints.types.constraint_rows import positive
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, closing_iterations,
+                                                              STRIDE)
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.model.model import Model
 import numpy as np
 
-CLOSED = 1e-11  # m or rad: a gap this small is closed
-ITERATIONS = 100
-STRIDE = 0.5  # rad or m: longest step of the search for a closed posture
-STARTS = 12  # postures from which closing is tried
-SAMPLES = 4  # closed postures at which the structure is looked at
+STARTS = 12  # initial guesses for loop closure
+SAMPLES = 4  # closed configurations at which the rank is computed
 
 
 def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constraint],
                        independent: Sequence[str] | None = None,
                        configuration: Any = None, rank_tolerance: float = RANK) -> Mechanism:
     """
-    Return the mechanism with its independent speeds and rows chosen.
+    Return the mechanism with a choice of independent speeds and rows.
 
     Parameters
     ----------
     model : Model
         The mechanism.
     speeds : None, Speeds or callable
-        As `speeds.chosen` takes them.
+        As in `speeds.chosen`.
     constraints : sequence of constraints
-        What holds.
     independent : sequence of str, optional
-        Names of the speeds to take as independent; the best conditioned by default.
+        Names of the independent speeds; the best conditioned by default.
     configuration : (n_q,) array_like, optional
-        Where to look, rad or m; closed, or nearly. By default places within the joints' limits
-        are tried.
+        A closed or nearly closed configuration, rad or m. By default configurations within the
+        joint limits are tried.
     rank_tolerance : float
-        Part of the largest singular value up to which one counts as zero. A larger one than the
-        default accepts loops whose description is rounded: rows that follow from others but for
-        so much are left out, and may stay open by so much, m or rad.
+        Singular values up to this fraction of the largest count as zero. A value above the default
+        accepts loops with a rounded description: rows that are redundant within the tolerance are
+        left out, and their residual may be up to the tolerance, m or rad.
 
     Raises
     ------
     ConstraintError
-        A constraint names what the model does not have, the constraints contradict each other,
-        cannot be met in any posture found, leave no freedom and are not driven either; Y is
-        singular; or `independent` does not fit.
+        A constraint names an unknown joint or frame; the constraints contradict each other, cannot
+        be met, or leave no degree of freedom without prescribing a motion; Y is singular; or
+        `independent` does not fit.
 
     """
     constraints = checked_constraints(constraints)
@@ -66,7 +65,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
-            constraint.rows(everything.posture(start))
+            constraint.rows(everything.state(start))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
     places = (_closed_postures(everything) if configuration is None
@@ -91,14 +90,14 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
 
 
 def _driven(constraint: Constraint) -> bool:
-    """Tell whether a constraint may prescribe a motion other than rest."""
+    """Return whether a constraint may prescribe a nonzero motion."""
     if isinstance(constraint, PointVelocity):
         return callable(constraint.value) or constraint.value != 0.0
     return isinstance(constraint, Prescribed | DependentSpeeds)
 
 
 def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
-    """Return the largest size, in units of the mechanism, of any row like each at the places."""
+    """Return for each row the largest norm, in mechanism units, of rows of its kind."""
     found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
                     for q in places], axis=0)
     kinds = list(zip(mechanism.owners, mechanism.turning))
@@ -107,78 +106,8 @@ def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
     return [size if size > mechanism.rank_tolerance * max(largest) else 1.0 for size in largest]
 
 
-def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
-                   fixed: Sequence[str] = ()) -> Array:
-    """
-    Return the posture near q at which every condition on positions is met.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Whose conditions to meet.
-    q : (n_q,) array
-        Where to start.
-    t : float
-        s.
-    fixed : sequence of str
-        Names of coordinates to leave as they are (a crank).
-
-    Raises
-    ------
-    ConstraintError
-        None is found; names the constraint with the largest remaining gap.
-
-    """
-    names = mechanism.model.coordinate_names
-    try:
-        here, at = np.array(q, dtype=np.float64), float(t)
-    except (TypeError, ValueError):
-        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
-                         ) from None
-    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
-        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
-                         f'({", ".join(names)}) and a time in s')
-    fixed = checked_names(fixed, 'fixed') or ()
-    unknown = sorted(set(fixed) - set(names))
-    if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; valid: {", ".join(names)}')
-    moves = np.array([name not in fixed for name in names])
-    here, gap, labels, closed = _closing(mechanism, here, moves, t)
-    if closed:
-        return here
-    worst = int(np.argmax(np.abs(gap)))
-    raise ConstraintError(f"no posture found that closes '{labels[worst]}': {abs(gap[worst]):.3g} "
-                          f'(m or rad) remain after {ITERATIONS} steps')
-
-
-def _closing(mechanism: Mechanism, start: Array, moves: Array,
-             t: float) -> tuple[Array, Array, list[str], bool]:
-    """Return where Newton's method ends, (n_q,), the residuals, their labels, whether closed."""
-    here, tolerance = start.copy(), mechanism.rank_tolerance
-    for _ in range(ITERATIONS):
-        J, gap, labels = _gaps(mechanism, here, t)
-        missed = np.abs(gap).max(initial=0.0)
-        if missed < CLOSED:
-            return here, gap, labels, True
-        step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
-        longest = np.abs(step).max(initial=0.0)
-        if tolerance > RANK and missed < tolerance and longest < CLOSED:
-            return here, gap, labels, True  # what is left is what the tolerance allows
-        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
-    return here, gap, labels, False
-
-
-def _gaps(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
-    """Return the rows that have a condition on positions, their gaps, their labels."""
-    rows = mechanism.rows(mechanism.posture(q, t))
-    places = [k for k, gap in enumerate(rows.gap) if gap is not None]
-    return (np.array(rows.J[places], dtype=np.float64),
-            np.array([rows.gap[k] for k in places], dtype=np.float64),
-            [mechanism.labels[k] for k in places])
-
-
 def _closed_postures(mechanism: Mechanism) -> list[Array]:
-    """Return up to `SAMPLES` closed postures, from the middle of the joints' range and about."""
+    """Return up to `SAMPLES` closed configurations within the joint limits."""
     limits = [joint.limits for joint in mechanism.model.coordinate_joints]
     lower = np.array([max(limit.lower, -np.pi) for limit in limits])
     upper = np.array([min(limit.upper, np.pi) for limit in limits])
@@ -195,14 +124,14 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
         if len(found) == SAMPLES:
             return found
     if not found:
-        nearest = min((_closing(mechanism, start, np.ones(len(lower), bool), 0.0)
+        nearest = min((closing_iterations(mechanism, start, np.ones(len(lower), bool), 0.0)
                        for start in starts), key=lambda end: np.abs(end[1]).max(initial=0.0))
         raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
     return found
 
 
 def _checked(mechanism: Mechanism, configuration: Any) -> Array:
-    """Return a configuration as an array; ConstraintError unless it is one."""
+    """Return a configuration as an array, (n_q,); ConstraintError for anything else."""
     names = mechanism.model.coordinate_names
     try:
         q = np.array(configuration, dtype=np.float64)
@@ -215,7 +144,7 @@ def _checked(mechanism: Mechanism, configuration: Any) -> Array:
 
 
 def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
-    """Return the closed posture at q, and some about it; ConstraintError if it is not near."""
+    """Return closed configurations at and near q; ConstraintError if q is far from closed."""
     closed = closed_posture(mechanism, q)
     moved = np.abs(closed - q) / mechanism.units
     worst = int(np.argmax(moved))
@@ -235,23 +164,23 @@ def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
 
 
 def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
-    """Return C and d of C u = d, the constraints in terms of all speeds."""
-    here = mechanism.posture(q)
+    """Return C and d of C u = d, the constraints in all generalized speeds."""
+    here = mechanism.state(q)
     rows = mechanism.rows(here)
     Y, Z = (np.array(x, dtype=np.float64) for x in mechanism.speeds.of(q, 0.0))
     if not np.linalg.cond(Y) < 1.0 / RANK:
-        raise ConstraintError(f'Y is singular at q = {np.round(q, 6).tolist()}: the speeds '
-                              f'{", ".join(mechanism.speeds.names)} do not determine the joint '
-                              'rates there')
+        raise ConstraintError(f'speeds: {", ".join(mechanism.speeds.names)}, Y is singular at q = '
+                              f'{np.round(q, 6).tolist()}; expected speeds that determine the '
+                              'joint rates there')
     C: Array = np.linalg.solve(Y.T, np.array(rows.J, dtype=np.float64).T).T.astype(np.float64)
     return C, np.array(rows.b, dtype=np.float64) + C @ Z
 
 
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
                       kept: list[int]) -> None:
-    """Raise where a row left out asks for another velocity than the rows kept allow."""
+    """Raise ConstraintError if a redundant row contradicts the kept rows."""
     for C, d in samples:
-        weights = np.linalg.lstsq(C[kept].T, C.T, rcond=None)[0]  # rows in terms of those kept
+        weights = np.linalg.lstsq(C[kept].T, C.T, rcond=None)[0]  # rows in terms of kept rows
         excess = np.abs(d - weights.T @ d[kept])
         if excess.max(initial=0.0) > mechanism.rank_tolerance * (1.0 + np.abs(d).max(initial=0.0)):
             k = int(np.argmax(excess))
@@ -260,13 +189,13 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
 
 
 def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
-    """Return the smallest singular value, over samples, of the dependent speeds' columns."""
+    """Return the smallest singular value over samples of the dependent speeds' columns."""
     return min(float(np.linalg.svd(C[:, dependent], compute_uv=False).min(initial=np.inf)
                      / max(np.abs(C).max(initial=0.0), 1e-300)) for C in rows)
 
 
 def _best_free(rows: list[Array]) -> list[int]:
-    """Return the independent speeds that leave the dependent ones best determined."""
+    """Return the independent speeds with the best conditioned dependent ones."""
     count, n = rows[0].shape
     choices = [sorted(pivots(C, count)) for C in rows]
     best = max(choices, key=lambda dependent: _conditioning(rows, dependent))
@@ -274,15 +203,16 @@ def _best_free(rows: list[Array]) -> list[int]:
 
 
 def _given_free(mechanism: Mechanism, names: Sequence[str], rows: list[Array]) -> list[int]:
-    """Return the numbers of the independent speeds that the user names."""
+    """Return the numbers of the user-given independent speeds."""
     free = speed_places(mechanism.speeds, names)
     count, n = rows[0].shape
     if len(set(free)) != n - count:
-        raise ConstraintError(f'independent names {len(set(free))} speeds ({", ".join(names)}); '
-                              f'{count} independent constraint rows leave exactly {n - count} of '
-                              f'{", ".join(mechanism.speeds.names)}')
+        raise ConstraintError(f'independent: {len(set(free))} speeds ({", ".join(names)}); '
+                              f'expected exactly {n - count} of '
+                              f'{", ".join(mechanism.speeds.names)}, because {count} '
+                              'constraint rows are independent')
     dependent = [r for r in range(n) if r not in free]
     if _conditioning(rows, dependent) < RANK:
-        raise ConstraintError(f'the independent speeds {", ".join(names)} do not determine the '
-                              'others under the constraints; try independent=None')
+        raise ConstraintError(f'independent: {", ".join(names)}, which do not determine the other '
+                              'speeds under the constraints; expected others, or None')
     return free

@@ -1,41 +1,38 @@
 """
-A model with its generalized speeds and constraints: the motions that it admits.
+A model with its generalized speeds and constraints: rows, linear system, joint motion.
 
 The independent speeds u_I and the constraints are one linear system for the joint rates,
 
     [ Y_I ]        [ u_I - Z_I ]
     [  J  ] q'  =  [     b     ],      S q' = s,
 
-and its rate gives q''. The inverse S^-1 = [ T  N ] holds the whole of Kane's method: T are the
-partial joint rates of the independent speeds (the nonholonomic ones where constraints are), so a
-generalized force is T^T times the joint forces; N are those of the auxiliary speeds J q' - b,
-which vanish in every motion: N^T times the joint forces are the constraint forces, brought into
-evidence (Kane & Levinson, section 4.9).
+and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns of T are the partial
+joint rates of the independent speeds (nonholonomic under constraints), so a generalized force is
+T^T times the joint forces. The columns of N are those of the auxiliary speeds J q' - b, which are
+zero in every motion: N^T times the joint forces are the constraint forces (Kane & Levinson,
+section 4.9).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows
+from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
-from kane_dynamics.mechanics.constraints.speeds import chosen, Speeds
-from kane_dynamics.mechanics.definition import kinematics
-from kane_dynamics.mechanics.recursive import frame_kinematics
+from kane_dynamics.mechanics.constraints.speeds import chosen
 from kane_dynamics.mechanics.recursive.link import Link
-from kane_dynamics.model.model import Frame, Model, WORLD
+from kane_dynamics.model.model import Model
 import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
     """
-    The joints' motion that goes with independent speeds.
+    The joint motion for given independent speeds.
 
     Attributes
     ----------
@@ -57,70 +54,9 @@ class JointMotion:
     T_rate: Any
 
 
-class MechanismState:
-    """A mechanism at one posture and time: what constraints ask (`constraints.Geometry`)."""
-
-    def __init__(self, model: Model, speeds: Speeds, q: Any, t: Any,
-                 links: Sequence[Link] | None = None) -> None:
-        """Use the textbook's kinematics, or those of the links that are compiled."""
-        self.model, self.q, self.t = model, q, t
-        self.width = model.n  # of rows
-        self._speeds = speeds
-        self._links = links
-
-    @cached_property
-    def _bodies(self) -> tuple[kinematics.Configuration, ...]:
-        return kinematics.configurations(self.model, self.q)
-
-    @cached_property
-    def _link_poses(self) -> list[tuple[Any, Any]]:
-        return frame_kinematics.link_poses(self._links or (), self.q)
-
-    def carrier(self, first: str, second: str) -> Frame:
-        """Return the axes of the last body that carries both frames, or of the world."""
-        one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
-        return Frame('', max(set(one) & set(other), default=WORLD))
-
-    def _frame(self, frame: str | Frame) -> Frame:
-        return frame if isinstance(frame, Frame) else self.model.frame(frame)
-
-    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
-        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
-        at = self._frame(frame)
-        if self._links is None:
-            return kinematics.frame_pose(self.model, at, self.q, self._bodies)
-        return frame_kinematics.frame_axes(self._links, at, self._link_poses)
-
-    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return (6, n_q) of a frame's origin, or of the point of its body that is at `at`."""
-        of = self._frame(frame)
-        if self._links is None:
-            return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
-        return frame_kinematics.partial_velocities(self._links, of, self.q, at, self._link_poses)
-
-    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
-        """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
-        names = self.model.coordinate_names
-        if name not in names:
-            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; valid: "
-                                  f'{", ".join(names)}')
-        k = names.index(name)
-        return np.eye(self.model.n)[k], self.q[k]
-
-    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
-        """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
-        Y, Z = self._speeds.of(self.q, self.t)
-        places = speed_places(self._speeds, names)
-        return Y[places], Z[places]
-
-    def other_speeds(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the names of all speeds but these."""
-        return tuple(name for name in self._speeds.names if name not in names)
-
-
 class Mechanism:
     """
-    A model, its speeds, its constraints.
+    A model with generalized speeds and constraints.
 
     Parameters
     ----------
@@ -140,7 +76,7 @@ class Mechanism:
     Attributes
     ----------
     length : float
-        m, see `row_units.length_of`: by it moments and turns compare with forces and distances.
+        m, see `row_units.length_of`: scales moments to forces and angles to distances.
     units : (n_q,) array
         `length` for coordinates that slide, 1 rad for others.
 
@@ -149,7 +85,7 @@ class Mechanism:
     def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
                  free: Sequence[int] | None = None, kept: Sequence[int] | None = None,
                  sizes: Sequence[float] | None = None, rank_tolerance: float = 1e-9) -> None:
-        """Keep the parts; without `free` and `kept` every speed and every row counts."""
+        """Store the parts; by default all speeds are independent and all rows kept."""
         self.model = model
         self.speeds = chosen(model, speeds)
         self.constraints = tuple(constraints)
@@ -165,7 +101,7 @@ class Mechanism:
         names = [c.name for c in self.constraints]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ConstraintError(f'constraints must have different names; given twice: {twice}')
+            raise ConstraintError(f'constraints: {twice} given twice; expected different names')
 
     @property
     def n(self) -> int:
@@ -175,9 +111,9 @@ class Mechanism:
     @property
     def key(self) -> str | None:
         """
-        Tell this mechanism from every other of its model; None if functions of a user are in it.
+        Return an identifier among mechanisms of the model; None with user-defined functions.
 
-        Those alone may depend on time.
+        Only user-defined functions may depend on time.
         """
         parts = [repr(self.free), repr(self.kept), repr(self.sizes), self.speeds.key or None,
                  *(_described(constraint) for constraint in self.constraints)]
@@ -190,7 +126,7 @@ class Mechanism:
 
     @property
     def turning(self) -> tuple[bool, ...]:
-        """Tell of each row whether it is of a turn: rad and N m, not m and N."""
+        """Return for each row whether it constrains a rotation: rad and N m, not m and N."""
         return tuple(turns for constraint in self.constraints
                      for turns in turning_rows(constraint, self.model))
 
@@ -204,7 +140,7 @@ class Mechanism:
         """Return the names of the independent speeds, in order."""
         return tuple(self.speeds.names[r] for r in self.free)
 
-    def posture(self, q: Any, t: Any = 0.0, links: Sequence[Link] | None = None) -> MechanismState:
+    def state(self, q: Any, t: Any = 0.0, links: Sequence[Link] | None = None) -> MechanismState:
         """Return the mechanism at q, (n_q,), and t, over any scalar."""
         return MechanismState(self.model, self.speeds, q, t, links)
 
@@ -225,7 +161,7 @@ class Mechanism:
     def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0,
                      links: Sequence[Link] | None = None) -> JointMotion:
         """
-        Return the joints' motion.
+        Return the joint motion.
 
         Parameters
         ----------
@@ -236,73 +172,39 @@ class Mechanism:
         t : scalar
             Time, s.
         links : sequence of Link, optional
-            Use their kinematics, the ones that are compiled.
+            Use the kinematics of these links, which are compiled.
 
         Raises
         ------
         ConstraintError
-            S is singular in every posture.
+            S is singular in every configuration.
 
         """
-        S, s = self.system(self.posture(q, t, links))
+        S, s = self.system(self.state(q, t, links))
         inverse = self.solved(S, np.eye(len(S)))
         none = np.zeros(len(self.kept)).astype(object)
         qdot = inverse @ (np.concatenate([u, none]) + s)
         S_moving, s_moving = self.system(
-            self.posture(moving(q, qdot), moving(t, 1.0), links))
+            self.state(moving(q, qdot), moving(t, 1.0), links))
         S_rate = rates(S_moving)
         qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
         T = inverse[:, :self.n]
         return JointMotion(qdot, qddot, T, inverse[:, self.n:], -(inverse @ (S_rate @ T)))
 
     def solved(self, S: Any, right: Any) -> Any:
-        """Return S^-1 times a vector or a matrix; ConstraintError where S is never regular."""
+        """Return S^-1 times a vector or a matrix; ConstraintError if S is always singular."""
         try:
             return linear_solve.solution(S, right.reshape(len(S), -1)).reshape(right.shape)
         except ZeroDivisionError as error:
             row = error.args[0]
             names = (*self.speed_names, *(self.labels[k] for k in self.kept))
-            raise ConstraintError(f"speeds and constraints do not determine the motion: '"
-                                  f"{names[row]}' depends on the others in every posture"
-                                  ) from None
-
-
-class Released(MechanismState):
-    """
-    A mechanism whose one joint is set free, as constraints see it: columns of its freedoms alone.
-
-    They are the six auxiliary speeds of what the joint carries, along and about the world's axes
-    at the joint's origin.
-    """
-
-    def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
-        """Free the joint of body number `body`, whose origin is (3,), m."""
-        super().__init__(here.model, here._speeds, here.q, here.t, here._links)
-        self._body, self._origin = body, origin
-        self.width = 6
-
-    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return (6, 6): those of one rigid body; zero for a frame that the joint carries not."""
-        of = self._frame(frame)
-        if of.body == WORLD or self._body not in self.model.path(of.body):
-            return np.zeros((6, 6)).astype(object)
-        r = (self.pose(frame)[1] if at is None else at) - self._origin
-        unit = np.eye(3).astype(object)
-        turned = np.array([cross(axis, r) for axis in unit]).T
-        return np.concatenate([np.concatenate([unit, turned], axis=1),
-                               np.concatenate([0.0 * unit, unit], axis=1)])
-
-    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
-        """Return no change, and the value."""
-        return np.zeros(6), super().coordinate(name, asking)[1]
-
-    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
-        """Return no change: speeds are of the joints that the mechanism has."""
-        return np.zeros((len(names), 6)), np.zeros(len(names))
+            raise ConstraintError(f"speeds and constraints: '{names[row]}' depends on the others "
+                                  'in every configuration, so that the motion is not determined; '
+                                  'expected independent rows') from None
 
 
 def _described(constraint: Constraint) -> str | None:
-    """Return a constraint's numbers exactly; None if a function is among them."""
+    """Return a constraint's exact parameters as text; None if one of them is a function."""
     words = [type(constraint).__name__]
     for field in fields(constraint):
         value = getattr(constraint, field.name)
@@ -311,11 +213,3 @@ def _described(constraint: Constraint) -> str | None:
         words.append(repr(value.tolist() if isinstance(value, np.ndarray) else
                           sorted(value.items()) if isinstance(value, Mapping) else value))
     return ' '.join(words)
-
-
-def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
-    """Return the numbers of speeds; ConstraintError lists the valid names."""
-    for name in names:
-        if name not in speeds.names:
-            raise ConstraintError(f"no speed '{name}'; valid: {', '.join(speeds.names)}")
-    return [speeds.names.index(name) for name in names]

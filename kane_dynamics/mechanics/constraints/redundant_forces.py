@@ -1,8 +1,8 @@
 """
-How constraint rows that follow from others share their force.
+Forces of redundant constraint rows: the minimum-norm solution.
 
-Rigid bodies do not determine it: of all forces with the same effect, those with the least sum of
-squares are taken, moments divided by the length of the mechanism.
+Rigid-body dynamics does not determine them: of all forces with the same effect, those with the
+least sum of squares are chosen, moments divided by the length of the mechanism.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ SHARING = ('minimum_norm', 'kept')
 
 def shared_forces(mechanism: Mechanism, J: Any, N: Any, held: Any, redundant: str) -> Any:
     """
-    Return the forces of all rows, (m,), that amount to forces of the rows kept.
+    Return the forces of all rows, (m,), equivalent to forces of the kept rows.
 
     Rows left out are J_R = C J_K, and J_K N = 1 gives C = J_R N. The least sum of squares with
     the same effect is lambda = [1; C] (1 + C^T C)^-1 lambda_K.
@@ -29,9 +29,9 @@ def shared_forces(mechanism: Mechanism, J: Any, N: Any, held: Any, redundant: st
     J, N : (m, n_q), (n_q, k) arrays of scalars
         All rows; joint rates per unit of the auxiliary speed of each row kept.
     held : (k,) array of scalars
-        Forces of the rows kept if the others carry nothing, N or N m.
+        Forces of the kept rows while all others are zero, N or N m.
     redundant : one of `SHARING`
-        'kept': the others carry nothing.
+        'kept': the forces of the other rows are zero.
 
     """
     kept, others = mechanism.kept, mechanism.left_out

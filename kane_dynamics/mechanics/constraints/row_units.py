@@ -1,4 +1,4 @@
-"""The units that constraint rows and coordinates are compared in."""
+"""Units for the comparison of constraint rows and coordinates."""
 
 from kane_dynamics.mechanics.constraints import Constraint, Coupling, PointVelocity, Prescribed
 from kane_dynamics.model.model import Model, WORLD
@@ -7,7 +7,7 @@ import numpy as np
 
 def length_of(model: Model) -> float:
     """
-    Return the length, m, by which moments and turns compare with forces and distances.
+    Return the characteristic length, m, that scales moments to forces and angles to distances.
 
     It is the longest distance between neighbouring joints, or from a body to one of its frames;
     1 where there is none.
@@ -19,7 +19,7 @@ def length_of(model: Model) -> float:
 
 
 def turning_rows(constraint: Constraint, model: Model) -> list[bool]:
-    """Tell of each row of a constraint whether it is of a turn."""
+    """Return for each row of a constraint whether it constrains a rotation."""
     if isinstance(constraint, Coupling | Prescribed):
         return [constraint.joint not in model.sliding]
     if isinstance(constraint, PointVelocity):

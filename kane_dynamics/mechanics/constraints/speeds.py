@@ -1,8 +1,8 @@
 """
 Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, section 2.12).
 
-A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default; the
-choices here shorten the equations of common mechanisms, and a user's own function is as good.
+A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default; other
+choices shorten the equations of common mechanisms. A user may define further ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,12 +30,12 @@ class Speeds:
     Y : callable
         ``Y(q, t)`` returns (n, n): the speeds' coefficients of the joint rates.
     Z : callable, optional
-        ``Z(q, t)`` returns (n,): what the speeds are when all joints rest.
+        ``Z(q, t)`` returns (n,): the speeds at q' = 0.
     names : sequence of str
-        Of the speeds; u1, u2 ... by default.
+        Names of the speeds; u1, u2 ... by default.
     key : str
-        Tells this choice from every other with the same model, so that compiled code can be
-        kept; empty for functions whose content is unknown.
+        Identifies this choice among those of the same model in the kernel cache; empty for
+        user-defined functions, which are not cached.
     definite : bool
         Whether Y is symmetric and positive definite everywhere, which saves arithmetic.
 
@@ -54,7 +54,7 @@ class Speeds:
         Raises
         ------
         ConstraintError
-            A function returns another shape; names it, what it gave and what is expected.
+            A function returns a wrong shape; names the function and both shapes.
 
         """
         n = len(q)
@@ -67,7 +67,7 @@ class Speeds:
         return Y, Z
 
     def _evaluated(self, function: Function, name: str, q: Any, t: Any) -> Any:
-        """Return what a function gives; a user's, which has no key, is evaluated with care."""
+        """Return the value of a function; a user-defined one (no key) is checked."""
         return function(q, t) if self.key else evaluated(function, f'speeds: {name}(q, t)', q, t)
 
 
@@ -100,19 +100,19 @@ def absolute_rates(model: Model) -> Speeds:
 
 def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
     """
-    Return the choice that takes omega . b1, b2, b3, in a body's own axes, for its three angles.
+    Return the speeds omega . b1, b2, b3 in a body's axes instead of its three angle rates.
 
     Parameters
     ----------
     frame : str
-        On a body that three revolute joints turn freely, such as a floating base; its axes are
-        b1, b2, b3. All other speeds are joint rates.
+        A frame of a body that exactly three revolute joints move, such as a floating base; its
+        axes are b1, b2, b3. All other speeds are joint rates.
 
     Returns
     -------
     callable
-        Makes the `Speeds` of a model; ConstraintError where other than three joints turn the
-        body.
+        Returns the `Speeds` of a model; ConstraintError unless exactly three revolute joints
+        move the body.
 
     """
     def of(model: Model) -> Speeds:
@@ -121,8 +121,8 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
                           if model.bodies[k].joint.kind == 'revolute'})
         if len(turning) != 3:
             names = ', '.join(model.coordinate_names[r] for r in turning) or 'none'
-            raise ConstraintError(f"frame '{frame}' is turned by {len(turning)} joints ({names}); "
-                                  'its angular velocity can stand for exactly three')
+            raise ConstraintError(f"frame '{frame}': {len(turning)} revolute joints ({names}) "
+                                  'move it; expected exactly three')
 
         def Y(q: Any, t: Any) -> Any:
             R, _ = kinematics.frame_pose(model, at, q)
@@ -151,7 +151,7 @@ def momenta(model: Model) -> Speeds:
 
 def chosen(model: Model, choice: Any) -> Speeds:
     """
-    Return the speeds that `Robot(speeds=...)` asks for.
+    Return the generalized speeds of the argument `speeds` of `Robot`.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def chosen(model: Model, choice: Any) -> Speeds:
     Raises
     ------
     InputError
-        It is none of these, or the names do not match the model's number of coordinates.
+        The type is wrong, or the number of names differs from that of the coordinates.
 
     """
     speeds = joint_rates(model) if choice is None else choice
@@ -174,5 +174,13 @@ def chosen(model: Model, choice: Any) -> Speeds:
                          'that takes the model and returns them')
     names = tuple(speeds.names) or tuple(f'u{r + 1}' for r in range(model.n))
     if len(names) != model.n or len(set(names)) != len(names):
-        raise InputError(f'speeds have the names {list(names)}; expected {model.n} different ones')
+        raise InputError(f'names of the speeds: {list(names)}; expected {model.n} different ones')
     return replace(speeds, names=names)
+
+
+def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
+    """Return the numbers of speeds; ConstraintError lists the valid names."""
+    for name in names:
+        if name not in speeds.names:
+            raise ConstraintError(f"no speed '{name}'; expected one of {', '.join(speeds.names)}")
+    return [speeds.names.index(name) for name in names]

@@ -34,7 +34,7 @@ from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling, 
                                                  PointVelocity, Rolling)
 
 FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame', 'surface_frame')
-# Of each kind: what makes it, what must be given, and what may be.
+# For each kind: its constructor, required keys, optional keys.
 KINDS: dict[str, tuple[Callable[..., Constraint], tuple[str, ...], tuple[str, ...]]] = {
     'closure': (Closure, ('first', 'second'), ('kind', 'axis', 'second_axis', 'length')),
     'coupling': (Coupling, ('joint', 'ratios'), ('offset',)),
@@ -59,15 +59,15 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     Parameters
     ----------
     source : path or dict
-        The file, or what it would hold.
+        The file, or its content.
     prefix : str
-        Put before every joint and frame that it names (`Model.prefixed`).
+        Prefix of every joint and frame name (`Model.prefixed`).
 
     Raises
     ------
     ConstraintError
-        Names the constraint, the key, its value and what is valid. Whether the robot has those
-        joints and frames is for `Robot` to say.
+        Names the constraint, the key, its value and what is expected. `Robot` checks whether the
+        joints and frames exist.
 
     """
     data = source if isinstance(source, Mapping) else read_yaml(source, 'constraints',
@@ -90,7 +90,7 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
 
 
 def _constraint(name: str, data: Any, prefix: str) -> Constraint:
-    """Return one constraint; its class judges the numbers."""
+    """Return one constraint; its class checks the numbers."""
     what = f"constraint '{name}'"
     entry = mapping(data, what, tuple(KINDS), ConstraintError)
     if len(entry) != 1:
@@ -100,7 +100,7 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
     values = dict(mapping(content, f'{what}: {kind}', required + optional, ConstraintError))
     for key in required:
         if key not in values:
-            raise ConstraintError(f'{what}: {kind} lacks {key}; it needs {", ".join(required)}')
+            raise ConstraintError(f'{what}: {kind} lacks {key}; expected {", ".join(required)}')
     for key in (*FRAMES, 'joint'):
         if values.get(key) is not None:
             values[key] = prefix + _of_type(values[key], (str,), f'{what}: {key}', 'a name')
@@ -119,7 +119,7 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
 
 
 def _of_type(value: Any, types: tuple[type, ...], what: str, expected: str) -> Any:
-    """Return the value if it is of one of these types; a truth value is no number."""
+    """Return the value if it has one of these types (bool is not a number)."""
     if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
         raise ConstraintError(f'{what} is {value!r}; expected {expected}')
     return value

@@ -42,7 +42,7 @@ class Reduction:
 
 def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
     """Return W, X, A and B as numbers."""
-    here = mechanism.posture(q, t)
+    here = mechanism.state(q, t)
     Y, Z = _numbers(*mechanism.speeds.of(q, t))
     rows = mechanism.rows(here)
     J, b = _numbers(rows.J[mechanism.kept], rows.b[mechanism.kept])
@@ -74,9 +74,9 @@ def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
     qdot = parts.W @ all_speeds(mechanism, parts, u) + parts.X
     q_moving, t_moving = moving(q, qdot), moving(t, 1.0)
     Y_rate, Z_rate = _numbers(*(rates(x) for x in mechanism.speeds.of(q_moving, t_moving)))
-    rows = mechanism.rows(mechanism.posture(q_moving, t_moving))
+    rows = mechanism.rows(mechanism.state(q_moving, t_moving))
     J_rate, b_rate = _numbers(rates(rows.J[mechanism.kept]), rates(rows.b[mechanism.kept]))
-    J = _numbers(mechanism.rows(mechanism.posture(q, t)).J[mechanism.kept])[0]
+    J = _numbers(mechanism.rows(mechanism.state(q, t)).J[mechanism.kept])[0]
     _, Z = _numbers(*mechanism.speeds.of(q, t))
     C = J @ parts.W
     C_rate = J_rate @ parts.W - C @ Y_rate @ parts.W

@@ -117,7 +117,7 @@ class ConfigurationExamination:
         values = with_prefix(values | {'prefix': prefix or values['prefix']})
         gravity = values['gravity']
         if gravity[2] > 0.0 or not np.isclose(np.linalg.norm(gravity), 9.81, 0.01):
-            self._find('doubt', f'gravity: {gravity.tolist()}; expected [0, 0, -9.81] for an '
+            self._find('warning', f'gravity: {gravity.tolist()}; expected [0, 0, -9.81] for an '
                        'upright base')
         warnings: list[str] = []
         model = self._load(values, urdf, warnings)
@@ -126,7 +126,7 @@ class ConfigurationExamination:
             self._find('fine', 'all parameters are known and fit the arm')
         for warning in warnings:
             if warning not in told:
-                self._find('doubt', f'URDF: {warning}')
+                self._find('warning', f'URDF: {warning}')
         return robot
 
     def _load(self, values: dict[str, Any], urdf: str, warnings: list[str]) -> Model | None:

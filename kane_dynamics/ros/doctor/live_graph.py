@@ -126,13 +126,13 @@ def _times(received: list[ReceivedState]) -> list[Finding]:
     """Return the findings of rate and stamps."""
     # From first to last, because states were also received during discovery.
     rate = (len(received) - 1) * NANO / max(received[-1].steady - received[0].steady, 1)
-    found = [Finding('fine' if rate > SLOW else 'doubt',
+    found = [Finding('fine' if rate > SLOW else 'warning',
                      f'{rate:.3g} joint states/s with all joints')]
     stamped = [(each.now, stamp) for each in received
                if (stamp := nanoseconds(each.message.header.stamp))]
     if not stamped:
-        return [*found, Finding('doubt', 'stamps of joint states: zero; expected stamps, without '
-                                'which state_timeout cannot detect delays')]
+        return [*found, Finding('warning', 'stamps of joint states: zero; expected stamps, '
+                                'without which state_timeout cannot detect delays')]
     ages = [(now - stamp) / NANO for now, stamp in stamped if now]
     if not ages:
         return [*found, Finding('problem', '/clock: a publisher but no message; expected time, '
@@ -169,11 +169,11 @@ def _numbers(robot: Robot, message: JointState) -> list[Finding]:
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Finding]:
     """Return the findings of the efforts of one joint state."""
     if effort is None:
-        return [Finding('doubt', 'efforts of joint states: none; the momentum observer then uses '
-                        'the command')]
+        return [Finding('warning', 'efforts of joint states: none; the momentum observer then '
+                        'uses the command')]
     if names := _not_finite(robot, effort):
-        return [Finding('doubt', f'efforts of {listed(names)}: not finite; the momentum observer '
-                        'then uses the command')]
+        return [Finding('warning', f'efforts of {listed(names)}: not finite; the momentum '
+                        'observer then uses the command')]
     if robot.constraint_names or not np.isfinite([q, u]).all() or (
             np.abs(u).max(initial=0.0) >= AT_REST):
         return []
@@ -181,7 +181,7 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Fin
         return examine_efforts(robot, q, effort)
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
         return []
-    return [Finding('doubt', 'efforts at rest: all zero, with brakes or without measurement; '
+    return [Finding('warning', 'efforts at rest: all zero, with brakes or without measurement; '
                     'expected observer.torque: command if the driver does not measure '
                     'efforts, because auto uses them')]
 
@@ -229,10 +229,10 @@ def _endpoint_findings(node: Node, topics: Topics, foreign: int) -> list[Finding
         found.append(Finding('problem', f'{topics.commands}: {len(given)} publishers: '
                              f'{_names(given)}; expected one'))
     elif not given:
-        found.append(Finding('doubt', f'{topics.commands}: no publisher; expected the dynamics '
+        found.append(Finding('warning', f'{topics.commands}: no publisher; expected the dynamics '
                              'node, with this topic of commands (--commands)'))
     if not taken:
-        found.append(Finding('doubt', f'{topics.commands}: no subscriber; expected an effort '
+        found.append(Finding('warning', f'{topics.commands}: no subscriber; expected an effort '
                              'controller, with this topic of commands'))
     if given and taken:
         unreliable = given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE

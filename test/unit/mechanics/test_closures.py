@@ -15,14 +15,14 @@ FREE = {'weld': '', 'revolute': 'turn', 'prismatic': 'along', 'cylindrical': 'al
 
 def at(mechanism, q):
     """Return where the first origin is in the second's axes, and the relative rotation."""
-    here = mechanism.posture(q)
+    here = mechanism.state(q)
     (R1, p1), (R2, p2) = here.pose('end'), here.pose('socket')
     return R2.T @ (p1 - p2), R2.T @ R1
 
 
 def residual(mechanism, q):
     """Return the residuals and the rows at a configuration."""
-    rows = mechanism.rows(mechanism.posture(q))
+    rows = mechanism.rows(mechanism.state(q))
     return np.array(rows.gap, dtype=float), np.array(rows.J, dtype=float)
 
 
@@ -84,7 +84,7 @@ def test_orientations_are_held_the_right_way_round(kind, angle):
         free = turned == 6 and kind not in ('weld', 'prismatic')
         assert np.isfinite(gap)
         assert (gap < 1e-12) == (free or angle == 2.0 * np.pi)
-        R = mechanism.posture(closed_posture(mechanism, start)).pose('plate')[0]
+        R = mechanism.state(closed_posture(mechanism, start)).pose('plate')[0]
         np.testing.assert_allclose(R[:, 2], [0, 0, 1], atol=1e-9)
         if kind in ('weld', 'prismatic'):
             np.testing.assert_allclose(R, np.eye(3), atol=1e-9)
@@ -148,7 +148,7 @@ def test_a_rounded_loop_is_refused_with_the_figure_and_what_would_fit():
     with pytest.raises(ConstraintError) as told:
         rounded('spherical')
     text = str(told.value)
-    assert 'leave no freedom to 3 speeds' in text and 'singular values' in text
+    assert 'leave no degree of freedom' in text and 'singular values' in text
     assert "rank_tolerance=5e-06 takes it for zero; 'pin' as kind 'inline' would leave 1" in text
 
 

@@ -31,17 +31,19 @@ def arm(n=3):
      "'velocity of hand': no frame 'hand'; expected one of .*tip"),
     ([Closure('tip', 'moon')], "'closure of tip and moon': no frame 'moon'"),
     ([Coupling('joint0', {'elbow': 1.0})],
-     "'coupling of joint0': no coordinate 'elbow'; valid: joint0, joint1, joint2"),
-    ([Closure('tip', 'far', 'spherical')], "closes 'closure of tip and far/x'.* remain"),
+     "'coupling of joint0': no coordinate 'elbow'; expected one of joint0, joint1, joint2"),
+    ([Closure('tip', 'far', 'spherical')], "for 'closure of tip and far/x'.* residual"),
     ([Prescribed('joint0', np.sin), Prescribed('joint0', np.cos, name='again')],
-     "closes '(again|prescribed joint0)'"),
+     "for '(again|prescribed joint0)'"),
     ([PointVelocity('tip', (1, 0, 0), value=1.0), PointVelocity('tip', (1, 0, 0), name='b')],
      "'b' contradicts the others: its velocity is off by 1"),
-    ([Closure('tip', 'near', 'weld')], 'leave no freedom to 3 speeds'),
+    ([Closure('tip', 'near', 'weld')],
+     'fewer than the 3 speeds, because these leave no degree of freedom'),
     ([PointVelocity('tip', (1, 0, 0)), PointVelocity('tip', (0, 0, 1))], 'different names'),
     ([DependentSpeeds(('joint2',), lambda q, t: np.zeros((2, 2)))],
      r"'dependent speeds': A\(q, t\) returns shape \(2, 2\); expected \(1, 2\)"),
-    ([DependentSpeeds(('u9',), lambda q, t: np.zeros((1, 2)))], "no speed 'u9'; valid: joint0"),
+    ([DependentSpeeds(('u9',), lambda q, t: np.zeros((1, 2)))],
+     "no speed 'u9'; expected one of joint0"),
 ])
 def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
     with pytest.raises(ConstraintError, match=words):
@@ -66,7 +68,7 @@ def test_values_that_no_constraint_has_are_refused(make, words):
     (Speeds(lambda q, t: np.diag([1.0, 1.0, 0.0])), ConstraintError, r'Y is singular at q = \['),
     (Speeds(lambda q, t: np.eye(3), names=('a', 'b')), InputError, 'expected 3 different ones'),
     ('rates', InputError, 'speeds is a str; expected Speeds, or a function'),
-    (body_angular_velocity('rod1'), ConstraintError, r'turned by 2 joints \(joint0, joint1\)')])
+    (body_angular_velocity('rod1'), ConstraintError, r'2 revolute joints \(joint0, joint1\)')])
 def test_speeds_that_cannot_be_are_refused_by_name(speeds, error, words):
     with pytest.raises(error, match=words):
         choose_independent(arm(), speeds, (PointVelocity('tip', (1, 0, 0)),))
@@ -76,7 +78,7 @@ def test_independent_speeds_that_do_not_fit_are_refused():
     constraints = (Coupling('joint1', {'joint0': 2.0}),)
     assert choose_independent(arm(), None, constraints, ('joint0', 'joint2')).speed_names == (
         'joint0', 'joint2')
-    with pytest.raises(ConstraintError, match='leave exactly 2 of joint0, joint1, joint2'):
+    with pytest.raises(ConstraintError, match='expected exactly 2 of joint0, joint1, joint2'):
         choose_independent(arm(), None, constraints, ('joint0',))
     with pytest.raises(ConstraintError, match='joint0, joint1 do not determine the others'):
         choose_independent(arm(), None, constraints, ('joint0', 'joint1'))
@@ -86,7 +88,7 @@ def test_a_closed_posture_is_near_closed_and_leaves_what_is_fixed():
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     q = closed_posture(mechanism, [0.5, 1.0, 1.0], fixed=['joint0'])
     assert q[0] == 0.5
-    np.testing.assert_allclose(mechanism.posture(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)
+    np.testing.assert_allclose(mechanism.state(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)
     with pytest.raises(ConstraintError, match="no coordinate 'elbow'"):
         closed_posture(mechanism, q, fixed=['elbow'])
 

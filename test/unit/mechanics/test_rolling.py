@@ -10,7 +10,7 @@ import pytest
 
 def nearest(constraint, mechanism, q):
     """Return the least distance of the wheel or ball from the surface, by search."""
-    here = mechanism.posture(q)
+    here = mechanism.state(q)
     (R, p), (Rs, origin) = here.pose('end'), here.pose('socket')
     center = Rs.T @ (p - origin)
 
@@ -42,13 +42,13 @@ def states(kind, mechanism, count):
     rng = np.random.default_rng(3)
     for _ in range(count):
         q = rng.uniform(-0.5, 0.5, 15)
-        (_, p1), (_, p2), (R_base, _) = (mechanism.posture(q).pose(name)
+        (_, p1), (_, p2), (R_base, _) = (mechanism.state(q).pose(name)
                                          for name in ('end', 'socket', 'base'))
         inside = 'inside' in kind
         if inside:
             apart = rng.uniform(-0.3, 0.3, 3)
         else:  # across the cylinder's axis
-            line = mechanism.posture(q).pose('socket')[0] @ mechanism.constraints[0].surface_axis
+            line = mechanism.state(q).pose('socket')[0] @ mechanism.constraints[0].surface_axis
             apart = np.cross(line, rng.normal(size=3))
             apart *= rng.uniform(0.9, 1.5) / np.linalg.norm(apart)
         q[9:12] += R_base.T @ (p1 - p2 - apart)
@@ -61,7 +61,7 @@ def test_residual_is_the_distance_and_the_normal_row_its_rate(kind):
     mechanism, h = Mechanism(two_bodies_on_a_base(), None, (constraint,)), 1e-6
 
     def normal(q):
-        rows = mechanism.rows(mechanism.posture(q))
+        rows = mechanism.rows(mechanism.state(q))
         return float(rows.gap[2]), np.array(rows.J, dtype=float)
     for q in states(kind, mechanism, 15):
         gap, J = normal(q)

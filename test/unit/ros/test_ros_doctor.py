@@ -144,7 +144,7 @@ def test_zero_stamps_give_a_warning():
 
 
 @pytest.mark.parametrize(('what', 'level'), [
-    ('position', 'problem'), ('velocity', 'problem'), ('effort', 'doubt')])
+    ('position', 'problem'), ('velocity', 'problem'), ('effort', 'warning')])
 def test_non_finite_numbers_are_reported_as_such(what, level):
     name = {'position': 'positions', 'velocity': 'velocities', 'effort': 'efforts'}[what]
     levels, words = findings(*states(**{what: [math.nan, 1.0]}))
@@ -156,7 +156,7 @@ def test_non_finite_numbers_are_reported_as_such(what, level):
 
 def test_zero_efforts_under_gravity_give_a_warning():
     levels, words = findings(*states(effort=[0.0, 0.0]))
-    assert 'doubt' in levels
+    assert 'warning' in levels
     assert 'observer.torque: command' in words
     upright = states(effort=[0.0, 0.0], position=[0.0, math.pi / 2])  # no gravity torque
     assert findings(*upright)[0] == ['fine']

@@ -32,7 +32,7 @@ def test_speeds_of_the_asked_set_are_given_wherever_the_motion_goes():
     np.testing.assert_allclose(run.udot[:, 0], accelerations[:, 0], atol=1e-5)
 
 
-def test_torques_stay_dual_to_the_asked_speeds_after_a_change():
+def test_torques_stay_dual_to_the_user_given_speeds_after_a_change():
     # A constant moment about the vertical: u2' = tau / J whichever speeds are independent.
     run = simulate(sleigh(), [0.0, 0.0, 0.0], [0.3, SPIN], 3.0, step=1e-3, torque=[0.0, 0.2],
                    sample=0.5)
@@ -80,7 +80,7 @@ def test_every_regular_choice_of_speeds_gives_the_same_motion(named):
     q0 = at_angle(0.8)
     rates = four_bar('crank').joint_rates(q0, [5.0])
     robot = four_bar(*named)
-    u0 = robot.mechanism.posture(q0).speed_rows(robot.speed_names)[0] @ rates
+    u0 = robot.mechanism.state(q0).speed_rows(robot.speed_names)[0] @ rates
     run = simulate(robot, q0, u0, 2.0, step=1e-3, sample=0.1)
     expected = simulate(four_bar('crank'), q0, [5.0], 2.0, step=1e-3, sample=0.1)
     np.testing.assert_allclose(run.q, expected.q, atol=1e-6)
@@ -137,7 +137,7 @@ def test_drift_covers_velocities():
     rates = robot.joint_rates(q, run.u[k]) + [0.0, 0.0, 0.1]
     off = (robot.constraint_residual(q + h * rates) - robot.constraint_residual(q - h * rates)
            ) / (2 * h)
-    exact = robot.mechanism.rows(robot.mechanism.posture(q))
+    exact = robot.mechanism.rows(robot.mechanism.state(q))
     np.testing.assert_allclose(np.array(exact.J, dtype=float) @ rates, off, atol=1e-8)
 
 

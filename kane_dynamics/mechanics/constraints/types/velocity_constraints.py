@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
-from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
                                                                  relative_partials, unit)
 import numpy as np
 
@@ -15,19 +15,18 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class PointVelocity:
     """
-    A velocity component of a point of the mechanism vanishes or is given.
+    A velocity component of a point of the mechanism is zero or prescribed.
 
     Parameters
     ----------
     frame : str
-        The point is its origin.
+        The point is the origin of this frame.
     direction : (3,) array
-        Along which the component is taken; normalised.
+        Direction of the component; normalised.
     axes : str, optional
-        Frame in whose axes the direction stands still (a knife edge: the frame itself); world
-        by default.
+        Frame in which the direction is fixed (a knife edge: the frame itself); world by default.
     relative_to : str, optional
-        Frame as seen from which the point moves; world by default.
+        Frame relative to which the velocity is measured; world by default.
     value : float or callable
         The component, m/s; a callable takes t.
     angular : bool
@@ -66,7 +65,7 @@ class PointVelocity:
 
 
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
-    """Return the constraint that a frame's origin does not move along a direction of its own."""
+    """Return the constraint of zero velocity of a frame's origin along one of its directions."""
     return PointVelocity(frame, direction, axes=frame, name=name or f'knife edge {frame}')
 
 

@@ -8,12 +8,12 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
                                                                  positive, triad, unit)
 import numpy as np
 
 SURFACES = ('plane', 'cylinder', 'sphere')
-ITERATIONS = 6  # of Newton's method for the point of a rim that is nearest to a cylinder
+ITERATIONS = 6  # of Newton's method for the point of a rim nearest to a cylinder
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +48,13 @@ class Rolling:
     Notes
     -----
     Rows hold the velocity of the wheel's (or ball's) point of contact relative to the surface's:
-    `tangent_1`, `tangent_2`, `normal`. For a wheel, tangent_1 is its direction of travel (axle x
-    normal: where a positive turn about the axle takes it) and tangent_2 is normal x tangent_1,
-    across it: whatever the heading, the same rows are redundant. For a ball on a plane they are
-    two directions fixed in the surface's frame, on a cylinder tangent_1 is along the cylinder,
-    and on a sphere they are what the turn that takes the parameter `normal` to the normal of the
-    contact makes of those on a plane (undefined where the two are opposite). The residual of
-    `normal` is the distance between the bodies, m; the tangents have none.
+    `tangent_1`, `tangent_2`, `normal`. For a wheel, tangent_1 is its direction of travel at a
+    positive angular velocity about the axle (axle x normal) and tangent_2 is normal x tangent_1:
+    the same rows are redundant for every heading. For a ball on a plane they are two directions
+    fixed in the surface's frame; on a cylinder tangent_1 is along the cylinder; on a sphere they
+    are those on a plane, rotated by the shortest rotation from the parameter `normal` to the
+    normal of the contact (undefined where the two are opposite). The residual of `normal` is the
+    distance between the bodies, m; the tangents have none.
 
     The point of a rim that touches a cylinder is found by Newton's method from the direction of
     the cylinder's axis, exact to rounding on the outer side for any axle that is not across the
@@ -77,7 +77,7 @@ class Rolling:
     inside: bool = False
 
     def __post_init__(self) -> None:
-        """Check and normalise."""
+        """Check the arguments and normalise the directions."""
         freeze(self, 'name', self.name or f'rolling of {self.frame}')
         what = f"constraint '{self.name}'"
         freeze(self, 'radius', positive(self.radius, f'{what}: radius'))
@@ -109,7 +109,7 @@ class Rolling:
         return tuple(f'{self.name}/{part}' for part in ('tangent_1', 'tangent_2', 'normal'))
 
     def rows(self, here: Geometry) -> ConstraintRows:
-        """Return the rows: the point of contact has no velocity relative to the surface."""
+        """Return the rows of zero velocity of the contact point relative to the surface."""
         R, center = here.pose(self.frame)
         Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
                       here.pose(self.surface_frame))
@@ -125,7 +125,7 @@ class Rolling:
             along = Rs @ triad(self.normal)[0]
         elif self.surface == 'cylinder':
             along = Rs @ self.surface_axis
-        else:  # the shortest turn from `normal` to the normal, of a direction across `normal`
+        else:  # by the shortest rotation from `normal` to the normal of the contact
             start, e = (Rs @ x for x in (self.normal, triad(self.normal)[0]))
             along = e - (start + normal) * ((e @ normal) / (1.0 + start @ normal))
         directions = (along, cross(normal, along), normal)
@@ -134,7 +134,7 @@ class Rolling:
 
     def _contact(self, c: Any, Rs: Any, axle: Any) -> tuple[Any, Any, Any]:
         """
-        Return center to contact, (3,), normal of the surface there, (3,), and the distance, m.
+        Return center to contact point, (3,), surface normal there, (3,), and the distance, m.
 
         `c` is the center from the origin of the surface's frame; world axes.
         """
@@ -147,7 +147,7 @@ class Rolling:
         line = Rs @ self.surface_axis
 
         def off(x: Any) -> Any:
-            """Return the part of a vector that counts for the distance from the surface."""
+            """Return a vector without its component along the cylinder's axis."""
             return x if self.surface == 'sphere' else x - (x @ line) * line
         normal = outward * _unit(off(c))
         if axle is None:
@@ -156,14 +156,14 @@ class Rolling:
         spoke = -1.0 * _unit(normal - (normal @ axle) * axle)
         astray: Any = 0.0
         if self.surface == 'cylinder':
-            for k in range(ITERATIONS + 1):  # where the distance of the rim from the axis rests
+            for k in range(ITERATIONS + 1):  # stationary distance of the rim from the axis
                 turned = cross(axle, spoke)
                 p, slope = off(c + self.radius * spoke), self.radius * off(turned)
                 bend = slope @ slope - self.radius * (p @ off(spoke))
                 turn = (p @ slope) / bend
                 if k < ITERATIONS:
                     spoke = _unit(spoke - turn * turned)
-            wrong = -outward * bend  # positive where it rests at the far side
+            wrong = -outward * bend  # positive at the stationary point on the far side
             astray = self.radius * turn * turn + select(wrong > 0.0, wrong, 0.0) / self.radius
         r = self.radius * spoke
         normal = outward * _unit(off(c + r))
@@ -176,5 +176,5 @@ def _length(x: Any) -> Any:
 
 
 def _unit(x: Any) -> Any:
-    """Return a vector over any scalar normalised."""
+    """Return a normalised vector, over any scalar."""
     return x * (1.0 / np.sqrt(x @ x))

@@ -1,4 +1,4 @@
-"""What a constraint is made of, and what it asks of the mechanism."""
+"""The rows of a constraint, and the interface of the mechanism that constraints evaluate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import numpy as np
 
 
 class Geometry(Protocol):
-    """What a constraint asks of a mechanism at one posture and time."""
+    """Geometry of a mechanism at one configuration and time, as constraints use it."""
 
     q: Any
     t: Any
@@ -27,8 +27,8 @@ class Geometry(Protocol):
         """
         Return (6, n_q): linear, then angular, per unit joint rate.
 
-        They are those of the point of the frame's body that is at `at`, (3,), m; by default the
-        frame's origin.
+        They are those of the point of the frame's body at position `at`, (3,), m; by default of
+        the frame's origin.
         """
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
@@ -44,7 +44,7 @@ class Geometry(Protocol):
 @dataclass(frozen=True, eq=False)
 class ConstraintRows:
     """
-    A constraint at one posture and time.
+    A constraint at one configuration and time.
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ class ConstraintRows:
         J q' = b.
     b : (m,) array
     gap : tuple of m
-        What each row's condition on positions is missed by, m or rad; None for a row that has
-        no such condition (nonholonomic).
+        Residual of each row's condition on positions, m or rad; None for a row that has no such
+        condition (nonholonomic).
 
     """
 
@@ -63,14 +63,14 @@ class ConstraintRows:
 
 
 def unit(value: Any, what: str) -> Array:
-    """Return a direction normalised; ConstraintError for anything but three numbers, not all 0."""
+    """Return a normalised direction, (3,); ConstraintError unless it is nonzero."""
     try:
         vector = constant(value, (3,), what)
     except ModelError as error:
         raise ConstraintError(str(error)) from None
     length = float(np.sqrt(vector @ vector))
     if length < 1e-12:
-        raise ConstraintError(f'{what} is {vector.tolist()}; a direction must not be zero')
+        raise ConstraintError(f'{what} is {vector.tolist()}; expected a nonzero direction')
     return constant(vector / length, (3,), what)
 
 
@@ -86,7 +86,7 @@ def positive(value: Any, what: str) -> float:
 
 
 def triad(direction: Array) -> tuple[Array, Array, Array]:
-    """Return a right-handed triad of unit vectors whose third is a direction."""
+    """Return a right-handed triad of unit vectors, the third along a direction."""
     start = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = start - (start @ direction) * direction
     first = first / np.sqrt(first @ first)

@@ -7,16 +7,15 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_rows import (ConstraintRows, Geometry,
+from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
                                                                  positive, triad, unit)
 import numpy as np
 
-FLOOR = 1e-16  # rounding of 1 + cos(angle): less of it is a half turn
+FLOOR = 1e-16  # smallest 1 + cos(angle), its rounding; the angle is then a half turn
 NUDGE = 1e-15  # rad: keeps the residual of an exact half turn, 0 / 0, far from zero
 
-# Of each kind: directions along which the first frame's origin stays on the second's, and
-# directions about which the frames do not turn against each other. 'side', 'up' and 'axis' are a
-# right-handed triad of the second frame.
+# For each kind: directions without relative translation of the origins, and directions without
+# relative rotation. 'side', 'up' and 'axis' are a right-handed triad of the second frame.
 CARRIED = ('x', 'y', 'z')
 ACROSS = ('side', 'up')
 ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -45,8 +44,8 @@ class Closure:
     first, second : str
         The frames; one of them may be fixed in the world.
     kind : str
-        What stays possible: `weld` nothing; `revolute` the turn about `axis`; `prismatic` sliding
-        along it; `cylindrical` both; `universal` the turns about `axis` and `second_axis`;
+        The remaining relative motion: `weld` none; `revolute` rotation about `axis`; `prismatic`
+        sliding along it; `cylindrical` both; `universal` the turns about `axis` and `second_axis`;
         `spherical` every turn; `planar` sliding across `axis` and the turn about it; `inline`
         sliding along `axis` and every turn (the origin of `first` stays on a line of `second`);
         `distance` everything but a change of the distance between the origins.
@@ -61,8 +60,8 @@ class Closure:
 
     Notes
     -----
-    Every row is in axes of a body of the loop, so what is redundant in one configuration is so in
-    every other. Rows of position hold the velocity of `second`'s origin relative to `first`'s,
+    Every row is in axes of a body of the loop, so that the same rows are redundant in every
+    configuration. Rows of position hold the velocity of `second`'s origin relative to `first`'s,
     along x, y and z (labels `x`, `y`, `z`) of the last body that carries both frames (of the
     world, where none does), as that body sees it; or, in kinds with an axis, along the triad
     (`side`, `up`, `axis`) of `second` that `axis` completes (for the axis z these are its x, y,
@@ -87,7 +86,7 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Check and normalise."""
+        """Check the arguments and normalise the axes."""
         freeze(self, 'name', self.name or f'closure of {self.first} and {self.second}')
         what = f"constraint '{self.name}'"
         if self.kind not in ROWS:
@@ -121,7 +120,7 @@ class Closure:
         seen_from = (here.carrier(self.first, self.second)
                      if moves in (CARRIED, ('distance',)) else self.second)
         d = p2 - p1
-        # As seen from a body, what both frames hang on does not move: it drops out of the columns.
+        # Relative to a body, joints that move both frames alike have zero columns.
         J = ((here.partial_velocities(self.second) - here.partial_velocities(seen_from, p2))
              - (here.partial_velocities(self.first) - here.partial_velocities(seen_from, p1)))
         if self.kind == 'distance':
@@ -147,16 +146,16 @@ class Closure:
 
 
 def _turn(Q: Any) -> Any:
-    """Return 2 tan(angle / 2) times the axis of the turn that Q^T is, (3,)."""
+    """Return 2 tan(angle / 2) times the axis of the rotation Q^T, (3,)."""
     sine = np.array([Q[1, 2] - Q[2, 1], Q[2, 0] - Q[0, 2], Q[0, 1] - Q[1, 0]])
     return (2.0 * sine + NUDGE) / _floored(Q[0, 0] + Q[1, 1] + Q[2, 2] + 1.0)
 
 
 def _tilt(direction: Any, axis: Any) -> Any:
-    """Return the same, (3,), of the shortest turn that takes a direction to an axis."""
+    """Return the same for the shortest rotation of a direction onto an axis, (3,)."""
     return (2.0 * cross(direction, axis) + NUDGE) / _floored(direction @ axis + 1.0)
 
 
 def _floored(x: Any) -> Any:
-    """Return 1 + cos(angle), at least its rounding."""
+    """Return 1 + cos(angle), bounded below by its rounding error."""
     return select(x < FLOOR, FLOOR, x)

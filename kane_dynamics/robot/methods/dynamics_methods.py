@@ -1,11 +1,11 @@
-"""The dynamic quantities that a robot answers for, each by a kernel of its own."""
+"""The dynamics of a robot: inverse and forward dynamics, mass matrix, derivatives, energies."""
 
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
-from kane_dynamics.robot.dispatch import compiled, Dispatch
+from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +15,10 @@ Matrices = tuple[Array, Array, Array]
 
 class DynamicsMethods(Dispatch):
     """
-    The calls of a `Robot` that compute.
+    The methods of `Robot` for dynamics.
 
-    Every method takes one state, (n,) arrays, or a batch, (N, n) arrays, and answers in kind; q
-    has n_q entries, which are more than n under constraints.
+    Every method accepts one state, (n,) arrays, or a batch, (N, n) arrays, and returns the same; q
+    has n_q entries, more than n under constraints.
     """
 
     @compiled
@@ -33,8 +33,8 @@ class DynamicsMethods(Dispatch):
         q, u, udot : (n,) or (N, n) arrays
             Coordinates, speeds and their rates; rad or m, s.
         wrench : (k, 6) or (N, k, 6) array, optional
-            What the environment exerts at each of `wrench_frames`: force then moment, at the
-            frame's origin, world axes, N and N m.
+            External wrench at each of `wrench_frames`: force then moment, at the frame's origin,
+            world axes, N and N m.
         t : float or (N,) array
             Time, s; ignored unless speeds or constraints depend on it.
         out : array, optional
@@ -79,19 +79,19 @@ class DynamicsMethods(Dispatch):
         """
         Return C(q, u), (n, n): C u is the Coriolis and centrifugal force, dM/dt = C + C^T.
 
-        Of all such matrices it is that of the Christoffel symbols, half the slope of C u by u.
+        C is the matrix of the Christoffel symbols: half the derivative of C u with respect to u.
         """
         return self._call('coriolis_matrix', (q, u), out)
 
     @compiled
     def gravity_force(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
-        """Return the torque that holds gravity alone, (n,), N m or N."""
+        """Return the torque that balances gravity alone, (n,), N m or N."""
         return self._call('gravity_force', (q,), out, t)
 
     @compiled
     def friction_force(self, u: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return d u + mu tanh(u / u_s), (n,): the torque that damping and friction ask for."""
+        """Return d u + mu tanh(u / u_s), (n,): the torque of damping and Coulomb friction."""
         return self._call('friction_force', (u,), out)
 
     @compiled
@@ -109,20 +109,20 @@ class DynamicsMethods(Dispatch):
     @compiled
     def body_torques(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
                      out: Array | None = None) -> Array:
-        """Return (n_bodies, n): what each body's inertia and weight ask of every joint."""
+        """Return the torque of each body's inertia and weight at every joint, (n_bodies, n)."""
         return self._call('body_torques', (q, u, udot), out, t)
 
     @compiled
     def joint_reactions(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                         wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                         out: Array | None = None) -> Array:
-        """Return (n_bodies, 6): `joint_reaction` of every body's joint, in the order of bodies."""
+        """Return `joint_reaction` of every body's joint, (n_bodies, 6), in order of bodies."""
         return self._loaded(self.kernels.quantity('joint_reactions'), (q, u, udot), wrench, out,
                             t)
 
     def explain(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                 wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> TorqueBreakdown:
-        """Return inverse dynamics by source and by body; arguments as `inverse_dynamics`."""
+        """Return the torque breakdown by source and by body; arguments as `inverse_dynamics`."""
         external: Any = self.external_force(q, wrench=wrench, t=t)
         terms = self.torque_terms(q, u, udot, t=t)
         model = self.equations.model
@@ -135,16 +135,16 @@ class DynamicsMethods(Dispatch):
     def regressor(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
                   out: Array | None = None) -> Array:
         """
-        Return Y, (n, 10 n_bodies): Y times `inertial_parameters` is the rigid bodies' torque.
+        Return the regressor Y, (n, 10 n_bodies): Y times `inertial_parameters` is the torque.
 
-        That is inverse dynamics without armature, friction, springs, payload and wrenches. The
-        parameters' order is in `mechanics.regressor`.
+        The torque is that of rigid bodies: inverse dynamics without armature, friction, springs,
+        payload and wrenches. `mechanics.recursive.regressor` defines the order of parameters.
         """
         return self._call('regressor', (q, u, udot), out, t)
 
     @property
     def inertial_parameters(self) -> Array:
-        """Return the model's inertial parameters, (10 n_bodies,), as the regressor takes them."""
+        """Return the model's inertial parameters, (10 n_bodies,), in the regressor's order."""
         return inertial_parameters(self.equations.model)
 
     def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike,
@@ -160,7 +160,7 @@ class DynamicsMethods(Dispatch):
         """
         Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches.
 
-        One kernel; for a robot of more than 16 coordinates three, and numpy's product of theirs.
+        One kernel; for a robot of more than 16 coordinates three kernels and NumPy products.
         """
         if 'forward_dynamics_derivatives' in self.kernels.names:
             return self._matrices('forward_dynamics_derivatives', (q, u, tau))
@@ -178,7 +178,7 @@ class DynamicsMethods(Dispatch):
     @compiled
     def center_of_mass_jacobian(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                                 out: Array | None = None) -> Array:
-        """Return the velocity of `center_of_mass` per unit of each speed, (3, n)."""
+        """Return the Jacobian of `center_of_mass`, (3, n)."""
         return self._call('center_of_mass_jacobian', (q,), out, t)
 
     @compiled
@@ -195,16 +195,15 @@ class DynamicsMethods(Dispatch):
     def joint_reaction(self, joint: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                        wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
-        Return what the parent exerts on the child at a joint: force, then moment, (6,), N, N m.
+        Return the wrench of the parent on the child at a joint: force, moment, (6,), N, N m.
 
-        At the joint's origin, in world axes; what the actuator and friction transmit about the
-        axis is part of it, as are all loads and the forces of constraints (those that
-        `constraint_forces` finds: a redundant row carries none).
+        At the joint's origin, in world axes; includes the torque of actuator and friction about
+        the axis, all loads, and the forces of `constraint_forces`.
 
         Parameters
         ----------
         joint : str
-            One of the joints that move; fixed and locked ones are merged into bodies.
+            A moving joint; fixed and locked joints are merged into bodies.
         q, u, udot : (n,) or (N, n) arrays
             Coordinates, speeds and their rates; rad or m, s.
         wrench : (k, 6) or (N, k, 6) array, optional
@@ -215,7 +214,7 @@ class DynamicsMethods(Dispatch):
         Raises
         ------
         InputError
-            No such joint; the message lists the valid ones.
+            An unknown joint; the message lists the valid ones.
 
         """
         if not isinstance(joint, str):

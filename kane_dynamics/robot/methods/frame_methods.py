@@ -1,21 +1,21 @@
-"""Poses, Jacobians and motion of a robot's frames, and its dynamics as felt at a frame."""
+"""Poses, Jacobians and motion of a robot's frames, and operational-space dynamics."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
 
 
 DIRECTIONS = ('x', 'y', 'z', 'rx', 'ry', 'rz')  # linear, then angular, world axes
-SINGULAR = 1e12  # a condition number of J M^-1 J^T at which a direction counts as impossible
+SINGULAR = 1e12  # condition number of J M^-1 J^T at which a direction counts as singular
 
 
 class FrameMethods(Dispatch):
-    """The calls of a `Robot` that tell where frames are and how they move, in world axes."""
+    """The methods of `Robot` for poses and motion of frames, in world axes."""
 
     def frame_pose(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the (4, 4) pose of a frame in the world, m."""
@@ -85,7 +85,7 @@ class FrameMethods(Dispatch):
         """
         Return the operational-space inertia Lambda, (k, k), at a frame: kg, kg m, kg m^2.
 
-        ``F = Lambda a + mu`` is what must act at the frame, in the chosen directions, for its
+        ``F = Lambda a + mu`` is the force at the frame, in the chosen directions, for its
         acceleration a: ``Lambda = (J M^-1 J^T)^-1`` and ``mu = Lambda (J M^-1 h - J' u)``, with
         the frame's Jacobian J and the bias force h. Source: O. Khatib, "A unified approach for
         motion and force control of robot manipulators: the operational space formulation", IEEE
@@ -99,7 +99,7 @@ class FrameMethods(Dispatch):
             Coordinates, rad or m.
         directions : sequence of str
             The k directions, of 'x', 'y', 'z' (linear) and 'rx', 'ry', 'rz' (angular), world
-            axes. All six by default, which takes at least six joints.
+            axes. All six by default, which needs at least six joints.
         t : float or (N,) array_like
             Time, s; ignored unless speeds or constraints depend on it.
 
@@ -117,7 +117,7 @@ class FrameMethods(Dispatch):
         """
         Return the bias mu, (k,), of `operational_space_inertia`, N, N m; same arguments, errors.
 
-        Gravity, friction and springs are part of it, as they are of `bias_force`.
+        It includes gravity, friction and springs, as `bias_force` does.
         """
         mobility, J, inverse, rows = self._mobility(frame, q, directions, t)
         robot: Any = self
@@ -129,7 +129,7 @@ class FrameMethods(Dispatch):
 
     def _mobility(self, frame: str, q: ArrayLike, directions: Sequence[str],
                   t: ArrayLike) -> tuple[Array, Array, Array, list[int]]:
-        """Return J M^-1 J^T, J, M^-1, and the rows of J that are asked for."""
+        """Return J M^-1 J^T, J, M^-1, and the numbers of the chosen rows of J."""
         wrong = [name for name in directions if name not in DIRECTIONS]
         if wrong or not len(directions) or len(set(directions)) < len(directions):
             raise InputError(f'directions: {list(directions)}; expected some of '

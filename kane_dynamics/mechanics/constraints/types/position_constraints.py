@@ -9,21 +9,21 @@ from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
-from kane_dynamics.mechanics.constraints.constraint_rows import ConstraintRows, Geometry
+from kane_dynamics.mechanics.constraints.types.constraint_rows import ConstraintRows, Geometry
 import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """
-    A joint's coordinate follows others: q_joint = sum of ratios times theirs + offset.
+    A joint coordinate is a linear function of others: q_joint = sum(ratio_k q_k) + offset.
 
     Parameters
     ----------
     joint : str
-        The one that follows.
+        The dependent joint.
     ratios : mapping of joint name to float
-        Of the coordinates that it follows (a gear: one, its ratio with sign).
+        The coefficients of the other coordinates (a gear: one, its ratio with sign).
     offset : float
         rad or m.
     name : str
@@ -36,7 +36,7 @@ class Coupling:
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Name it."""
+        """Set the default name."""
         freeze(self, 'name', self.name or f'coupling of {self.joint}')
 
     @property
@@ -64,15 +64,15 @@ class Prescribed:
     position : callable, Motion or (times, positions)
         ``position(t)``, rad or m, of arithmetic and the functions of numpy that
         `kane_dynamics.mechanics.algebra.user_functions` lists; or a `Motion` that has this joint;
-        or a table, through which goes one cubic spline with continuous accelerations, at rest at
-        both ends. Outside its times a Motion or a table rests.
+        or a table, interpolated by one cubic spline with continuous accelerations, at rest at
+        both ends. Before and after its times a Motion or a table is at rest.
     name : str
 
     Notes
     -----
-    The constraint force of its row is the force or torque that the prescribed motion takes. A
-    position whose velocity jumps (abs, minimum, a branch of where) would take an impulse there,
-    which the equations of motion do not hold: let its velocity be continuous.
+    The constraint force of its row is the force or torque of the prescribed motion. The velocity
+    must be continuous: a jump (abs, minimum, a branch of where) needs an impulse, which the
+    equations of motion do not model.
 
     """
 
@@ -81,7 +81,7 @@ class Prescribed:
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Name it, and make a function of a motion or a table."""
+        """Set the default name, and convert a motion or a table to a function."""
         freeze(self, 'name', self.name or f'prescribed {self.joint}')
         what = f"constraint '{self.name}'"
         try:
@@ -102,7 +102,7 @@ class Prescribed:
         return (self.name,)
 
     def rows(self, here: Geometry) -> ConstraintRows:
-        """Return the row: the joint's rate is the function's."""
+        """Return the row: the joint rate equals the time derivative of the function."""
         row, value = here.coordinate(self.joint, self.name)
         what = f"constraint '{self.name}': position(t)"
         moved = evaluated_scalar(self.position, what, moving(here.t, 1.0))

@@ -1,13 +1,17 @@
-"""How a robot's methods reach their kernels."""
+"""Dispatch of a robot's methods to their compiled kernels."""
 
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Any, TypeVar
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.threads import run_concurrently
+from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.kernel_set import KernelSet
 import numpy as np
 
@@ -15,7 +19,7 @@ Method = TypeVar('Method', bound=Callable[..., Any])
 
 
 class _Compiled:
-    """A method that, once used on a robot, gives way to its kernel's own entry there."""
+    """A method that the first access replaces by the entry point of its kernel."""
 
     def __init__(self, checked: Callable[..., Any]) -> None:
         self.checked = checked
@@ -31,12 +35,12 @@ class _Compiled:
 
 
 def compiled(method: Method) -> Method:
-    """Serve a method by the kernel of its name; its body is the road for unusual arguments."""
+    """Decorate a method to call the kernel of its name; its body handles other arguments."""
     return _Compiled(method)  # type: ignore[return-value]
 
 
 class Dispatch:
-    """Ways into the kernels of a robot, for one state or a batch."""
+    """Calls of the kernels of a robot, for one state or a batch."""
 
     equations: TreeEquations | ConstrainedEquations
     kernels: KernelSet
@@ -44,25 +48,25 @@ class Dispatch:
 
     def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None,
               t: Any = 0.0) -> Array:
-        """Call the kernel of a quantity that takes no wrenches."""
+        """Call the kernel of a quantity without wrenches."""
         result: Array = self.kernels.quantity(name)(*self._at_time(arguments, t), out=out)
         return result
 
     def _loaded(self, kernel: Kernel, arguments: tuple[Any, ...], wrench: Any,
                 out: Array | None, t: Any = 0.0) -> Array:
-        """Call a kernel that takes wrenches, where frames for them are declared."""
+        """Call a kernel with wrenches, if the robot declares wrench frames."""
         if self.equations.wrench_frames:
             given = (*arguments, wrench)
         elif wrench is None:
             given = arguments
         else:
-            raise InputError('wrench is given but no frame may carry one: construct the Robot '
-                             'with wrench_frames=')
+            raise InputError('wrench: given to a robot without wrench frames; expected '
+                             'Robot(..., wrench_frames=[...])')
         result: Array = kernel(*self._at_time(given, t), out=out)
         return result
 
     def _at_time(self, arguments: tuple[Any, ...], t: Any) -> tuple[Any, ...]:
-        """Add the time where the equations depend on it: one for all states, or one each."""
+        """Append the time if the equations depend on it: one for all states, or one each."""
         if not self.equations.timed:
             return arguments
         count = np.shape(arguments[0])[:-1]
@@ -82,9 +86,65 @@ class Dispatch:
         return result
 
     def _entry(self, name: str, at: str, kernel: Callable[[str], Kernel]) -> Callable[..., Any]:
-        """Return the way into a kernel of one frame or joint; it is compiled at its first use."""
+        """Return the entry point of the kernel of a frame or joint, compiled on first use."""
         entry = self._entries.get((name, at))
         if entry is None:
             made = kernel(at)
             entry = self._entries[name, at] = made.entry('', made)
         return entry
+
+    @property
+    def n(self) -> int:
+        """Return the number of independent generalized speeds."""
+        return self.equations.n
+
+    @property
+    def n_q(self) -> int:
+        """Return the number of coordinates."""
+        return self.equations.n_q
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints, in the order of q."""
+        return self.equations.model.joint_names
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the entries of q."""
+        return self.equations.model.coordinate_names
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames (links), for `jacobian`, `frame_pose` and others."""
+        return tuple(frame.name for frame in self.equations.model.frames)
+
+    def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
+        """
+        Compile kernels now instead of at their first use.
+
+        Parameters
+        ----------
+        *names : str
+            Names of quantities; by default all but those of frames and joint reactions.
+        batches : bool
+            Compile their SIMD kernels for batches too.
+
+        Raises
+        ------
+        InputError
+            An unknown kernel; the message lists the valid names.
+
+        """
+        names = names or self.kernels.names
+        run_concurrently([partial(self._compile, name, batches) for name in names])
+
+    def _compile(self, name: str, batches: bool) -> None:
+        with suppress(ModelError):  # no forward dynamics with massless joints; calls raise
+            kernel = self.kernels.quantity(name)
+            if batches:
+                kernel.compile_lanes()
+            getattr(self, name)
+
+    def operation_count(self) -> dict[str, OperationCount]:
+        """Return the operation counts of every kernel, per call."""
+        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}

@@ -1,25 +1,24 @@
-"""What only a robot with chosen speeds or constraints is asked, each by a kernel of its own."""
+"""Methods of a robot with chosen speeds or constraints."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.branch_following import followed_posture
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
+from kane_dynamics.mechanics.constraints.loop_closure import closed_posture, followed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
 
 
 class ConstraintMethods(Dispatch):
     """
-    The calls of a `Robot` that tell of its speeds and constraints.
+    The methods of `Robot` for generalized speeds and constraints.
 
-    Without these, u = q' and the torques of the joints are tau.
+    Without these, u = q' and the joint torques equal tau.
     """
 
     _choices: dict[str, Any]
@@ -28,8 +27,8 @@ class ConstraintMethods(Dispatch):
     def mechanism(self) -> Mechanism:
         """Return speeds and constraints; InputError for a robot that was given neither."""
         if not isinstance(self.equations, ConstrainedEquations):
-            raise InputError('this robot has joint rates for speeds and no constraints: construct '
-                             'it with speeds= or constraints=')
+            raise InputError('mechanism: a robot in joint rates without constraints; expected '
+                             'Robot(..., speeds=...) or Robot(..., constraints=...)')
         return self.equations.mechanism
 
     @property
@@ -65,17 +64,17 @@ class ConstraintMethods(Dispatch):
     def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """
-        Return the torques of the joints, (n_q,), that amount to tau.
+        Return joint torques, (n_q,), with the generalized force tau.
 
-        By default each entry of tau acts on its own independent speed and strains no constraint;
-        where `Robot(actuated=)` names joints, these share it with the least sum of squares.
+        By default each entry of tau acts on its own independent speed without constraint forces;
+        with `Robot(actuated=)`, the actuators have the torques of minimum norm.
 
         Parameters
         ----------
         tau : (n,) or (N, n) array
             Dual to the independent speeds, N m or N.
         q : (n_q,) or (N, n_q) array, optional
-            Coordinates, rad or m; of no account where u = q' and nothing constrains it.
+            Coordinates, rad or m; ignored for a robot in joint rates without constraints.
         t : float or (N,) array
             Time, s.
         out : array, optional
@@ -85,8 +84,8 @@ class ConstraintMethods(Dispatch):
         if not isinstance(self.equations, ConstrainedEquations):
             return self._same('tau', tau, out)
         if q is None:
-            raise InputError('q is missing: what joint torques amount to tau depends on the '
-                             'posture of a robot with chosen speeds or constraints')
+            raise InputError('q: missing; expected the configuration, on which the joint torques '
+                             'of a robot with chosen speeds or constraints depend')
         return self._special('joint_torques', (q, tau), t, out)
 
     def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
@@ -96,15 +95,14 @@ class ConstraintMethods(Dispatch):
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
 
         These are the equations of auxiliary speeds (Kane & Levinson, section 4.9): a row's force
-        acts along the velocity that the row holds, N or N m. With the tau of inverse dynamics
-        they are those of the motion that it was computed for. Rows that follow from others leave
-        their share undetermined: of all forces with the same effect these have the least sum of
-        squares, moments divided by `mechanism.length` (or as `Robot(redundant=)` says).
+        acts along the velocity that the row constrains, N or N m. With the tau of inverse dynamics
+        they are the forces in that motion. The forces of redundant rows are not unique: the result
+        has minimum norm, with moments divided by `mechanism.length` (or as `Robot(redundant=)`).
 
         Parameters
         ----------
         q, u, tau : (n_q,), (n,), (n,) or (N, ...) arrays
-            Coordinates, independent speeds, and what acts on them; rad or m, s, N m or N.
+            Coordinates, independent speeds, and generalized forces; rad or m, s, N m or N.
         wrench : (k, 6) or (N, k, 6) array, optional
             As in `inverse_dynamics`.
         t : float or (N,) array
@@ -119,7 +117,7 @@ class ConstraintMethods(Dispatch):
 
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
-        """Return by what each row's condition on positions is missed, (m,); 0 without one."""
+        """Return the residual of every row, (m,), m or rad; 0 for a row of velocities alone."""
         return self._special('constraint_residual', (q,), t, out)
 
     def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
@@ -129,7 +127,7 @@ class ConstraintMethods(Dispatch):
 
     def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                                      out: Array | None = None) -> Array:
-        """Return by what each row's velocity is missed, J q' - b, (m,), m/s or rad/s."""
+        """Return the velocity residual J q' - b of every row, (m,), m/s or rad/s."""
         return self._special('constraint_velocity_residual', (q, u), t, out)
 
     def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
@@ -153,24 +151,25 @@ class ConstraintMethods(Dispatch):
 
     def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
-        Return the posture near q, (n_q,), at which all conditions on positions are met.
+        Return the configuration near q, (n_q,), at which all conditions on positions are met.
 
-        Of a robot that was given a `configuration`, with coordinates fixed, it is the one on the
-        branch of that configuration, from where the fixed ones go to their values in small steps.
+        For a robot with a given `configuration`, and with fixed coordinates, it is on the branch
+        of that configuration: the fixed coordinates move from there to their values in small
+        steps.
 
         Parameters
         ----------
         q : (n_q,) array_like
-            Where to start, rad or m.
+            Initial guess, rad or m.
         t : float
             Time, s.
         fixed : sequence of str
-            Names of coordinates to leave as they are.
+            Names of coordinates that keep their values.
 
         Raises
         ------
         ConstraintError
-            None is found; names the constraint with the largest remaining gap.
+            None is found; names the constraint with the largest residual.
 
         """
         start = self._choices.get('configuration')
@@ -179,7 +178,7 @@ class ConstraintMethods(Dispatch):
         return closed_posture(self.mechanism, q, t=t, fixed=fixed)
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:
-        """Return a checked copy: of joints themselves where speeds are their rates."""
+        """Return a checked copy, for a robot in joint rates without constraints."""
         same = checked(Argument(name, (self.equations.n,), self.speed_names), value)
         result: Array = np.empty_like(same) if out is None else out
         result[...] = same
@@ -192,5 +191,5 @@ class ConstraintMethods(Dispatch):
 
     def _require(self, name: str) -> None:
         if not isinstance(self.equations, ConstrainedEquations):
-            raise InputError(f'{name} is of robots with chosen speeds or constraints: construct '
-                             'the Robot with speeds= or constraints=')
+            raise InputError(f'{name}: a robot in joint rates without constraints; expected '
+                             'Robot(..., speeds=...) or Robot(..., constraints=...)')

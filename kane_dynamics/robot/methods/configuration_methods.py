@@ -1,26 +1,26 @@
-"""Configurations of a robot to start from: the neutral one, and random ones within the limits."""
+"""Neutral and random configurations of a robot, and its joint limits."""
 
 from functools import cached_property
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.robot.constraint_methods import ConstraintMethods
-from kane_dynamics.robot.dispatch import Dispatch
+from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
+from kane_dynamics.robot.methods.dispatch import Dispatch
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
 
-NEARBY = 21  # configurations about 0 to close the constraints from
+NEARBY = 21  # initial guesses about 0 for loop closure
 TURN = 2.0 * np.pi
-TRIES = 200  # random configurations to close the constraints from
+TRIES = 200  # random initial guesses for loop closure
 
 
 def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
     """
-    Return what is suspicious about positions, (n_q,) or (K, n_q), rad, if they look like degrees.
+    Return a description of positions, (n_q,) or (K, n_q), that look like degrees, else None.
 
-    A joint that turns is suspected beyond two turns, or beyond a limit by more than a turn. Of one
-    without limits, which may turn on and on, the first row counts alone.
+    A revolute joint is suspected beyond two turns, or beyond a limit by more than a turn. For a
+    joint without limits only the first row is checked, because it may turn without end.
     """
     rows, model = np.atleast_2d(q), robot.equations.model
     lower, upper = robot.limits.lower, robot.limits.upper
@@ -38,11 +38,11 @@ def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
 
 
 class Configurations(ConstraintMethods, Dispatch):
-    """The calls of a `Robot` that return configurations."""
+    """The methods of `Robot` that return configurations."""
 
     @cached_property
     def limits(self) -> JointLimits:
-        """Bounds of the joints, as the model states them."""
+        """Joint limits, initially those of the model."""
         limits = [joint.limits for joint in self.equations.model.coordinate_joints]
         return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
                              for name in ('lower', 'upper', 'velocity', 'effort')))
@@ -51,13 +51,13 @@ class Configurations(ConstraintMethods, Dispatch):
         """
         Return the configuration at which every coordinate is 0, (n_q,), rad or m.
 
-        Under constraints on positions it is one nearby that meets them. It may lie outside the
-        limits, as that of Pinocchio may.
+        Under constraints on positions it is a closed configuration nearby. It may be outside the
+        limits, as in Pinocchio.
 
         Raises
         ------
         ConstraintError
-            None is found; names the constraint with the largest remaining residual.
+            None is found; names the constraint with the largest residual.
 
         """
         zero = np.zeros(self.equations.n_q)
@@ -77,23 +77,23 @@ class Configurations(ConstraintMethods, Dispatch):
         """
         Return a random configuration within the limits, (n_q,), or several, (count, n_q).
 
-        Uniform between the limits; where a joint has none, within half a turn or 1 m of 0, or of
-        its other limit. Modes of beams are 0. Under constraints on positions, what a uniform one
-        becomes that is moved until it meets them.
+        Uniform between the limits; without a limit, within half a turn or 1 m of 0 or of the other
+        limit. Modal coordinates are 0. Under constraints on positions, a uniform configuration is
+        the initial guess for loop closure.
 
         Parameters
         ----------
         seed : int or numpy.random.Generator, optional
             The same seed returns the same configuration.
         count : int, optional
-            How many; one without an axis for it by default.
+            Number of configurations; by default one, as an (n_q,) array.
 
         Raises
         ------
         InputError
             count is negative.
         ConstraintError
-            None was found that meets constraints and limits.
+            None is found that meets constraints and limits.
 
         """
         if count is not None and count < 0:

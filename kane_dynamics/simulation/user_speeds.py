@@ -1,4 +1,4 @@
-"""Results of simulations in the speeds that were asked for, whichever they were computed in."""
+"""Results of a simulation in the user's independent speeds, converted from other choices."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,24 +12,24 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-class AskedSpeeds:
+class UserSpeeds:
     """
-    Converts from other choices of independent speeds to a robot's own.
+    Conversion from other choices of independent speeds to the user's own.
 
     Parameters
     ----------
     asked : Robot
-        Its speeds are given wherever the motion goes, u = Y_I q' + Z_I, also where they are
-        singular and do not determine q'.
+        The user's robot. Its speeds u = Y_I q' + Z_I are defined also where they are singular and
+        do not determine q'.
 
     """
 
     def __init__(self, asked: Robot) -> None:
-        """Compile nothing yet."""
+        """Store the robot; kernels compile on first use."""
         self._asked = asked
 
     def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
-        """Return the asked speeds and their rates, (2, n) or (K, 2, n)."""
+        """Return the user's speeds and their rates, (2, n) or (K, 2, n)."""
         names, equations = self._asked.speed_names, _equations(robot)
         arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
                      Argument('udot', (robot.n,))]
@@ -37,7 +37,7 @@ class AskedSpeeds:
                             other_speeds(equations, names, *x), (q, u, udot), t)
 
     def torques(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
-        """Return what amounts to forces dual to the asked speeds, (n,) or (K, n)."""
+        """Return the generalized forces of forces dual to the user's speeds, (n,) or (K, n)."""
         names, equations = self._asked.speed_names, _equations(robot)
         arguments = [Argument('q', (robot.n_q,)), Argument('tau', (len(names),))]
         return self._called(robot, 'tau_from', arguments, (robot.n,), lambda *x:
@@ -58,7 +58,7 @@ class AskedSpeeds:
 
     def states(self, history: Sequence[Sequence[tuple[int, Robot]]], buffer: Array, start: float,
                step: float, done: int) -> Array:
-        """Return a buffer of states, which begins after `done` steps, in the asked speeds."""
+        """Return a buffer of states after `done` steps, converted to the user's speeds."""
         result, n_q, n = buffer, self._asked.n_q, self._asked.n
         for i, changes in enumerate(history):
             if len(changes) == 1:
@@ -78,16 +78,16 @@ class AskedSpeeds:
     def results(self, history: Sequence[Sequence[tuple[int, Robot]]], kept: Array, times: Array,
                 states: Array, tau: Array) -> dict[str, Array]:
         """
-        Return what follows from kept states, in the asked speeds.
+        Return derived quantities of kept states, in the user's speeds.
 
         Parameters
         ----------
         history : sequences of (int, Robot)
-            For each simulation, after which step it went on in which choice.
+            For each simulation, the step after which each choice begins.
         kept, times : (K,) arrays
-            After how many steps the states were, and when, s.
+            Numbers of steps and times of the states, s.
         states, tau : (N, K, size), (N, K, n) arrays
-            As they were simulated, and torques dual to the asked speeds.
+            Simulated states, and torques dual to the user's speeds.
 
         Returns
         -------
@@ -134,10 +134,10 @@ class AskedSpeeds:
 
 def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
              t: Any = 0.0) -> Any:
-    """Return what amounts to forces dual to other speeds, given by name, (n,)."""
+    """Return the generalized forces, (n,), of forces dual to other speeds, given by name."""
     if tuple(names) == equations.speed_names:
         return tau
-    here = equations.mechanism.posture(q, t, equations.tree.geometry)
+    here = equations.mechanism.state(q, t, equations.tree.geometry)
     return equations.at_rest(q, t).T.T @ (here.speed_rows(names)[0].T @ tau)
 
 
@@ -145,7 +145,7 @@ def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, 
                  udot: Any, t: Any = 0.0) -> Any:
     """Return other speeds, given by name, and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
-    Y, Z = equations.mechanism.posture(moving(q, motion.qdot), moving(t, 1.0),
+    Y, Z = equations.mechanism.state(moving(q, motion.qdot), moving(t, 1.0),
                                        equations.tree.geometry).speed_rows(names)
     return np.array([values(Y) @ motion.qdot + values(Z),
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])

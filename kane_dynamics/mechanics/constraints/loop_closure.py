@@ -1,0 +1,141 @@
+"""Loop closure: the configuration that meets all conditions on positions, by Newton's method."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.constraints import checked_names
+from kane_dynamics.mechanics.constraints.conditioning import RANK, stacked
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+import numpy as np
+
+CLOSED = 1e-11  # m or rad: a smaller constraint residual counts as zero
+ITERATIONS = 100
+STRIDE = 0.5  # rad or m: longest step of the search for a closed configuration
+SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
+
+
+def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
+                   fixed: Sequence[str] = ()) -> Array:
+    """
+    Return the configuration near q at which every condition on positions is met.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism with its constraints.
+    q : (n_q,) array
+        Initial guess, rad or m.
+    t : float
+        s.
+    fixed : sequence of str
+        Names of coordinates that keep their values (a crank).
+
+    Raises
+    ------
+    ConstraintError
+        The iteration does not converge; names the constraint with the largest residual.
+
+    """
+    names = mechanism.model.coordinate_names
+    try:
+        here, at = np.array(q, dtype=np.float64), float(t)
+    except (TypeError, ValueError):
+        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
+                         ) from None
+    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
+        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
+                         f'({", ".join(names)}) and a time in s')
+    fixed = checked_names(fixed, 'fixed') or ()
+    unknown = sorted(set(fixed) - set(names))
+    if unknown:
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
+    moves = np.array([name not in fixed for name in names])
+    here, gap, labels, closed = closing_iterations(mechanism, here, moves, t)
+    if closed:
+        return here
+    worst = int(np.argmax(np.abs(gap)))
+    raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
+                          f'residual is {abs(gap[worst]):.3g} (m or rad) after {ITERATIONS} steps'
+                          '; expected a start near a closed configuration')
+
+
+def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
+             t: float) -> tuple[Array, Array, list[str], bool]:
+    """Return the last iterate of Newton's method, residuals, their labels, convergence."""
+    here, tolerance = start.copy(), mechanism.rank_tolerance
+    for _ in range(ITERATIONS):
+        J, gap, labels = _residuals(mechanism, here, t)
+        missed = np.abs(gap).max(initial=0.0)
+        if missed < CLOSED:
+            return here, gap, labels, True
+        step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
+        longest = np.abs(step).max(initial=0.0)
+        if tolerance > RANK and missed < tolerance and longest < CLOSED:
+            return here, gap, labels, True  # the rest is within the tolerance
+        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
+    return here, gap, labels, False
+
+
+def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
+    """Return the rows of conditions on positions, their residuals, their labels."""
+    rows = mechanism.rows(mechanism.state(q, t))
+    places = [k for k, gap in enumerate(rows.gap) if gap is not None]
+    return (np.array(rows.J[places], dtype=np.float64),
+            np.array([rows.gap[k] for k in places], dtype=np.float64),
+            [mechanism.labels[k] for k in places])
+
+
+def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
+                     fixed: Sequence[str] = ()) -> Array:
+    """
+    Return the closed configuration on the branch of another one.
+
+    The fixed coordinates move in small steps from their values at the start to those of q; loop
+    closure after each step gives the other coordinates.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism with its constraints.
+    start : (n_q,) array
+        A closed configuration on the branch, rad or m.
+    q : (n_q,) array
+        The final values of the fixed coordinates; other entries are ignored.
+    t, fixed
+        As in `closed_posture`.
+
+    Raises
+    ------
+    ConstraintError
+        Loop closure fails, or jumps to another branch.
+
+    """
+    here = closed_posture(mechanism, start, t=t, fixed=())
+    names = mechanism.model.coordinate_names
+    unknown = sorted(set(fixed) - set(names))
+    if unknown:
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
+    places = [k for k, name in enumerate(names) if name in fixed]
+    first, last = here[places], np.asarray(q, dtype=np.float64)[places]
+    way = np.abs(last - first) / mechanism.units[places]
+    count = int(np.ceil(way.max(initial=0.0) / SMALL)) or 1
+    units, side = np.eye(len(names))[places], 0.0
+    for share in np.arange(1, count + 1) / count:
+        ahead = here.copy()
+        ahead[places] = first + share * (last - first)
+        closed = closed_posture(mechanism, ahead, t=t, fixed=fixed)
+        moved = np.abs(closed - here) / mechanism.units
+        worst = int(np.argmax(moved))
+        before, side = side, 0.0
+        if len(places) == mechanism.n:
+            J = stacked(mechanism, closed, t).J[mechanism.kept]
+            side = float(np.sign(np.linalg.det(np.concatenate([units, J]))))
+        if moved[worst] > STRIDE or before * side < 0.0:
+            raise ConstraintError(
+                f"closed configuration: with {', '.join(fixed)} at {ahead[places].tolist()} "
+                f"'{names[worst]}' jumps by {abs(closed - here)[worst]:.3g} rad or m; expected "
+                'values on this branch, which ends there')
+        here = closed
+    return here

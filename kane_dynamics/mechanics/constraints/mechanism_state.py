@@ -1,0 +1,109 @@
+"""A mechanism at one configuration and time: poses, partial velocities, speeds."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
+from kane_dynamics.mechanics.definition import kinematics
+from kane_dynamics.mechanics.recursive import frame_kinematics
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.model.model import Frame, Model, WORLD
+import numpy as np
+
+
+class MechanismState:
+    """A mechanism at one configuration and time; implements `constraints.Geometry`."""
+
+    def __init__(self, model: Model, speeds: Speeds, q: Any, t: Any,
+                 links: Sequence[Link] | None = None) -> None:
+        """Use the kinematics of the definition, or those of the compiled links."""
+        self.model, self.q, self.t = model, q, t
+        self.width = model.n  # of rows
+        self._speeds = speeds
+        self._links = links
+
+    @cached_property
+    def _bodies(self) -> tuple[kinematics.Configuration, ...]:
+        return kinematics.configurations(self.model, self.q)
+
+    @cached_property
+    def _link_poses(self) -> list[tuple[Any, Any]]:
+        return frame_kinematics.link_poses(self._links or (), self.q)
+
+    def carrier(self, first: str, second: str) -> Frame:
+        """Return the axes of the last body that carries both frames, or of the world."""
+        one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
+        return Frame('', max(set(one) & set(other), default=WORLD))
+
+    def _frame(self, frame: str | Frame) -> Frame:
+        return frame if isinstance(frame, Frame) else self.model.frame(frame)
+
+    def pose(self, frame: str | Frame) -> tuple[Any, Any]:
+        """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
+        at = self._frame(frame)
+        if self._links is None:
+            return kinematics.frame_pose(self.model, at, self.q, self._bodies)
+        return frame_kinematics.frame_axes(self._links, at, self._link_poses)
+
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """Return the Jacobian (6, n_q) at a frame's origin, or at the point `at` of its body."""
+        of = self._frame(frame)
+        if self._links is None:
+            return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
+        return frame_kinematics.partial_velocities(self._links, of, self.q, at, self._link_poses)
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
+        names = self.model.coordinate_names
+        if name not in names:
+            raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; expected one "
+                                  f'of {", ".join(names)}')
+        k = names.index(name)
+        return np.eye(self.model.n)[k], self.q[k]
+
+    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
+        Y, Z = self._speeds.of(self.q, self.t)
+        places = speed_places(self._speeds, names)
+        return Y[places], Z[places]
+
+    def other_speeds(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of all speeds but these."""
+        return tuple(name for name in self._speeds.names if name not in names)
+
+
+class ReleasedJointState(MechanismState):
+    """
+    A mechanism with one released joint; its rows have a column per degree of freedom of the joint.
+
+    The columns are the six auxiliary speeds of the bodies behind the joint, along and about the
+    world axes at the joint's origin.
+    """
+
+    def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
+        """Release the joint of body number `body`; its origin is (3,), m."""
+        super().__init__(here.model, here._speeds, here.q, here.t, here._links)
+        self._body, self._origin = body, origin
+        self.width = 6
+
+    def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
+        """Return the Jacobian of one rigid body, (6, 6); zero for frames not behind the joint."""
+        of = self._frame(frame)
+        if of.body == WORLD or self._body not in self.model.path(of.body):
+            return np.zeros((6, 6)).astype(object)
+        r = (self.pose(frame)[1] if at is None else at) - self._origin
+        unit = np.eye(3).astype(object)
+        turned = np.array([cross(axis, r) for axis in unit]).T
+        return np.concatenate([np.concatenate([unit, turned], axis=1),
+                               np.concatenate([0.0 * unit, unit], axis=1)])
+
+    def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
+        """Return a zero row, (6,), and the coordinate's value."""
+        return np.zeros(6), super().coordinate(name, asking)[1]
+
+    def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return zero rows: the released degrees of freedom do not change the speeds."""
+        return np.zeros((len(names), 6)), np.zeros(len(names))

@@ -1,0 +1,1 @@
+"""The constraints: velocities of points, closed loops, rolling, couplings, prescribed motion."""

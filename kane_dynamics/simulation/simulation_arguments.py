@@ -1,0 +1,74 @@
+"""The arguments of `simulate`, checked: initial states, numbers of steps and of samples."""
+
+import math
+from typing import Any
+
+from kane_dynamics._util.checks import positive_time
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.runtime.argument import Argument, checked
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.step_kernels import margin_count
+import numpy as np
+
+CLOSED = 1e-8  # m or rad: largest constraint residual of an initial configuration
+MOST_STEPS = 100_000_000
+MOST_SAMPLES = 1_000_000
+DEFAULT_SAMPLES = 1000
+
+
+def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
+    """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
+    q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
+    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
+    if q.shape[:-1] != u.shape[:-1]:
+        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
+                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
+    if robot.constraint_names and q.size:
+        residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
+        i, k = np.unravel_index(np.argmax(residual), residual.shape)
+        if residual[i, k] > max(CLOSED, 2.0 * robot.mechanism.rank_tolerance):
+            which = '' if q.ndim == 1 else f' of state {i}'
+            raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' is "
+                             f'{residual[i, k]:.3g} (m or rad); expected a closed configuration, '
+                             'as robot.closed_posture(q0)')
+    time = np.full((*q.shape[:-1], 1 if robot.equations.timed else 0), t0)
+    margins = np.ones((*q.shape[:-1], margin_count(robot)))
+    return np.concatenate([q, u, time, margins], axis=-1)
+
+
+def steps_per_sample(count: int, step: float, sample: Any, N: int, single: bool) -> int:
+    """Return the number of steps between two rows; InputError for too many rows."""
+    if sample is None:
+        rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
+        every = max(1, -(-count // rows))
+    else:
+        every = whole_steps('sample', positive_time(sample, 'sample'), step, MOST_STEPS)
+    rows = count // every + 1
+    if N * (rows + 1) > MOST_SAMPLES:
+        which = '' if single else f' for each of {N} initial states'
+        remedy = 'a longer sample' if single else 'a longer sample or fewer states'
+        raise InputError(f'sample: {rows} rows{which}, from {count} steps sampled every {every}; '
+                         f'expected at most {MOST_SAMPLES}{"" if single else " together"}: '
+                         f'{remedy}')
+    return every
+
+
+def checked_torque(robot: Robot, name: str, value: Any) -> Array:
+    """Return the torques of one state, (n,); InputError names them."""
+    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
+    if array.ndim != 1:
+        raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
+    return array
+
+
+def whole_steps(name: str, value: float, step: float, most: int) -> int:
+    """Return a time as a number of steps; InputError unless it is whole and in bounds."""
+    count = round(value / step) if math.isfinite(value / step) else 0
+    if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
+        raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
+                         'whole number of steps')
+    if count > most:
+        raise InputError(f'{name} is {value} s, {count} steps of {step} s; expected at most '
+                         f'{most}')
+    return count
