@@ -109,7 +109,7 @@ class QuasiStatic:
         """Return an array of all coordinates, with zeros for the modes."""
         x, n = np.asarray(values, dtype=np.float64), len(self.joint_names)
         if x.shape[-1:] != (n,):
-            raise InputError(f'{name} has shape {x.shape}; expected (..., {n}) for '
+            raise InputError(f'{name}: shape {x.shape}; expected (..., {n}) for '
                              f'{", ".join(self.joint_names)}')
         result = np.zeros((*x.shape[:-1], self.robot.n))
         result[..., self._joints] = x

@@ -73,7 +73,7 @@ class Director(Node):
             time.sleep(0.1)
 
     def change(self, transition: int) -> None:
-        """Take the node through a lifecycle transition."""
+        """Request a lifecycle transition of the node."""
         answer = self.ask(ChangeState, f'{NODE}/change_state',
                           transition=Transition(id=transition))
         if not answer.success:

@@ -100,15 +100,15 @@ class SpeedSets:
     def _require_closed(self, stack: Stack, q: Array, t: float,
                         limits: tuple[float, float]) -> None:
         """Raise ConstraintError for a constraint residual above the closure tolerance."""
-        share = np.abs(stack.gap) / np.where(self.asked.turning, limits[1], limits[0])
+        share = np.abs(stack.residual) / np.where(self.asked.turning, limits[1], limits[0])
         if np.linalg.norm(share) < SHARE:
             return
         k = int(np.argmax(share))
         unit, most = ('rad', limits[1]) if self.asked.turning[k] else ('m', limits[0])
         raise ConstraintError(
-            f"constraint '{self.asked.labels[k]}': its residual is {abs(stack.gap[k]):.3g} {unit} "
-            f'at {described(self.asked, q)}, t = {t:.6g} s; expected at most {most:g} {unit} '
-            '(closure_tolerance), as from robot.closed_posture')
+            f"constraint '{self.asked.labels[k]}': its residual is "
+            f'{abs(stack.residual[k]):.3g} {unit} at {described(self.asked, q)}, t = {t:.6g} s; '
+            f'expected at most {most:g} {unit} (closure_tolerance), as from robot.closed_posture')
 
 
 def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most: float,

@@ -193,19 +193,19 @@ class SwitchingInput:
                 return self._changed(i, state, best, done)
             self._enter(i, Phase(phase.robot, ROOM * now))
             return state
-        worst = int(np.argmax(np.abs(stack.gap)))
-        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL and worst in mechanism.kept:
+        worst = int(np.argmax(np.abs(stack.residual)))
+        if np.linalg.norm(stack.residual) > SHARE * STEP_RESIDUAL and worst in mechanism.kept:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
-                f'{abs(stack.gap[worst]):.3g} (m or rad) within one step of {self.step:g} s at '
-                f'{described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, as with a '
+                f'{abs(stack.residual[worst]):.3g} (m or rad) within one step of {self.step:g} s '
+                f'at {described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, as with a '
                 'shorter step')
         left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
-        if np.linalg.norm(stack.gap) > SHARE * STEP_RESIDUAL:
+        if np.linalg.norm(stack.residual) > SHARE * STEP_RESIDUAL:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
                 f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
-                f'{abs(stack.gap[worst]):.3g} (m or rad) where they hold')
+                f'{abs(stack.residual[worst]):.3g} (m or rad) where they hold')
         raise self._diverged(i, done + 1)
 
     def _preferred(self, stack: Any) -> Any:

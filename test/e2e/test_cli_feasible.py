@@ -83,4 +83,4 @@ def test_motion_that_fits_at_no_speed_says_why(trajectory, capsys):
         capsys.readouterr().out)
     assert main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0', '-100',
                  '--out', 'none.csv']) == 2
-    assert 'none does' in capsys.readouterr().err
+    assert 'no feasible speed' in capsys.readouterr().err

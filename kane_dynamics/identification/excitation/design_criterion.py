@@ -1,5 +1,5 @@
 """
-What a rest-to-rest motion is worth for identification, and by how much it passes limits.
+Cost of a rest-to-rest motion for identification: condition number and exceeded limits.
 
 With W the weighted equations of the base parameters, S = W^T W, and Z the same of W's columns
 scaled to unit length, b of them, the worth of a motion is judged by

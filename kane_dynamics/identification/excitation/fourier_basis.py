@@ -7,7 +7,7 @@ With w = 2 pi / period and k = 1 ... H harmonics a joint moves as
 
 q its integral and udot its derivative (Swevers et al., IEEE T-RA 13 (1997)). Rest at the start,
 and so at the end of each period, takes sum a_k = 0 for the speed and sum k b_k = 0 for the
-acceleration: a_1 and b_1 follow from the others, which are free, as is the centre of q.
+acceleration: a_1 and b_1 follow from the others, which are free, as is the center of q.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class FourierBasis:
 
     @property
     def size(self) -> int:
-        """Return the number of coefficients of a joint: the centre, then a_k and b_k, k > 1."""
+        """Return the number of coefficients of a joint: the center, then a_k and b_k, k > 1."""
         return 2 * self.harmonics - 1
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:

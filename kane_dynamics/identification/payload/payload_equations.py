@@ -39,7 +39,7 @@ class PayloadEquations:
     ----------
     model : Model
         Of the arm alone.
-    doubt : (n,) array
+    uncertainty : (n,) array
         Standard deviation of what the model's friction and the torque's zero are wrong by, N m or
         N; of viscous friction, per rad/s or m/s.
     belief : (10, 10) array
@@ -52,12 +52,12 @@ class PayloadEquations:
 
     """
 
-    def __init__(self, model: Model, doubt: Array, belief: Array, least: float = 0.0,
+    def __init__(self, model: Model, uncertainty: Array, belief: Array, least: float = 0.0,
                  kept: float = 1.0) -> None:
         """Start without rows."""
         self._speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
-        self._doubt = np.zeros((model.n, OWN, OWN))
-        self._doubt[:, range(OWN), range(OWN)] = doubt[:, None]**-2.0
+        self._uncertainty = np.zeros((model.n, OWN, OWN))
+        self._uncertainty[:, range(OWN), range(OWN)] = uncertainty[:, None]**-2.0
         self._belief, self._least, self._kept = belief, least, kept
         size = LOAD + OWN + 1
         self._products = np.zeros((LEVELS, model.n, size, size))  # of sums over blocks
@@ -72,7 +72,7 @@ class PayloadEquations:
         return np.asarray(row / np.broadcast_to(sigma, u.shape)[:, None])
 
     def add(self, row: Array) -> None:
-        """Take the equations of one sample."""
+        """Add the equations of one sample."""
         block: Array | None = row
         for level in range(LEVELS):
             if block is None:
@@ -107,7 +107,7 @@ class PayloadEquations:
         """Return `solve`'s equations, and the joints' own unknowns as [slope by x | offset]."""
         G = self._products[0] / self._variance[:, None, None]
         x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), LOAD + OWN]
-        by_x = np.linalg.solve(G[:, own, own] + self._doubt, G[:, own][:, :, others])
+        by_x = np.linalg.solve(G[:, own, own] + self._uncertainty, G[:, own][:, :, others])
         reduced = (G[:, x][:, :, others] - G[:, x, own] @ by_x).sum(axis=0)
         return 0.5 * (reduced[:, :-1] + reduced[:, :-1].T), reduced[:, -1], by_x
 

@@ -85,7 +85,7 @@ class PayloadEstimator:
 
     def update(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, tau: ArrayLike) -> None:
         """
-        Take one sample, (n,) each; rad or m, s, N m or N.
+        Update the estimate with one sample, (n,) each; rad or m, s, N m or N.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What an arm carries, from a recording."""
+"""Estimate the payload of an arm from a recording."""
 
 from dataclasses import dataclass
 
@@ -37,7 +37,7 @@ class Payload:
         Standard deviation of the mass, kg. All deviations count the correlation of residuals, and
         what the model's friction and the torque's zero may be wrong by: `payload_equations`.
     com_deviation : (3,) array
-        Of the mass centre, m.
+        Standard deviation of the center of mass, m.
     inertia_deviation : (3, 3) array
         Of the inertia about it, kg m^2.
     residual : (n,) array
@@ -129,9 +129,9 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
     effort = np.asarray(regressor.robot.limits.effort)
-    doubt = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
+    uncertainty = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
                                         np.abs(recording.tau).max(axis=0)), 1e-6)
-    equations = PayloadEquations(model, doubt, belief)
+    equations = PayloadEquations(model, uncertainty, belief)
     middle, found = len(left) // 2, []
     for part in (slice(0, middle), slice(middle, None)):
         for row in zip(Y[part], recording.u[part], left[part], strict=True):
@@ -173,14 +173,14 @@ def covariance_of(information: Array) -> Array:
 
 
 def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
-    """Return standard deviations of mass and mass centre, by the latter's linearization."""
+    """Return standard deviations of mass and center of mass, linearized."""
     slope = np.column_stack([-x[1:4] / x[0]**2, np.eye(3) / x[0]])
     return (float(np.sqrt(covariance[0, 0])),
             np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T)))
 
 
 def _inertia_deviation(x: Array, covariance: Array) -> Array:
-    """Return standard deviations of the inertia about the mass centre, (3, 3), likewise."""
+    """Return standard deviations of the inertia about the center of mass, (3, 3), linearized."""
     mass, h, one = x[0], x[1:4], np.eye(3)
     slopes = [(h @ h * one - np.outer(h, h)) / mass**2]
     slopes += [(np.outer(e, h) + np.outer(h, e) - 2.0 * (e @ h) * one) / mass for e in one]

@@ -27,8 +27,8 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
     words = [f'singular values of the rows, relative to the largest: {shown}']
     small = size[(size > 1e-15) & (size < SMALL)]
-    if small.size and np.abs(stack.gap).max(initial=0.0) < OPEN:
-        figure = 2.0 * max(float(small.max()), float(np.abs(stack.gap).max(initial=0.0)))
+    if small.size and np.abs(stack.residual).max(initial=0.0) < OPEN:
+        figure = 2.0 * max(float(small.max()), float(np.abs(stack.residual).max(initial=0.0)))
         words.append(f'if {small.max():.3g} is rounding of the description, rank_tolerance='
                      f'{figure:.1g} takes it for zero')
     words += _kinds(mechanism, q)
@@ -49,7 +49,7 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
             changed = Mechanism(mechanism.model, mechanism.speeds, others)
             stack = stacked(changed, q)
             freedom = mechanism.model.n - rank_of(scaled_rows(changed, stack)[1])
-            if freedom > 0 and np.abs(stack.gap).max(initial=0.0) < OPEN:
+            if freedom > 0 and np.abs(stack.residual).max(initial=0.0) < OPEN:
                 found.append((freedom, f"'{own.name}' as kind {kind!r}"))
     least = min((freedom for freedom, _ in found), default=0)
     fitting = ', or '.join(text for freedom, text in found if freedom == least)

@@ -65,9 +65,9 @@ def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None)
     inverse = mechanism.solved(S, np.eye(len(S)))
     rows = mechanism.rows(here)
     missed: list[Any] = [0.0, 0.0]  # m^2, rad^2
-    for gap, turning in zip(rows.gap, mechanism.turning):
-        if gap is not None and not is_zero(gap):
-            missed[turning] = missed[turning] + gap * gap
+    for residual, turning in zip(rows.residual, mechanism.turning):
+        if residual is not None and not is_zero(residual):
+            missed[turning] = missed[turning] + residual * residual
     return 1.0 - (limits[0] * squared_figure(mechanism, S, inverse)
                   + limits[1] * missed[0] + limits[2] * missed[1]
                   + limits[3] * squared_excess(mechanism, S, s, inverse, rows))
@@ -124,7 +124,7 @@ class Stack:
         u = Y q' + Z.
     J, b : (m, n_q), (m,) arrays
         J q' = b.
-    gap : (m,) array
+    residual : (m,) array
         Residuals of positions, m or rad; 0 where a row has none.
 
     """
@@ -133,7 +133,7 @@ class Stack:
     Z: Array
     J: Array
     b: Array
-    gap: Array
+    residual: Array
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def stacked(mechanism: Mechanism, q: Array, t: float = 0.0) -> Stack:
         rows = mechanism.rows(here)
         Y, Z = mechanism.speeds.of(here.q, t)
         return Stack(*(np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, [
-            0.0 if gap is None else gap for gap in rows.gap])))
+            0.0 if residual is None else residual for residual in rows.residual])))
 
 
 def system(stack: Stack, free: Sequence[int], kept: Sequence[int]) -> Array:

@@ -55,7 +55,7 @@ class ConstrainedKinematics:
     def constraint_residual(self, q: Any, t: Any = 0.0) -> Any:
         """Return the residual of every row, (m,), m or rad; 0 for a row of velocities alone."""
         rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
-        return np.array([0.0 if gap is None else gap for gap in rows.gap], dtype=object)
+        return np.array([0.0 if x is None else x for x in rows.residual], dtype=object)
 
     def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
         """Return the velocity residual J q' - b of every row, (m,)."""
@@ -72,8 +72,8 @@ class ConstrainedKinematics:
 
         The step is in the span of N, so that it does not change the independent speeds.
         """
-        gap = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry)).gap
-        missed = [0.0 if gap[k] is None else gap[k] for k in self.mechanism.kept]
+        residual = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry)).residual
+        missed = [0.0 if residual[k] is None else residual[k] for k in self.mechanism.kept]
         return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
 
     def margin(self, q: Any, t: Any, limits: Any) -> Any:

@@ -52,13 +52,13 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     if unknown:
         raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
     moves = np.array([name not in fixed for name in names])
-    here, gap, labels, closed = closing_iterations(mechanism, here, moves, t)
+    here, residual, labels, closed = closing_iterations(mechanism, here, moves, t)
     if closed:
         return here
-    worst = int(np.argmax(np.abs(gap)))
+    worst = int(np.argmax(np.abs(residual)))
     raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
-                          f'residual is {abs(gap[worst]):.3g} (m or rad) after {ITERATIONS} steps'
-                          '; expected a start near a closed configuration')
+                          f'residual is {abs(residual[worst]):.3g} (m or rad) after {ITERATIONS} '
+                          'steps; expected a start near a closed configuration')
 
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
@@ -66,24 +66,24 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
     """Return the last iterate of Newton's method, residuals, their labels, convergence."""
     here, tolerance = start.copy(), mechanism.rank_tolerance
     for _ in range(ITERATIONS):
-        J, gap, labels = _residuals(mechanism, here, t)
-        missed = np.abs(gap).max(initial=0.0)
+        J, residual, labels = _residuals(mechanism, here, t)
+        missed = np.abs(residual).max(initial=0.0)
         if missed < CLOSED:
-            return here, gap, labels, True
-        step = np.linalg.lstsq(J[:, moves], -gap, rcond=max(1e-10, tolerance))[0]
+            return here, residual, labels, True
+        step = np.linalg.lstsq(J[:, moves], -residual, rcond=max(1e-10, tolerance))[0]
         longest = np.abs(step).max(initial=0.0)
         if tolerance > RANK and missed < tolerance and longest < CLOSED:
-            return here, gap, labels, True  # the rest is within the tolerance
+            return here, residual, labels, True  # the rest is within the tolerance
         here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
-    return here, gap, labels, False
+    return here, residual, labels, False
 
 
 def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
     """Return the rows of conditions on positions, their residuals, their labels."""
     rows = mechanism.rows(mechanism.state(q, t))
-    places = [k for k, gap in enumerate(rows.gap) if gap is not None]
+    places = [k for k, residual in enumerate(rows.residual) if residual is not None]
     return (np.array(rows.J[places], dtype=np.float64),
-            np.array([rows.gap[k] for k in places], dtype=np.float64),
+            np.array([rows.residual[k] for k in places], dtype=np.float64),
             [mechanism.labels[k] for k in places])
 
 

@@ -149,7 +149,7 @@ class Mechanism:
         parts = [constraint.rows(here) for constraint in self.constraints]
         J = np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)])
         b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
-        return ConstraintRows(J, b, tuple(gap for part in parts for gap in part.gap))
+        return ConstraintRows(J, b, tuple(x for part in parts for x in part.residual))
 
     def system(self, here: MechanismState) -> tuple[Any, Any]:
         """Return S, (n_q, n_q), and s at u_I = 0, (n_q,)."""

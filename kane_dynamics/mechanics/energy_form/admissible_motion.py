@@ -1,7 +1,7 @@
 """
 Motions of the energy formulation that satisfy the speeds and constraints.
 
-A constraint with a position-level residual, `gap(q, t)` = 0, is that residual differentiated,
+A constraint with a position-level residual, `residual(q, t)` = 0, is that residual differentiated,
 
     (dgap/dq) q' = -dgap/dt,
 
@@ -119,13 +119,13 @@ def _rows(mechanism: Mechanism, here: FiniteMechanismState) -> tuple[Any, Any]:
     J: list[Any] = []
     b: list[Any] = []
     for k in mechanism.kept:
-        if declared.gap[k] is None:
+        if declared.residual[k] is None:
             J.append(_in_time(here, declared.J[k]))
             b.append(_in_time(here, declared.b[k])[()])
         else:
-            gap = lifted(declared.gap[k], here.count)
-            J.append(_timed(gap.gradient[:n], gap.gradient_rate[:n]))
-            b.append(_timed(-gap.gradient[n], -gap.gradient_rate[n])[()])
+            residual = lifted(declared.residual[k], here.count)
+            J.append(_timed(residual.gradient[:n], residual.gradient_rate[:n]))
+            b.append(_timed(-residual.gradient[n], -residual.gradient_rate[n])[()])
     return np.array(J, dtype=object).reshape(len(J), n), np.array(b, dtype=object)
 
 

@@ -1,4 +1,4 @@
-"""What acts along the joints themselves: rotors, friction and springs, over any scalar."""
+"""Forces along the joints: rotor inertia, friction and springs, over any scalar."""
 
 from collections.abc import Callable
 from typing import Any

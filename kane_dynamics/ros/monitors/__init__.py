@@ -1,1 +1,1 @@
-"""What the node estimates and publishes beside the torques."""
+"""Monitors: estimates that the node publishes beside the torques."""

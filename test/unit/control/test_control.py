@@ -256,7 +256,7 @@ OTHER = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=NAMES[::-1])
     ((T, ['a', 'b'], U), ['position', "['a', 'b']", 'lift']),
     ((T, Q[:1], U), ['position', '(1,)', '(2,)', 'slide']),
     ((T, Q, np.zeros((2, 2))), ['speed', '(2, 2)']),
-    ((T, Q, None), ['no speeds', 'inverse_dynamics']),
+    ((T, Q, None), ['u: missing', 'measured speeds', 'inverse_dynamics']),
     ((T, Q, U, OTHER), ["['slide', 'lift']", "['lift', 'slide']"]),
 ])
 def test_a_bad_state_is_refused_in_words(arguments, words):

@@ -23,7 +23,7 @@ def at(mechanism, q):
 def residual(mechanism, q):
     """Return the residuals and the rows at a configuration."""
     rows = mechanism.rows(mechanism.state(q))
-    return np.array(rows.gap, dtype=float), np.array(rows.J, dtype=float)
+    return np.array(rows.residual, dtype=float), np.array(rows.J, dtype=float)
 
 
 @pytest.mark.parametrize('kind', FREE)

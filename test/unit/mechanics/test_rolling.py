@@ -62,7 +62,7 @@ def test_residual_is_the_distance_and_the_normal_row_its_rate(kind):
 
     def normal(q):
         rows = mechanism.rows(mechanism.state(q))
-        return float(rows.gap[2]), np.array(rows.J, dtype=float)
+        return float(rows.residual[2]), np.array(rows.J, dtype=float)
     for q in states(kind, mechanism, 15):
         gap, J = normal(q)
         assert gap == pytest.approx(nearest(constraint, mechanism, q), abs=1e-12)

@@ -126,23 +126,23 @@ class Closure:
         if self.kind == 'distance':
             far = np.sqrt(d @ d)
             return ConstraintRows(np.array([(d / far) @ J[:3]]), np.zeros(1), (far - self.length,))
-        rows, gap = [], []
+        rows, residual = [], []
         fixed = dict(zip(CARRIED, here.pose(seen_from)[0].T))
         for move in moves:
             direction = fixed[move] if move in fixed else R2 @ constant[move]
             rows.append(direction @ J[:3])
-            gap.append(direction @ d)
+            residual.append(direction @ d)
         if turns == ('between',):
             a, b = R1 @ self.axis, R2 @ self.second_axis
             rows.append(cross(b, a) @ J[3:])
-            gap.append(a @ b)
+            residual.append(a @ b)
         elif turns:
             missing = (_turn(R2.T @ R1) if len(turns) == 3 else
                        _tilt(R2.T @ (R1 @ axis), axis))
             for turn in turns:
                 rows.append((R2 @ constant[turn]) @ J[3:])
-                gap.append(constant[turn] @ missing)
-        return ConstraintRows(np.array(rows), np.zeros(len(rows)), tuple(gap))
+                residual.append(constant[turn] @ missing)
+        return ConstraintRows(np.array(rows), np.zeros(len(rows)), tuple(residual))
 
 
 def _turn(Q: Any) -> Any:

@@ -51,7 +51,7 @@ class ConstraintRows:
     J : (m, n_q) array
         J q' = b.
     b : (m,) array
-    gap : tuple of m
+    residual : tuple of m
         Residual of each row's condition on positions, m or rad; None for a row that has no such
         condition (nonholonomic).
 
@@ -59,7 +59,7 @@ class ConstraintRows:
 
     J: Any
     b: Any
-    gap: tuple[Any, ...]
+    residual: tuple[Any, ...]
 
 
 def unit(value: Any, what: str) -> Array:

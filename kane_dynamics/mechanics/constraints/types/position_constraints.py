@@ -46,11 +46,11 @@ class Coupling:
 
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the row."""
-        row, gap = here.coordinate(self.joint, self.name)
+        row, residual = here.coordinate(self.joint, self.name)
         for joint, ratio in self.ratios.items():
             of_other, value = here.coordinate(joint, self.name)
-            row, gap = row - float(ratio) * of_other, gap - float(ratio) * value
-        return ConstraintRows(row[None, :], np.zeros(1), (gap - self.offset,))
+            row, residual = row - float(ratio) * of_other, residual - float(ratio) * value
+        return ConstraintRows(row[None, :], np.zeros(1), (residual - self.offset,))
 
 
 @dataclass(frozen=True, eq=False)

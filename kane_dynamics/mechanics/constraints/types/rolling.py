@@ -113,7 +113,7 @@ class Rolling:
         R, center = here.pose(self.frame)
         Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
                       here.pose(self.surface_frame))
-        r, normal, gap = self._contact(center - origin, Rs, None if self.axis is None else
+        r, normal, residual = self._contact(center - origin, Rs, None if self.axis is None else
                                        R @ self.axis)
         at = center + r
         v = here.partial_velocities(self.frame, at)[:3]
@@ -130,7 +130,7 @@ class Rolling:
             along = e - (start + normal) * ((e @ normal) / (1.0 + start @ normal))
         directions = (along, cross(normal, along), normal)
         return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
-                              (None, None, gap))
+                              (None, None, residual))
 
     def _contact(self, c: Any, Rs: Any, axle: Any) -> tuple[Any, Any, Any]:
         """
@@ -151,8 +151,8 @@ class Rolling:
             return x if self.surface == 'sphere' else x - (x @ line) * line
         normal = outward * _unit(off(c))
         if axle is None:
-            gap = outward * (_length(off(c)) - self.surface_radius) - self.radius
-            return -self.radius * normal, normal, gap
+            residual = outward * (_length(off(c)) - self.surface_radius) - self.radius
+            return -self.radius * normal, normal, residual
         spoke = -1.0 * _unit(normal - (normal @ axle) * axle)
         astray: Any = 0.0
         if self.surface == 'cylinder':
@@ -167,8 +167,8 @@ class Rolling:
             astray = self.radius * turn * turn + select(wrong > 0.0, wrong, 0.0) / self.radius
         r = self.radius * spoke
         normal = outward * _unit(off(c + r))
-        gap = outward * (_length(off(c + r)) - self.surface_radius)
-        return r, normal, gap + astray
+        residual = outward * (_length(off(c + r)) - self.surface_radius)
+        return r, normal, residual + astray
 
 
 def _length(x: Any) -> Any:
