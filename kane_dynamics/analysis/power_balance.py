@@ -70,7 +70,8 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
         else:
             external = robot.external_force(q, wrench=wrench)
             friction = robot.torque_terms(q, u, udot)[..., TORQUE_TERMS.index('friction'), :]
-            powers = (*(_product(force, u) for force in (tau, external, friction)), 0.0)
+            powers = (*(_product(force, u) for force in (tau, external, friction)),
+                      np.zeros(np.shape(tau)[:-1])[()])
         joints, external, lost, held = powers
         balance = PowerBalance(joints, external, lost, _energy_rate(robot, q, u, udot, t), held)
     if not np.isfinite(balance).all():

@@ -52,7 +52,7 @@ def _sweep(sub: ArgumentParser) -> None:
     sub.add_argument('--workers', type=int, metavar='N', help='processes (default: all cores)')
     sub.add_argument('--dask', metavar='ADDRESS',
                      help='address of a Dask scheduler whose workers run it')
-    sub.add_argument('--json', action='store_true', help='print JSON')
+    _add_output(sub)
 
 
 def _inspect(sub: ArgumentParser) -> None:
@@ -228,6 +228,11 @@ def _add_model(sub: ArgumentParser) -> None:
     group.add_argument('--no-friction', action='store_true', help='ignore damping and friction')
     group.add_argument('--no-strict', action='store_true',
                        help='accept impossible inertias with a warning')
+    _add_output(sub)
+
+
+def _add_output(sub: ArgumentParser) -> None:
+    """Add the options of all commands that print results and warnings."""
     sub.add_argument('--json', action='store_true', help='print JSON')
     sub.add_argument('-v', '--verbose', action='store_true',
                      help='print all warnings in full')

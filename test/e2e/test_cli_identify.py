@@ -74,7 +74,8 @@ def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_a
     def answer(*arguments):
         assert main([arguments[0], str(URDF), *arguments[1:], '--json']) == 0
         return json.loads(capsys.readouterr().out)
-    found = answer('excite', '--out', motion, '--starts', '1', '--velocity', '3', '--rate', '200')
+    found = answer('excite', '--out', motion, '--starts', '1', '--velocity', '3', '--rate', '200',
+                   '--floor', 'none')
     assert found['condition'] < 30.0 and max(found['uses']['velocity']) <= 0.9
     assert answer('feasible', '--trajectory', motion)['fits']
     answer('torque', '--trajectory', motion, '--supplement', str(supplement), '--out', recording)
@@ -94,7 +95,7 @@ def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_a
     assert 'expected it without --weight' in capsys.readouterr().err
     assert main(['identify', str(URDF), str(tmp_path / 'noisy.npz'), '--base-parameters']) == 0
     assert 'joint2.damping' in capsys.readouterr().out
-    assert main(['excite', str(URDF), '--out', motion, '--velocity', '3']) == 0
+    assert main(['excite', str(URDF), '--out', motion, '--velocity', '3', '--floor', 'none']) == 0
     assert 'starts and ends at rest' in capsys.readouterr().out
 
 

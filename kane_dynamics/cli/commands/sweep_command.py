@@ -23,7 +23,7 @@ SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name
 SHOWN = 5  # different errors in the summary
 
 
-def read_sweep(path: str | os.PathLike[str]) -> Sweep:
+def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
     """
     Return the sweep described by a YAML or JSON file.
 
@@ -52,7 +52,8 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     model, _ = load(Namespace(
         urdf=given['urdf'], supplement=given.get('supplement'), base=given.get('base'),
         tip=given.get('tip'), joints=_names(path, given.get('joints')),
-        gravity=_gravity(path, given.get('gravity')), no_strict=False, no_friction=False))
+        gravity=_gravity(path, given.get('gravity')), no_strict=False, no_friction=False,
+        verbose=verbose))
     chosen = {key: given[key] for key in SWEEP if given.get(key) is not None}
     if 'motion' in chosen:
         chosen['motion'] = read_motion(chosen['motion'], model.joint_names)
@@ -64,7 +65,7 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
 
 def run(options: Namespace) -> dict[str, Any]:
     """Run the sweep of a file and return a summary as plain data."""
-    sweep = read_sweep(options.sweep)
+    sweep = read_sweep(options.sweep, options.verbose)
     start = time.perf_counter()
     with model_warnings():
         done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)

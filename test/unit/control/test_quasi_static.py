@@ -89,7 +89,8 @@ def test_feedforward_that_knows_of_the_bending_follows_far_better():
 
 
 @pytest.mark.parametrize('call, words', [
-    (lambda: QuasiStatic(Robot(stiffened(flexible().model))), 'without beams.*; expected one with beams'),
+    (lambda: QuasiStatic(Robot(stiffened(flexible().model))),
+     'without beams.*; expected one with beams'),
     (lambda: QuasiStatic(flexible_four_bar()), 'in joint rates and without constraints'),
     (lambda: bending().modes(np.zeros(3), np.zeros(2), np.zeros(2)), r'q: shape \(3,\); exp'),
     (lambda: bending().inverse_dynamics(np.zeros(2), [900.0, 0.0], np.zeros(2)),

@@ -132,7 +132,7 @@ def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
     ({'surface_radius': 1.0}, 'surface_radius is 1.0 of a plane'),
     ({'inside': True}, 'inside is true of a plane'),
     ({'surface': 'sphere', 'surface_radius': 0.1, 'inside': True}, 'expected a smaller radius'),
-    ({'surface': 'sphere', 'surface_radius': np.nan}, 'surface_radius is')])
+    ({'surface': 'sphere', 'surface_radius': np.nan}, 'surface_radius: ')])
 def test_surfaces_that_nothing_rolls_on_are_refused(options, words):
     with pytest.raises(ConstraintError, match=words):
         Rolling('hub', 0.1, **options)

@@ -144,7 +144,7 @@ def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_tha
 
 
 @pytest.mark.parametrize(('t', 'words'), [
-    ([0.0, 2.0, 1.0], 'row 3, after 2.0'), ([0.0, np.nan, 1.0], 'is nan in row 2'),
+    ([0.0, 2.0, 1.0], 'row 3, after 2.0'), ([0.0, np.nan, 1.0], 'nan in row 2'),
     ([0.0, 1.0], r'shape \(2,\); expected \(3,\)')])
 def test_a_motion_without_an_order_in_time_is_refused(t, words):
     with pytest.raises(InputError, match=words):
