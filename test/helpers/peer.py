@@ -12,7 +12,7 @@ import pinocchio as pin
 
 N_STATES = 20
 # What load_urdf refuses, and why: no error of ours can hide in a longer list.
-REFUSED = {'alex_psyonic_hands.urdf': 'no such joint exists',  # mimics joints that are not there
+REFUSED = {'alex_psyonic_hands.urdf': 'is no joint; expected',  # mimics joints that are not there
            'ur3.urdf': 'name None'}  # a robot without a name
 
 

@@ -98,8 +98,10 @@ def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_mot
     deviation = found.com_deviation
     assert (np.abs(off) < 3.0 * np.array([deviation.x, deviation.y, deviation.z])).all()
     assert rig.rejected == []
-    assert [message.mass_deviation for message in rig.published] == sorted(
-        (message.mass_deviation for message in rig.published), reverse=True), 'confidence grows'
+    # The deviation falls as the arm moves; it follows the residuals, so it may rise a little.
+    deviations = np.array([message.mass_deviation for message in rig.published])
+    assert (deviations[1:] < 1.05 * np.minimum.accumulate(deviations)[:-1]).all()
+    assert deviations[-1] < 0.25 * deviations[0]
 
 
 def test_without_payload_the_mass_is_zero_and_its_center_unknown():

@@ -163,7 +163,7 @@ def test_files_keep_every_number(robot, tmp_path):
     ({'duration': -1.0}, ['duration', '-1 s', 'positive']),
     ({'duration': np.inf}, ['duration', 'inf']),
     ({'duration': 'long'}, ['duration', "'long'"]),
-    ({'step': 0.0}, ['step', '0.0']),
+    ({'step': 0.0}, ['step', '0 s']),
     ({'step': 3e-4}, ['duration', 'whole number of steps']),
     ({'sample': 1e308}, ['sample', 'whole number of steps']),
     ({'sample': 1.5e-3}, ['sample', 'whole number']),

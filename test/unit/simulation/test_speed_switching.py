@@ -18,7 +18,7 @@ def test_a_motion_through_singular_independent_speeds_is_the_closed_form(step):
     assert len(run.speed_changes) >= 2
     first = run.speed_changes[0]
     assert (first.before, first.after) == (('body/x', 'body/rz'), ('body/y', 'body/rz'))
-    assert 'give way to body/y, body/rz' in str(first)
+    assert 'change to body/y, body/rz' in str(first)
 
 
 def test_speeds_of_the_asked_set_are_given_wherever_the_motion_goes():
@@ -175,6 +175,8 @@ def test_the_longest_step_counts_springs_under_constraints():
         step = share * longest.step
         with warnings.catch_warnings():
             warnings.simplefilter('error' if not grows else 'ignore', ModelWarning)
+            # Near the longest step the method damps the spring, which the energy shows.
+            warnings.filterwarnings('ignore', 'energy balance', ModelWarning)
             run = simulate(robot, [0.0, 1e-6, 0.0], [0.0, 0.0], 30 * step, step=step,
                            sample=step)
         assert (np.abs(run.q[:, 1]).max() > 1e-4) == grows
