@@ -29,7 +29,9 @@ def test_rolling_disc():
     (upright, _), (wheel, centre) = peer.body('disc/rx'), peer.body('disc')
     N = peer.N
     contact = centre.vel(N) + wheel.ang_vel_in(N).cross(-0.5 * upright.z)
-    derived = peer.derived([contact.dot(axis) for axis in N], [3, 4, 5])
+    travel = upright.x  # the rows are along travel, across it, and along the normal
+    axes = (travel, N.z.cross(travel), N.z)
+    derived = peer.derived([contact.dot(axis) for axis in axes], [3, 4, 5])
     agree(ours, derived, states(6, 3), forces=[0, 1, 2])
 
 

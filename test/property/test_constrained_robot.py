@@ -200,7 +200,7 @@ def test_constraints_that_time_does_not_move_take_no_part_in_the_balance_of_powe
         balance = power_balance(robot, *state(robot))
         assert abs(balance.joints) > 0.1
         assert abs(balance.residual) < 1e-9 * (abs(balance.joints) + abs(balance.energy_rate))
-    with pytest.raises(InputError, match='needs joint rates'):
+    with pytest.raises(InputError, match='expected joint rates'):
         power_balance(chain('momenta'), *state(chain('momenta')))
 
 
@@ -276,15 +276,15 @@ def test_misuse_is_rejected_by_name(tmp_path):
         simulate(four_bar(), [0.8, 0.0, -1.5], [5.0], 0.1)
     with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
         four_bar().inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))
-    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' of this robot; valid: inv"):
+    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' of this robot; expected"):
         four_bar().coriolis_matrix(np.zeros(3), np.ones(1))
-    with pytest.raises(ConstraintError, match=r'no joint .motor.; valid: crank, coupler, rocker'):
+    with pytest.raises(ConstraintError, match=r'.motor.; expected joints of crank, coupler'):
         Robot(model, constraints=[LOOP], actuated=['motor'])
-    with pytest.raises(ConstraintError, match='actuated names 2 joints; 3 independent speeds'):
+    with pytest.raises(ConstraintError, match='actuated: 2 joints; expected at least 3'):
         Robot(model, actuated=['crank', 'rocker'])
-    with pytest.raises(InputError, match=r'constraint_forces is of robots with'):
+    with pytest.raises(InputError, match=r'constraint_forces: a robot in joint rates'):
         Robot(model).constraint_forces(np.zeros(3), np.zeros(3), np.zeros(3))
-    with pytest.raises(InputError, match='q is missing'):
+    with pytest.raises(InputError, match='q: missing'):
         four_bar().joint_torques(np.ones(1))
     wrong = Speeds(lambda q, t: np.eye(2))
     with pytest.raises(ConstraintError, match=r'Y\(q, t\) returns shape \(2, 2\)'):

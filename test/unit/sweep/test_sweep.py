@@ -325,7 +325,7 @@ def test_a_worker_of_another_version_is_refused(monkeypatch, tmp_path):
 
 def test_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    with pytest.raises(InputError, match=r"'pyarrow' is not installed.*pip install 'kane_dynamics\[sweep\]'"):
+    with pytest.raises(InputError, match=r"'pyarrow' is not installed.*'kane_dynamics\[sweep\]'"):
         run_sweep(sweep(), tmp_path / 'table', workers=1)
     assert not (tmp_path / 'table').exists()
 
