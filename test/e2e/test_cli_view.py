@@ -23,7 +23,7 @@ MOTION = """t,q.joint1,q.joint2
 """
 
 
-def settled(page, seconds=20.0):
+def settled(page, seconds=60.0):
     """Return a picture of the page once it no longer changes: shapes fade in."""
     end, before = time.monotonic() + seconds, page.picture()
     while time.monotonic() < end:

@@ -45,7 +45,7 @@ def test_shipped_arms_and_their_configurations_have_no_problem(name):
     code, found = doctor(ROOT / 'urdf' / f'{name}.urdf', '--config',
                          str(ROOT / 'config' / f'{name}.yaml'))
     assert (code, found['problem']) == (0, '')
-    assert f'{name}.yaml: every parameter is known and fits the arm' in found['fine']
+    assert f'{name}.yaml: all parameters are known and fit the arm' in found['fine']
     assert 'no rotor inertia (armature) is known' in found['warning']
 
 
@@ -58,13 +58,13 @@ def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
     code, found = doctor(path, '--config', str(wrong))
     assert code == 1
     for words in ("the arm cannot hold itself in every configuration: 'lift'",
-                  "parameter 'mod' does not exist and is ignored; did you mean 'mode'?",
-                  "parameter 'gains.kp' is -1.0"):
+                  "parameter 'mod': unknown and ignored; did you mean 'mode'?",
+                  "parameter 'gains.kp': -1.0"):
         assert words in found['problem']
     wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
     code, found = doctor(path, '--config', str(wrong))
-    assert "joints: 'elbow' is no joint of one freedom; valid: turn, lift" in found['problem']
-    assert 'gravity is [0.0, 0.0, 9.81]' in found['warning']
+    assert "joints: 'elbow' is no joint of one degree of freedom; expected some of turn, lift" in found['problem']
+    assert 'gravity: [0.0, 0.0, 9.81]' in found['warning']
 
 
 def test_a_valid_graph_has_no_problem(client, urdf):
@@ -123,7 +123,7 @@ def test_the_problems_of_a_graph_are_reported(client, urdf):
         for publisher in (*publishers, described, *commands):
             client.destroy_publisher(publisher)
     assert code == 1
-    for words in ('joint_states: 2 publishers', 'expected the same clock', 'opposite sign',
+    for words in ('joint_states: 3 publishers', 'expected the same clock', 'opposite sign',
                   'commands: 2 publishers', 'expected transient local'):
         assert words in found['problem'], found
     code, found = doctor(urdf, '--live', '1', '--namespace', 'elsewhere')

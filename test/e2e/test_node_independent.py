@@ -25,7 +25,7 @@ Q = [0.3, -0.4, 0.2]
 def test_a_client_without_rclpy_gets_the_same_torques_by_topic_and_service(start):
     start(state_timeout=1.0).wait_for('active, mode')
     client = subprocess.run(
-        [sys.executable, str(Path(__file__).parent / 'independent.py'),
+        [sys.executable, str(Path(__file__).parents[1] / 'helpers' / 'independent.py'),
          os.environ['ROS_DOMAIN_ID'], ','.join(JOINTS), ','.join(map(str, Q))],
         env=dict(os.environ, CYCLONEDDS_URI=CYCLONE), capture_output=True, text=True, timeout=60)
     assert client.returncode == 0, client.stderr
