@@ -90,7 +90,7 @@ def _constrained_powers(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t: 
     external = 0.0 * joints
     for k, frame in enumerate(equations.wrench_frames if wrench is not None else ()):
         external = external + _product(np.asarray(wrench)[..., k, :],
-                                   robot.frame_velocity(frame.name, q, u, t=t))
+                                       robot.frame_velocity(frame.name, q, u, t=t))
     forces = robot.constraint_forces(q, u, tau, wrench=wrench, t=t)
     return joints, external, friction, _product(forces, _prescribed(robot, q, t))
 

@@ -16,11 +16,11 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
+from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
+from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
-from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.methods.frame_methods import FrameMethods
-from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.workspace import Workspace

@@ -208,7 +208,7 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
         seen = (source.user_state(0, state, k) if isinstance(source, SwitchingInput) else
                 (state[:n_q], state[n_q:n_q + n]))
         tau = checked_torque(robot, f'torque at {t:.6g} s',
-                      evaluated_torque(torque, t, *(x.copy() for x in seen)))
+                             evaluated_torque(torque, t, *(x.copy() for x in seen)))
         if k % every == 0 or k == count:
             kept.append(k)
             states.append(state)

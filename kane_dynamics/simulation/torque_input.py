@@ -194,7 +194,7 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
 
 
 def evaluated_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
-                 u: Array) -> Any:
+                     u: Array) -> Any:
     """Return the value of a torque function; InputError for a wrong signature or None."""
     try:
         found = torque(t, q, u)

@@ -146,7 +146,7 @@ def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, 
     """Return other speeds, given by name, and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
     Y, Z = equations.mechanism.state(moving(q, motion.qdot), moving(t, 1.0),
-                                       equations.tree.geometry).speed_rows(names)
+                                     equations.tree.geometry).speed_rows(names)
     return np.array([values(Y) @ motion.qdot + values(Z),
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])
 

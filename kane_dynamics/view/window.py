@@ -17,7 +17,7 @@ from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
 from kane_dynamics.view.load_arrows import (KINDS, LoadArrows, LONGEST,
-                                             sampled_configurations)
+                                            sampled_configurations)
 from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np
 from viser import ViserServer

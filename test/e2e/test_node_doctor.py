@@ -63,7 +63,8 @@ def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
         assert words in found['problem']
     wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')
     code, found = doctor(path, '--config', str(wrong))
-    assert "joints: 'elbow' is no joint of one degree of freedom; expected some of turn, lift" in found['problem']
+    assert ("joints: 'elbow' is no joint of one degree of freedom; expected some of turn, lift"
+            in found['problem'])
     assert 'gravity: [0.0, 0.0, 9.81]' in found['warning']
 
 

@@ -156,8 +156,8 @@ def test_simulate_follows_a_reference_by_computed_torque(node, robot):
     ('at least 500', {'torque_source': 1, 'torques': [0.0] * 6}),
     ('row 0 of torques', {'torque_source': 1, 'torques': [math.nan] * 3}),
     ('0 points', {'torque_source': 2}),
-    ("kp of joint 'turn' is -1", {'torque_source': 2, 'reference': reference(),
-                                  'kp': [-1.0, 1.0, 1.0]}),
+    ("kp of joint 'turn': -1", {'torque_source': 2, 'reference': reference(),
+                                'kp': [-1.0, 1.0, 1.0]}),
 ])
 def test_an_invalid_simulation_request_is_answered_with_the_reason(node, words, fields):
     answer = node.call(Simulate, 'simulate', **{'position': Q, 'duration': 0.5, **fields})

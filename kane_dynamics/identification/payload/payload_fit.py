@@ -130,7 +130,7 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     belief = BELIEF * prior_metric(START)
     effort = np.asarray(regressor.robot.limits.effort)
     uncertainty = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
-                                        np.abs(recording.tau).max(axis=0)), 1e-6)
+                                              np.abs(recording.tau).max(axis=0)), 1e-6)
     equations = PayloadEquations(model, uncertainty, belief)
     middle, found = len(left) // 2, []
     for part in (slice(0, middle), slice(middle, None)):

@@ -12,11 +12,13 @@ All functions here run over any scalar. World axes, SI units.
 from typing import Any, get_args
 
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.types.closure import Closure
-from kane_dynamics.mechanics.constraints.types.constraint_rows import ConstraintRows, Geometry
-from kane_dynamics.mechanics.constraints.types.position_constraints import Coupling, Prescribed
-from kane_dynamics.mechanics.constraints.types.rolling import Rolling
-from kane_dynamics.mechanics.constraints.types.velocity_constraints import (
+from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
+                                                                                  Geometry)
+from kane_dynamics.mechanics.constraints.constraint_types.position_constraints import (Coupling,
+                                                                                       Prescribed)
+from kane_dynamics.mechanics.constraints.constraint_types.rolling import Rolling
+from kane_dynamics.mechanics.constraints.constraint_types.velocity_constraints import (
     DependentSpeeds, knife_edge, PointVelocity)
 
 Constraint = PointVelocity | Rolling | DependentSpeeds | Closure | Coupling | Prescribed

@@ -5,8 +5,8 @@ from typing import get_args
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.types.closure import Closure, Kind
 from kane_dynamics.mechanics.constraints.conditioning import rank_of, scaled_rows, stacked
+from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 

@@ -228,6 +228,7 @@ class ConstrainedEquations(ConstrainedKinematics):
         """Return the velocity of the center of mass per unit of each independent speed, (3, n)."""
         return self.tree.center_of_mass_jacobian(q, parameters) @ self.at_rest(q, t).T
 
+
 def congruent(M: Any, T: Any) -> Any:
     """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
     half = M @ T

@@ -15,7 +15,7 @@ from kane_dynamics.mechanics.constraints import (checked_constraints, checked_na
                                                  DependentSpeeds, PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
 from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
-from kane_dynamics.mechanics.constraints.types.constraint_rows import positive
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import positive
 from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, closing_iterations,
                                                               STRIDE)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -40,6 +40,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     speeds : None, Speeds or callable
         As in `speeds.chosen`.
     constraints : sequence of constraints
+        The constraints on the motion.
     independent : sequence of str, optional
         Names of the independent speeds; the best conditioned by default.
     configuration : (n_q,) array_like, optional

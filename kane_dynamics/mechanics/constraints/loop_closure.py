@@ -62,7 +62,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
 
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
-             t: float) -> tuple[Array, Array, list[str], bool]:
+                       t: float) -> tuple[Array, Array, list[str], bool]:
     """Return the last iterate of Newton's method, residuals, their labels, convergence."""
     here, tolerance = start.copy(), mechanism.rank_tolerance
     for _ in range(ITERATIONS):

@@ -179,8 +179,9 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
     Parameters
     ----------
     program : Program
+        The program to evaluate.
     inputs : sequence of arrays
-        One a declared input.
+        One per declared input.
     dtype : numpy scalar type
         In which every operation is rounded.
 

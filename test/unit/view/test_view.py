@@ -5,10 +5,10 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, ModelWarning, Robot, UrdfError
+from kane_dynamics.shapes.link_shapes import body_poses, link_shapes
 from kane_dynamics.simulation.trajectory import Trajectory
 from kane_dynamics.urdf.visuals import load_visuals
 from kane_dynamics.view import Window
-from kane_dynamics.shapes.link_shapes import body_poses, link_shapes
 from kane_dynamics.view.load_arrows import LoadArrows
 from mechanisms import random_model, random_state
 import numpy as np

@@ -9,7 +9,8 @@ from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
-from kane_dynamics.mechanics.constraints.types.constraint_rows import ConstraintRows, Geometry
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
+                                                                                  Geometry)
 import numpy as np
 
 

@@ -8,8 +8,10 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
-                                                                 positive, triad, unit)
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
+                                                                                  Geometry,
+                                                                                  positive, triad,
+                                                                                  unit)
 import numpy as np
 
 SURFACES = ('plane', 'cylinder', 'sphere')
@@ -114,7 +116,7 @@ class Rolling:
         Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
                       here.pose(self.surface_frame))
         r, normal, residual = self._contact(center - origin, Rs, None if self.axis is None else
-                                       R @ self.axis)
+                                            R @ self.axis)
         at = center + r
         v = here.partial_velocities(self.frame, at)[:3]
         if self.surface_frame is not None:

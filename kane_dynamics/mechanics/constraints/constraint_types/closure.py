@@ -7,8 +7,10 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
-                                                                 positive, triad, unit)
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
+                                                                                  Geometry,
+                                                                                  positive, triad,
+                                                                                  unit)
 import numpy as np
 
 FLOOR = 1e-16  # smallest 1 + cos(angle), its rounding; the angle is then a half turn

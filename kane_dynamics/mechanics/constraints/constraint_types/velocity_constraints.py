@@ -7,8 +7,8 @@ from typing import Any
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
-from kane_dynamics.mechanics.constraints.types.constraint_rows import (ConstraintRows, Geometry,
-                                                                 relative_partials, unit)
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
+    ConstraintRows, Geometry, relative_partials, unit)
 import numpy as np
 
 
