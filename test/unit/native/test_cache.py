@@ -158,8 +158,9 @@ sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes(
     assert all(disk_cache.load(name) is not None for name in os.listdir(place))
 
 
-@pytest.mark.parametrize('source', ['mechanics/constraints/constraint_types/position_constraints.py',
-                                    'native/backends/llvm_scalar.py', 'robot/kernel_set.py'])
+@pytest.mark.parametrize('source', [
+    'mechanics/constraints/constraint_types/position_constraints.py',
+    'native/backends/llvm_scalar.py', 'robot/kernel_set.py'])
 def test_an_edit_of_a_source_at_any_depth_compiles_afresh(place, tmp_path, source):
     copy = tmp_path / 'checkout' / 'kane_dynamics'
     shutil.copytree(Path(kane_dynamics.__file__).parent, copy,
