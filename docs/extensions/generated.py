@@ -207,7 +207,7 @@ class Modules(Generated):
         elsewhere = [each for each in kane_dynamics.__all__
                      if getattr(kane_dynamics, each).__module__ == name]
         elsewhere += [each for each in getattr(module, '__all__', ())
-                      if getattr(module, each).__module__ != name]
+                      if getattr(getattr(module, each), '__module__', name) != name]
         title = name.removeprefix('kane_dynamics.')
         return (f'{title}\n{"-" * len(title)}\n\n.. automodule:: {name}\n   :members:\n'
                 f'   :exclude-members: {", ".join(elsewhere)}\n' * bool(module.__doc__))
