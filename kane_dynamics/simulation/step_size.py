@@ -112,7 +112,7 @@ def _pulled_back(model: Model, friction: bool) -> bool:
 
 @cache
 def _radii() -> Array:
-    """Return the radius of the region |R(z)| <= 1 at each of `ANGLES`."""
+    """Return the radius of the region ``|R(z)| <= 1`` at each of `ANGLES`."""
     low, high = np.zeros(len(ANGLES)), np.full(len(ANGLES), 4.0)
     for _ in range(50):
         middle = 0.5 * (low + high)
