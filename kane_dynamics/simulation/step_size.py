@@ -39,7 +39,7 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
 
     The equations are linearised about rest at a configuration, x' = J x. A step h multiplies the
     part of x of an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
-    the eigenvalue, and |R| <= 1 is required (Hairer & Wanner, Solving Ordinary
+    the eigenvalue, and ``|R| <= 1`` is required (Hairer & Wanner, Solving Ordinary
     Differential Equations II, section IV.2). The limit is most often smoothed Coulomb friction:
     the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
