@@ -96,7 +96,7 @@ def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_a
     assert main(['identify', str(URDF), str(tmp_path / 'noisy.npz'), '--base-parameters']) == 0
     assert 'joint2.damping' in capsys.readouterr().out
     assert main(['excite', str(URDF), '--out', motion, '--velocity', '3', '--floor', 'none']) == 0
-    assert 'starts and ends at rest' in capsys.readouterr().out
+    assert 'at rest at the start and the end' in capsys.readouterr().out
 
 
 def test_payload_is_found_and_written_as_a_supplement_and_for_the_node(tmp_path, capsys):
