@@ -232,6 +232,11 @@ class Controller:
         For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
         the motion is of the robot's joints in the robot's order.
         """
+        return self._limiter.apply(t, self.torque(q, u, motion, moment, external))
+
+    def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+               external: Array | None = None) -> Array:
+        """Return the torques, (n,), before the limits; arguments as for `command_checked`."""
         if self.mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment)
         elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
@@ -239,10 +244,23 @@ class Controller:
             tau = (self._source.inverse_dynamics(q_d, u_d, udot_d) if self._all
                    else self._forward @ self._source.torque_terms(q_d, u_d, udot_d))
         else:
-            tau = self._source.gravity_force(q) if self.compensate.gravity else self._zero.copy()
+            tau = self.gravity_torque(q)
         if external is not None and self.mode is not Mode.GRAVITY_COMPENSATION:
             tau = tau - external
+        return tau
+
+    def gravity_torque(self, q: Array) -> Array:
+        """Return the torque that holds q, (n,), against gravity; zeros if it is switched off."""
+        return self._source.gravity_force(q) if self.compensate.gravity else self._zero.copy()
+
+    def limit(self, t: float, tau: Array) -> Command:
+        """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""
         return self._limiter.apply(t, tau)
+
+    def resume(self, t: float | None, tau: Array) -> None:
+        """Continue from `tau`, (n,), commanded elsewhere at stamp `t`, s; None: the next one."""
+        self._pose = None
+        self._limiter.resume(t, tau)
 
     def stop(self) -> Command:
         """Return zeros, regardless of limits, and restart with the next state."""

@@ -109,6 +109,10 @@ class TorqueLimiter:
         clamped, limited = np.array(within) != tau, np.array(out) != np.array(within)
         return Command(np.array(out), clamped, limited, True)
 
+    def resume(self, t: float | None, tau: Array) -> None:
+        """Continue from `tau`, (n,), commanded elsewhere at stamp `t`, s; None: the next one."""
+        self._last, self._stamp = tau.tolist(), t
+
     def stop(self) -> Command:
         """Return zeros, regardless of limits, and restart with the next stamp."""
         self._last, self._stamp = self._zero.tolist(), None

@@ -61,6 +61,7 @@ PARTS = {
         torque_path
         services
         monitors
+        guard
         plant
         dynamics_node doctor
         """,

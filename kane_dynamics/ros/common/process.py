@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SPIN_TIMEOUT = 1e6  # s; the EventsExecutor's spin needs a finite timeout to wait
 
 
 def make_executor() -> Any:

@@ -1,6 +1,7 @@
 """The QoS profiles of the nodes."""
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 RELIABLE = QoSProfile(depth=1)
 # As in the sensor data profile: states that arrive during a stall of a few ms are still processed.
@@ -13,3 +14,20 @@ WRENCHES = QoSProfile(depth=10)
 SERVICES = QoSProfile(depth=1000)
 # Everything that arrives while the graph is examined.
 EXAMINED_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def watched(lease: float, deadline: float) -> QoSProfile:
+    """
+    Return `RELIABLE` for a topic whose publisher is watched.
+
+    Liveliness is asserted by each message, so that a process that hangs loses it too.
+
+    Parameters
+    ----------
+    lease, deadline : float
+        Offered or requested lease of liveliness and deadline of messages, s.
+
+    """
+    return QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+                      liveliness_lease_duration=Duration(seconds=lease),
+                      deadline=Duration(seconds=deadline))

@@ -8,14 +8,10 @@ import time
 from typing import Any
 
 from kane_dynamics.control.controller import Controller
-from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
-from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
-from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.configuration_files import robot_options
 from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
+from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
@@ -23,6 +19,8 @@ from kane_dynamics.ros.services.payload_request import payload_from_request
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload, parameter_loads
+from kane_dynamics.ros.torque_path.guard_link import GuardLink
+from kane_dynamics.ros.torque_path.path_controller import path_controller
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import compile_simulation
@@ -69,9 +67,9 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
-        options = robot_options(values)
-        bending = QuasiStatic(Robot(model, **options)) if model.flexible else None
-        model = stiffened(model)
+        controller = path_controller(model, values)
+        self.robot = controller.robot
+        model = self.robot.model
         self.values, self._node, self._server, self._warn = values, node, server, warn
         self._statistics, self._clock = statistics, node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
@@ -84,16 +82,13 @@ class ConfiguredRobot:
             model, values['imu.frame'], float((values['gravity'] ** 2).sum() ** 0.5),
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
-        self.robot = Robot(model, **options)
         check_optional_topics(values, self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
         self._request_frames = WrenchFrames(self._for_requests)
         self.verified = max(robot.verify() for robot in (
-            self.robot, *([bending.robot] if bending else [])))
-        controller = Controller(self.robot, bending=bending,
-                                **controller_settings(values, self.robot.joint_names))
+            self.robot, *([controller.bending.robot] if controller.bending else [])))
         if not self.robot.constraint_names:
             controller.compile()
         with ExitStack() as opened:
@@ -109,13 +104,18 @@ class ConfiguredRobot:
             result = node.create_lifecycle_publisher(kind, name, qos)
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
-        self._commands = publisher(Float64MultiArray, 'commands', RELIABLE)
+        guarded = values['guard.enabled'] and not self.robot.constraint_names
+        qos = watched(values['guard.lease'], values['guard.deadline']) if guarded else RELIABLE
+        self._commands = publisher(Float64MultiArray, 'commands', qos)
         self.path = TorquePath(
-            controller, self._commands, publisher(JointState, '~/joint_torques', RELIABLE),
-            self._now, values['state_timeout'], self._statistics,
+            controller, self._commands, publisher(JointState, '~/joint_torques', qos), self._now,
+            values['state_timeout'], self._statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
+        self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
+                               self.robot.n) if guarded else None
+        self.path.arbiter = self.guard
         self._distribute()
         self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
                                                 BEST_EFFORT, raw=True)
@@ -174,6 +174,8 @@ class ConfiguredRobot:
     def update(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         """Use checked parameters, of which `given` are set, from the next cycle and request on."""
         before, self.values = self.values, values
+        if self.guard is not None:
+            self.guard.new_parameters()
         if before['mode'] != values['mode'] and self.path.active_motion.clear():
             self._warn('mode', 'changed; desired motion dropped')
         self.path.set_timeout(values['state_timeout'])
@@ -226,6 +228,8 @@ class ConfiguredRobot:
     def _distribute(self) -> None:
         """Pass loads and parameters to the torque path and the services."""
         self.path.set_loads(self.loads)
+        if self.guard is not None:
+            self.guard.publish_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot.from_values(self._for_requests, self._for_simulations,
                                                       self.loads, self.values,

@@ -12,14 +12,13 @@ import threading
 from typing import Any
 
 from kane_dynamics.errors import KaneError
-from kane_dynamics.ros.common.process import make_executor, run_until_signal
+from kane_dynamics.ros.common.process import make_executor, run_until_signal, SPIN_TIMEOUT
 from kane_dynamics.ros.dynamics_node.node import DynamicsNode
 from rclpy.exceptions import ParameterException
 from rclpy.task import Future
 
 # Longest time for which another thread holds the interpreter while the torque path waits, s.
 SWITCH_INTERVAL = 5e-5
-SPIN_TIMEOUT = 1e6  # s; the EventsExecutor's spin needs a finite timeout to wait
 
 
 def spin(node: DynamicsNode, executor: Any, stop: Future) -> None:

@@ -209,6 +209,13 @@ class PreparedMessage(MessageBuffer):
         """Set the stamp of a message that begins with a Header."""
         STAMP.pack_into(self.bytes, STAMP_AT, sec, nanosec)
 
+    def read(self, data: bytes) -> bool:
+        """Copy a message of this layout into this one; return False if its size differs."""
+        if len(data) != self.bytes.size:
+            return False
+        self.bytes[:] = np.frombuffer(data, dtype=np.uint8)
+        return True
+
     def serialized(self) -> bytes:
         """Return a copy of the message."""
         return self.bytes.tobytes()

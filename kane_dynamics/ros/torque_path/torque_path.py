@@ -7,10 +7,12 @@ built once, and each cycle writes numbers and stamp.
 
 from collections.abc import Callable
 import time
+from typing import Protocol
 
 from kane_dynamics.control.controller import Controller, Mode
+from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion.motion import State
+from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
@@ -23,6 +25,19 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
 NO_TORQUE = 'no finite torque'
+
+
+class Arbiter(Protocol):
+    """Decides which of two processes publishes on `commands`; times are of `perf_counter`."""
+
+    def start(self) -> None:
+        """Start, with the torque path."""
+
+    def may_command(self, now: float) -> bool:
+        """Return whether this process may command; called once for each valid state."""
+
+    def confirm(self, now: float) -> bool:
+        """Return whether this process may still command, immediately before it does."""
 
 
 class TorquePath:
@@ -59,6 +74,7 @@ class TorquePath:
         self._command_message = float64_multi_array(len(joints))
         self._torque_message = joint_state_of_efforts(joints)
         self.wrenches: WrenchInput | None = None
+        self.arbiter: Arbiter | None = None
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
@@ -103,6 +119,8 @@ class TorquePath:
             self.wrenches.clear()
         for observer in self._observers:
             observer.start()
+        if self.arbiter is not None:
+            self.arbiter.start()
         self.running = True
 
     def stop(self) -> None:
@@ -127,6 +145,9 @@ class TorquePath:
 
     def time_out(self, reason: str) -> None:
         """Command zeros until the next valid state, and drop the desired motion."""
+        if self.commanding and self.arbiter is not None and not self.arbiter.may_command(
+                time.perf_counter()):
+            return  # another process may hold the arm; the next check decides
         self.timed_out = True
         dropped = self.active_motion.clear()
         if self.commanding:
@@ -134,6 +155,11 @@ class TorquePath:
             self.statistics.timeouts += 1
             self._warn('no joint state', f'{reason}; commanding zeros until the next one'
                        + ', desired motion dropped' * dropped)
+
+    @property
+    def need_velocity(self) -> bool:
+        """Return whether states without velocities are dropped."""
+        return self.controller.mode is not Mode.GRAVITY_COMPENSATION
 
     @property
     def now(self) -> int:
@@ -151,34 +177,26 @@ class TorquePath:
             return
         began = time.perf_counter()
         now = self._clock()
-        controller, reader = self.controller, self._reader
-        fault = reader.read(data, controller.mode is not Mode.GRAVITY_COMPENSATION)
-        stamp = reader.stamp or now
-        if fault is not None:
-            if fault is FOREIGN and not self.timed_out:
-                self.statistics.foreign_states += 1
-            else:  # without other states, a state of other joints only is a fault
-                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
+        stamp = self._accept(data, now)
+        if stamp is None:
             return
-        if not now:  # no timeout would ever expire
-            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
-            return
-        stamp_fault = time_fault(stamp, now, self._last_stamp, self._timeout)
-        if stamp_fault is not None:
-            self._drop(*stamp_fault)
+        if self.arbiter is not None and not self.arbiter.may_command(began):
+            self._last_good, self._last_stamp = min(now, stamp), stamp
             return
         # Between two cycles, so that each command is computed with consistent loads.
         if self._loads is not self._applied_loads:
             self._apply_loads()
+        reader = self._reader
         motion, moment = self.active_motion.at(stamp)
         try:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
-            command = controller.command_checked(stamp / NANO, reader.q, reader.u, motion, moment,
-                                                 external)
+            command = self._command(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
             self._drop(NO_TORQUE, str(error))
             return
         self._last_good, self._last_stamp = min(now, stamp), stamp
+        if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
+            return
         self.timed_out, self.commanding, self.last_update = False, True, began
         self._torque_message.stamp(reader.sec, reader.nanosec)
         self._publish(command.tau)
@@ -187,6 +205,45 @@ class TorquePath:
         self.statistics.full_parses = reader.full_parses
         for observer in self._observers:  # after the command, which must not wait for them
             observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau, external))
+
+    def _accept(self, data: bytes, now: int) -> int | None:
+        """Read a serialized state; return its stamp, ns, or None if it is dropped."""
+        reader = self._reader
+        fault = reader.read(data, self.need_velocity)
+        stamp = reader.stamp or now
+        if fault is not None:
+            if fault is FOREIGN and not self.timed_out:
+                self.statistics.foreign_states += 1
+            else:  # without other states, a state of other joints only is a fault
+                self._drop(MISSING if fault is FOREIGN else fault, reader.detail)
+            return None
+        if not now:  # no timeout would ever expire
+            self._drop(NO_CLOCK, 'use_sim_time is true and no time was received')
+            return None
+        stamp_fault = time_fault(stamp, now, self._last_stamp, self._timeout)
+        if stamp_fault is not None:
+            self._drop(*stamp_fault)
+            return None
+        return stamp
+
+    def _command(self, stamp: int, motion: Motion | None, moment: float,
+                 external: Array | None) -> Command:
+        """Return the command at the latest state."""
+        reader = self._reader
+        return self.controller.command_checked(stamp / NANO, reader.q, reader.u, motion, moment,
+                                               external)
+
+    def resume(self, tau: Array) -> bool:
+        """
+        Continue from torques, (n,), of another process; return whether a motion was dropped.
+
+        As after a gap in the joint states, the desired motion is dropped if the last command is
+        older than the timeout. The first change of torque is that of one period of the states.
+        """
+        self._last_good, self.commanding = self._now(), True
+        self.controller.resume(self._last_stamp / NANO if self._last_stamp else None, tau)
+        silent = time.perf_counter() - self.last_update if self.last_update else 0.0
+        return silent > self._timeout / NANO and self.active_motion.clear()
 
     def _apply_loads(self) -> None:
         """Set gravity and payload as parameters of the kernels."""

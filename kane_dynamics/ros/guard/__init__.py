@@ -1,0 +1,1 @@
+"""The process torque_guard, which holds the arm when the dynamics node dies or hangs."""

@@ -1,0 +1,140 @@
+"""The robot, the topics and the torque path of torque_guard."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+import time
+from typing import Any
+
+from kane_dynamics.model.model import Model
+from kane_dynamics.ros.common.node_statistics import Statistics
+from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
+from kane_dynamics.ros.guard.guard_path import GuardPath
+from kane_dynamics.ros.torque_path.cdr import float64_multi_array
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.guard_messages import REQUEST, STATE
+from kane_dynamics.ros.torque_path.path_controller import path_controller
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+ACKNOWLEDGE_TIMEOUT = 0.3  # s
+
+
+class ConfiguredGuard:
+    """
+    The resources of the guard for one configuration of the dynamics node.
+
+    Parameters
+    ----------
+    node : Node
+        The guard.
+    target : str
+        Name of the dynamics node.
+    model : Model
+    values : mapping
+        Parameters of the dynamics node.
+    warn : callable
+        Called with the reason and the details of each dropped state.
+    say : callable
+        Called with each change between watching and commanding.
+
+    Raises
+    ------
+    KaneError
+        The robot cannot be compiled or verified.
+
+    """
+
+    def __init__(self, node: Node, target: str, model: Model, values: Mapping[str, Any],
+                 warn: Callable[[str, str], None], say: Callable[[str], None]) -> None:
+        controller = path_controller(model, values)
+        self.robot, self.statistics = controller.robot, Statistics()
+        self.verified = max(robot.verify() for robot in (
+            self.robot, *([controller.bending.robot] if controller.bending else [])))
+        controller.compile()
+        self._clock = node.get_clock()
+        self._simulated_time = bool(self._clock.ros_time_is_active)
+        self.missed_deadlines, self.node_alive = 0, False
+        self._answer: tuple[float, bool] = 0.0, False  # the last request; whether it was acting
+        self._message = float64_multi_array(2 + self.robot.n)
+        self._request = float64_multi_array(1)
+        with ExitStack() as opened:
+            self._open(node, target, controller, values, warn, say, opened)
+            self._opened = opened.pop_all()
+        self.path.start()
+
+    def _open(self, node: Node, target: str, controller: Any, values: Mapping[str, Any],
+              warn: Callable[[str, str], None], say: Callable[[str], None],
+              opened: ExitStack) -> None:
+        """Open the topics and register them with `opened`."""
+        def publisher(kind: Any, name: str) -> Any:
+            result = node.create_publisher(kind, name, RELIABLE)
+            opened.callback(node.destroy_publisher, result)
+            return result
+
+        def subscribe(kind: Any, name: str, callback: Any, qos: Any, **options: Any) -> None:
+            opened.callback(node.destroy_subscription, node.create_subscription(
+                kind, name, callback, qos, raw=True, **options))
+        self._commands = publisher(Float64MultiArray, 'commands')
+        self._state = publisher(Float64MultiArray, f'{target}/{STATE}')
+        self.path = GuardPath(controller, self._commands, publisher(JointState, '~/joint_torques'),
+                              self.now, values, self.statistics, warn, say)
+        self._say = say
+        subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
+        subscribe(JointState, f'{target}/joint_torques', self.path.on_torques,
+                  watched(values['guard.lease'], values['guard.deadline']),
+                  event_callbacks=SubscriptionEventCallbacks(
+                      deadline=self._on_deadline, liveliness=self._on_liveliness))
+        subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
+
+    def now(self) -> int:
+        """Return the clock of both nodes, ns."""
+        return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
+
+    def on_clock_jump(self) -> None:
+        """Handle a backward jump of the clock."""
+        self.path.on_clock_jump()
+
+    def set_loads(self, loads: GravityAndPayload) -> None:
+        """Use gravity and payload of the dynamics node from the next state on."""
+        self.path.set_loads(loads)
+
+    def send_sign_of_life(self) -> None:
+        """Tell the dynamics node that the guard lives."""
+        self._send(0.0, self.path.watch.acting)
+
+    def _send(self, number: float, commanded: bool) -> None:
+        self._message.numbers[:2] = number, commanded
+        self._message.numbers[2:] = self.path.watch.torque
+        self._state.publish(self._message.serialized())
+
+    def _on_request(self, data: bytes) -> None:
+        """Hand the topic over to the dynamics node, and answer."""
+        if not self._request.read(data):
+            return
+        number = float(self._request.numbers[0])
+        acted = self.path.hand_over()
+        if number == self._answer[0]:  # repeated: the answer is the same
+            acted |= self._answer[1]
+        self._answer = number, acted
+        self._send(number, acted)
+        if acted:
+            self._say('the dynamics node is back; watching it')
+
+    def _on_deadline(self, event: Any) -> None:
+        self.missed_deadlines += event.total_count_change
+
+    def _on_liveliness(self, event: Any) -> None:
+        self.node_alive = event.alive_count > 0
+        if not self.node_alive:
+            self.path.watch.check(time.perf_counter(), True)
+
+    def close(self) -> None:
+        """Command zeros if the guard commands, then close the topics."""
+        acting = self.path.commanding
+        self.path.stop()
+        if acting:
+            self._commands.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+        self._opened.close()

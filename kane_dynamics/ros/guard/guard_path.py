@@ -1,0 +1,170 @@
+"""The torque path of the guard: gravity and damping, from the node's last torque."""
+
+from collections.abc import Callable, Mapping
+import time
+from typing import Any
+
+from kane_dynamics.control.controller import Controller, Mode
+from kane_dynamics.control.torque_limiter import Command
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.common.node_statistics import Statistics
+from kane_dynamics.ros.guard.node_watch import NodeWatch
+from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
+from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, STAMP, STAMP_AT
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
+import numpy as np
+from rclpy.publisher import Publisher
+
+LATE = 1.5  # times state_timeout, after which the node should have commanded zeros
+
+
+def guard_settings(values: Mapping[str, Any], joints: tuple[str, ...]) -> dict[str, Any]:
+    """
+    Return the settings of the guard's Controller.
+
+    Computed torque without position gain at zero desired speed is gravity, Coriolis force, and
+    damping by the inertia: M(q) (-kd u) + h(q, u).
+    """
+    return controller_settings(values, joints) | {
+        'mode': Mode.COMPUTED_TORQUE, 'kp': 0.0,
+        'kd': per_joint(values, 'guard.damping', joints, 0.0)}
+
+
+class GuardPath(TorquePath):
+    """
+    Commands when the watch says so, and otherwise only checks the joint states.
+
+    The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from the last
+    torque of the node fades out during guard.ramp; then the limits of the node apply.
+
+    Parameters
+    ----------
+    controller : Controller
+    commands, torques : Publisher
+        As for TorquePath.
+    now : callable
+        Returns the node's clock, ns.
+    values : mapping
+        The parameters of the dynamics node.
+    statistics : Statistics
+    warn : callable
+        As for TorquePath.
+    say : callable
+        Called with each change between watching and commanding.
+
+    """
+
+    def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
+                 now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
+                 warn: Callable[[str, str], None], say: Callable[[str], None]) -> None:
+        super().__init__(controller, commands, torques, now, values['state_timeout'], statistics,
+                         warn)
+        joints = controller.robot.joint_names
+        self.watch = NodeWatch(values['guard.lease'], len(joints))
+        self.arbiter = self.watch
+        self._say, self._news = say, ''
+        self._heard = joint_state_of_efforts(joints)
+        self._begun, self._began = 0, 0  # takeovers that began; stamp of the last one, ns
+        self._offset = np.zeros(len(joints))
+        self.update(values)
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next state on."""
+        self._values = values
+        self.controller.update(**guard_settings(values, self.controller.robot.joint_names))
+        self.set_timeout(values['state_timeout'])
+
+    @property
+    def need_velocity(self) -> bool:
+        """Return whether the node drops states without velocities."""
+        return bool(self._values['mode'] != Mode.GRAVITY_COMPENSATION)
+
+    def on_state(self, data: bytes) -> None:
+        """Check one serialized JointState, and command if the watch says so."""
+        super().on_state(data)
+        if self._news:  # after the command, which must not wait for the log
+            news, self._news = self._news, ''
+            self._say(news)
+
+    def _command(self, stamp: int, motion: Motion | None, moment: float,
+                 external: Array | None) -> Command:
+        """Return the guard's torques at the latest state."""
+        controller, reader, values = self.controller, self._reader, self._values
+        mode = Mode.COMPUTED_TORQUE if reader.has_velocity else Mode.GRAVITY_COMPENSATION
+        if controller.mode is not mode:
+            controller.update(mode=mode)
+        began = self._begun == self.watch.takeovers
+        if not began:
+            self._begun, self._began = self.watch.takeovers, stamp
+        elapsed = max(stamp - self._began, 0) / NANO
+        tau = controller.torque(reader.q, reader.u, None, 0.0)
+        gone = min(elapsed / values['guard.fade'], 1.0)
+        if values['guard.action'] == 'zero':
+            tau = (1.0 - gone) * tau
+        elif values['guard.action'] == 'damp':
+            tau = tau - gone * controller.gravity_torque(reader.q)
+        if not began:
+            self._offset = self.watch.torque - tau
+            self.resume(self.watch.torque)
+            self._news = (f'no command for {self.watch.silent_for * 1e3:.1f} ms: commanding '
+                          f"'{values['guard.action']}'")
+        if elapsed < values['guard.ramp']:
+            tau = tau + (1.0 - elapsed / values['guard.ramp']) * self._offset
+        return controller.limit(stamp / NANO, tau)
+
+    def on_torques(self, data: bytes) -> None:
+        """Note a command of the node, a serialized JointState."""
+        if not self._heard.read(data):
+            self._warn('joint_torques', f'{len(data)} bytes; expected {self._heard.bytes.size}, '
+                       'with the joints of the parameters')
+            return
+        sec, nanosec = STAMP.unpack_from(data, STAMP_AT)
+        torque, now = self._heard.numbers.copy(), time.perf_counter()
+        if self.watch.acting:
+            if 0 < sec * NANO + nanosec <= self._began:  # computed before the node hung
+                return
+            if torque.any():
+                self._say('the dynamics node commands without a request; watching it')
+            else:
+                self.command_zeros()
+                self._say('the dynamics node commands zeros; watching it')
+        self.commanding = False
+        self.watch.hear(torque, now)
+
+    def hand_over(self) -> bool:
+        """Stop commanding; return whether the guard commanded."""
+        acted, self.commanding = self.watch.acting, False
+        self.watch.silence(time.perf_counter())
+        return acted
+
+    def check_timeout(self) -> None:
+        """Command zeros if states are stale and the node does not command them."""
+        if self.watch.acting:
+            super().check_timeout()
+        elif self.watch.armed and self._now() - self._last_good > LATE * self._timeout:
+            self.watch.take_over(time.perf_counter())
+            self._begun, self._began = self.watch.takeovers, self._now()
+            self.commanding = True
+            self.time_out('and no zeros from the dynamics node')
+
+    def command_zeros(self) -> None:
+        """Command zeros immediately; a later command starts from them."""
+        super().command_zeros()
+        self._offset = np.zeros(len(self._offset))
+
+    def _publish(self, tau: Array) -> None:
+        super()._publish(tau)
+        self.watch.torque, self.watch.armed = tau, bool(tau.any())
+
+    def on_clock_jump(self) -> None:
+        """Forget the stamps of the time before the jump; torques continue."""
+        super().on_clock_jump()
+        self._began = self._now()
+        self.controller.resume(None, self.watch.torque)
+
+    def stop(self) -> None:
+        """Ignore further states; command zeros if the guard commands."""
+        self.running = False
+        if self.commanding:
+            self.command_zeros()

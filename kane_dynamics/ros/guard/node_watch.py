@@ -1,0 +1,82 @@
+"""Watches the dynamics node by its commands; decides when the guard takes over."""
+
+from kane_dynamics.ros.common.conversion import Array
+import numpy as np
+
+UNANSWERED = 2      # states without a command before a takeover: one may be lost
+OWN_STALL = 0.03    # s; after a longer stall of the guard the node may have given up on it
+
+
+class NodeWatch:
+    """
+    Decides which process commands; an `Arbiter` of the torque path.
+
+    The guard takes over if torques act, `lease` has passed since the last command of the node, and
+    two valid states were received since then. All times are of `time.perf_counter`, s.
+
+    Parameters
+    ----------
+    lease : float
+        Parameter guard.lease, s.
+    joints : int
+
+    Attributes
+    ----------
+    armed : bool
+        Whether the last torque is not zero.
+    acting : bool
+        Whether the guard commands.
+    torque : (n,) array
+        The last torque, of the node or of the guard, N m or N.
+    takeovers : int
+        Number of takeovers since the start.
+    silent_for : float
+        Time since the last command of the node at the last takeover, s.
+
+    """
+
+    def __init__(self, lease: float, joints: int) -> None:
+        self._lease = lease
+        self.armed = self.acting = False
+        self.torque = np.zeros(joints)
+        self.takeovers, self.silent_for = 0, 0.0
+        self._unanswered = 0
+        self.heard_at = self._alive = 0.0
+
+    def start(self) -> None:
+        """Start, with the torque path."""
+
+    def hear(self, torque: Array, now: float) -> None:
+        """Note a command of the node."""
+        self.torque = torque
+        self.armed = bool(torque.any())
+        self.silence(now)
+
+    def silence(self, now: float) -> None:
+        """Let the node command; wait for its next command as if it had sent one now."""
+        self.acting, self._unanswered, self.heard_at = False, 0, now
+
+    def may_command(self, now: float) -> bool:
+        """Count a valid state; return whether the guard commands."""
+        stall, self._alive = now - self._alive, now
+        if stall > (OWN_STALL if self.acting else self._lease):
+            # Messages of the node may still be waiting.
+            self.silence(now)
+        if not self.acting:
+            self._unanswered += 1
+            self.check(now, now - self.heard_at > self._lease)
+        return self.acting
+
+    def confirm(self, now: float) -> bool:
+        """Return whether the guard still commands."""
+        return self.acting and now - self._alive < OWN_STALL
+
+    def check(self, now: float, lost: bool) -> None:
+        """Take over if the lease is lost while states are not answered and torques act."""
+        if lost and self.armed and not self.acting and self._unanswered >= UNANSWERED:
+            self.take_over(now)
+
+    def take_over(self, now: float) -> None:
+        """Command from the next state on."""
+        self.acting, self.silent_for = True, now - self.heard_at
+        self.takeovers += 1

@@ -1,0 +1,140 @@
+"""The dynamics node's side of torque_guard: who may command, and whether the guard lives."""
+
+from contextlib import ExitStack
+import time
+
+from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
+from kane_dynamics.ros.torque_path.cdr import float64_multi_array
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.guard_messages import (LOADS, loads_to_numbers, LOST, REQUEST, STATE)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+SHARE = 0.75      # of the lease, after which this node may no longer command without a request
+PERIODS = 1.5     # the guard takes over after two periods of the states at the earliest
+RELAX = 1.1       # growth of the estimated period for each state
+REPEAT = 0.005    # s between two requests
+ANSWER = 0.05     # s for the answer of a living guard
+DISCOVERY = 1.0   # s for the first sign of life of a guard
+
+
+class GuardLink:
+    """
+    Asks torque_guard for `commands` whenever it may have taken over.
+
+    The guard takes over after guard.lease without a command, and after two states without one.
+    Until a part of that time has passed, this node may command without asking; later, and after
+    each activation, it sends a request and is silent until the guard answers that it is silent
+    too. Without a living guard it commands after a short wait.
+
+    Parameters
+    ----------
+    node : Node
+        The dynamics node, which owns the topics.
+    path : TorquePath
+    lease : float
+        Parameter guard.lease, s.
+    opened : ExitStack
+        Closes the topics.
+    count : int
+        Number of joints.
+
+    """
+
+    def __init__(self, node: Node, path: TorquePath, lease: float, opened: ExitStack,
+                 count: int) -> None:
+        self._path, self._log = path, node.get_logger()
+        self._shortest = SHARE * lease
+        self._seen = 0.0  # time of the last sign of life; 0: none yet
+        self._last, self._period = 0.0, 0.0  # time of the last command, s; estimate of the period
+        self._asked: float | None = None  # time of the first request without answer
+        self._repeated = 0.0
+        self.new_parameters()
+        self._number = self._configuration
+        self._request, self._state = float64_multi_array(1), float64_multi_array(2 + count)
+        self._requests = node.create_publisher(Float64MultiArray, f'~/{REQUEST}', RELIABLE)
+        opened.callback(node.destroy_publisher, self._requests)
+        self._loads = node.create_publisher(Float64MultiArray, f'~/{LOADS}', LATCHED)
+        opened.callback(node.destroy_publisher, self._loads)
+        opened.callback(node.destroy_subscription, node.create_subscription(
+            Float64MultiArray, f'~/{STATE}', self._on_state, RELIABLE, raw=True))
+
+    def new_parameters(self) -> None:
+        """Let the guard read the parameters of this node again, with the next loads."""
+        self._configuration = float(time.time_ns() // 1000)  # exact in a double until 2255
+
+    def publish_loads(self, loads: GravityAndPayload) -> None:
+        """Publish gravity and payload for the guard; callable from any thread."""
+        self._loads.publish(Float64MultiArray(data=loads_to_numbers(self._configuration, loads)))
+
+    @property
+    def silent_for(self) -> float:
+        """Return the time since the last sign of life of the guard, s; infinite if none yet."""
+        return time.perf_counter() - self._seen if self._seen else float('inf')
+
+    def start(self) -> None:
+        """Ask before the first command."""
+        self._ask(time.perf_counter())
+
+    def may_command(self, now: float) -> bool:
+        """Return whether this node may command; ask the guard if it may have taken over."""
+        if self._asked is not None:
+            return self._answered(now, self._asked)
+        gap = now - self._last
+        if gap > self._shortest and gap > PERIODS * self._period and (
+                self._last - self._seen < LOST):
+            self._ask(now)
+            return False
+        self._period = min(gap, RELAX * self._period)
+        self._last = now
+        return True
+
+    def confirm(self, now: float) -> bool:
+        """Return whether the computation of the command was not interrupted for too long."""
+        if now - self._last > self._shortest and self._last - self._seen < LOST:
+            self._ask(now)
+            return False
+        return True
+
+    def _answered(self, now: float, asked: float) -> bool:
+        """Return whether the wait for an answer is over; repeat the request."""
+        if now - asked > (ANSWER if self._seen else DISCOVERY):
+            self._log.warning('torque_guard does not answer; commanding without it')
+            self._granted(now)
+            return True
+        if now - self._repeated > REPEAT:
+            self._send(now)
+        return False
+
+    def _ask(self, now: float) -> None:
+        self._asked = now
+        self._number += 1.0
+        self._send(now)
+
+    def _send(self, now: float) -> None:
+        self._repeated = now
+        self._request.numbers[0] = self._number
+        self._requests.publish(self._request.serialized())
+
+    def _granted(self, now: float) -> None:
+        self._asked, self._last = None, now
+
+    def _on_state(self, data: bytes) -> None:
+        """Note a sign of life, or the answer to the last request."""
+        now = time.perf_counter()
+        if not self._state.read(data):
+            return
+        self._seen = now
+        number, commanded, *_ = self._state.numbers.tolist()
+        if self._asked is None or number != self._number:
+            return
+        silent = now - self._last
+        self._granted(now)
+        if commanded:
+            dropped = self._path.resume(self._state.numbers[2:].copy())
+            self._log.warning(
+                'torque_guard held the arm' + f' while this node was silent for {silent:.3f} s'
+                * (self._path.last_update > 0.0) + '; continuing from its torques'
+                + ', desired motion dropped' * dropped)
+        self._path.check_timeout()

@@ -1,0 +1,30 @@
+"""The controller of the torque path, as the parameters of the node describe it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from kane_dynamics.control.controller import Controller
+from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.model.flexible_model import stiffened
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.configuration_files import robot_options
+from kane_dynamics.ros.parameters.parameter_checks import controller_settings
+
+
+def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
+    """
+    Return the controller of a model, with the model whose links are rigid as its robot.
+
+    Its commands include the quasi-static deflection of flexible links.
+
+    Raises
+    ------
+    KaneError
+        A parameter does not fit the model.
+
+    """
+    options = robot_options(values)
+    bending = QuasiStatic(Robot(model, **options)) if model.flexible else None
+    robot = Robot(stiffened(model), **options)
+    return Controller(robot, bending=bending, **controller_settings(values, robot.joint_names))
