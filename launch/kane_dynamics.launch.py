@@ -1,5 +1,5 @@
 """
-Start the dynamics node and, optionally, a simulated robot and robot_state_publisher.
+Start the dynamics node, its guard and, optionally, a simulated robot and robot_state_publisher.
 
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=/my/arm.yaml namespace:=left
@@ -24,6 +24,7 @@ ARGUMENTS = {
     'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
     'joint_states': ('joint_states', 'topic of the joint states'),
     'use_sim_time': ('', 'use time from /clock, which the plant publishes; overrides the files'),
+    'guard': ('true', 'start torque_guard, which holds the arm when the node dies or hangs'),
     'plant': ('', 'parameter file of a simulated robot to start, given like config'),
     'state_publisher': ('false', 'start robot_state_publisher; requires urdf:='),
 }
@@ -58,9 +59,16 @@ def nodes(context):
     config = [parameter_file('config', value['config'])] if value['config'] else []
     remappings = [(topic, value[topic]) for topic in ('commands', 'joint_states')
                   if value[topic] != topic]
+    guarded = truth('guard', value['guard'])
     started = [Node(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
-        parameters=[*config, *chosen, *clock], output='screen', remappings=remappings)]
+        parameters=[*config, *chosen, *clock, {'guard.enabled': guarded}], output='screen',
+        remappings=remappings)]
+    if guarded:  # it reads the parameters of the dynamics node
+        started.append(Node(
+            package=PACKAGE, executable='torque_guard', name='torque_guard',
+            namespace=value['namespace'], parameters=[{'node': PACKAGE}], output='screen',
+            remappings=remappings))
     if value['plant']:
         started.append(Node(
             package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],

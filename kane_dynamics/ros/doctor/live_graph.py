@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.commanders import commanders, several_commanders
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
 from kane_dynamics.ros.common.qos import EXAMINED_STATES
 import numpy as np
@@ -225,9 +226,8 @@ def _endpoint_findings(node: Node, topics: Topics, foreign: int) -> list[Finding
         found.append(Finding('problem', f'{topics.joint_states}: {len(states)} publishers'
                              f'{others}: {_names(states)}; expected one'))
     given, taken = _publishers(node, topics.commands), _subscribers(node, topics.commands)
-    if len(given) > 1:
-        found.append(Finding('problem', f'{topics.commands}: {len(given)} publishers: '
-                             f'{_names(given)}; expected one'))
+    if len(sources := commanders(node, topics.commands)) > 1:
+        found.append(Finding('problem', f'{topics.commands}: {several_commanders(sources)}'))
     elif not given:
         found.append(Finding('warning', f'{topics.commands}: no publisher; expected the dynamics '
                              'node, with this topic of commands (--commands)'))

@@ -1,11 +1,27 @@
 """The diagnostics of the dynamics node."""
 
+from collections import Counter
 from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from kane_dynamics.ros.common.commanders import several_commanders
 from kane_dynamics.ros.common.node_statistics import Statistics, status
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
+from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, MISSING, NO_CLOCK,
+                                                              NO_VELOCITY, STALE)
 from kane_dynamics.ros.torque_path.sim_time_watchdog import SimTimeWatchdog
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+# What to do, in words that follow the state or the reason.
+REMEDIES = {'unconfigured': ': no robot; the log says why, then configure and activate the node',
+            'inactive': ': no commands; activate the node',
+            'finalized': ': shut down; restart the process'}
+DROP_REMEDIES = {reason: f'{reason} ({remedy})' for reason, remedy in {
+    MISSING: 'compare parameter joints with the names of the driver',
+    NO_VELOCITY: 'let the driver publish velocities',
+    STALE: 'check delay, clocks and use_sim_time of the driver',
+    FUTURE: 'synchronize the clocks',
+    NO_CLOCK: 'start what publishes /clock, or set use_sim_time false'}.items()}
 
 
 class DiagnosedNode(Protocol):
@@ -25,27 +41,14 @@ def node_status(node: DiagnosedNode, period: float) -> DiagnosticStatus:
     """Close a reporting period of `period` seconds and return its diagnostic status."""
     rate, dropped, figures = node.statistics.period(period)
     arm = node.arm
-    level, message = DiagnosticStatus.WARN, node.state
+    level, message = WARN, f'{node.state}{REMEDIES.get(node.state, "")}'
     if arm is not None and arm.path.running:
-        level, message = DiagnosticStatus.OK, f'active, {rate:.0f} commands/s'
-        if arm.path.timed_out:
-            level = DiagnosticStatus.ERROR
-            message = (f'no valid joint state for {arm.path.state_age:.2f} s: '
-                       + ('commanding zeros' if arm.path.last_update else 'no commands yet'))
-        if dropped:
-            level = max(level, DiagnosticStatus.WARN)
-            message += f', {dropped.total()} dropped: ' + ', '.join(dropped)
-        if node.sim_time.warning:
-            level = max(level, DiagnosticStatus.WARN)
-        if arm.optional_topics.collision is not None:
-            level = max(level, DiagnosticStatus.WARN)
-            message += f"; collision at joint '{arm.optional_topics.collision}'"
-        if arm.state_publishers > 1:
-            level = max(level, DiagnosticStatus.WARN)
-            message += f'; {arm.state_publishers} publishers on joint_states'
+        level, message = _active(arm, rate, dropped)
     elif node.state == 'inactive':
-        level = DiagnosticStatus.OK
-    message += node.sim_time.warning and f'; {node.sim_time.warning}'
+        level = OK
+    if node.sim_time.warning:
+        level = max(level, WARN)
+        message += f'; {node.sim_time.warning}'
     figures['state'] = node.state
     if arm is not None:
         payload = arm.loads.payload
@@ -53,7 +56,34 @@ def node_status(node: DiagnosedNode, period: float) -> DiagnosticStatus:
                     'kernels verified to': f'{arm.verified:.1e}',
                     'gravity': ' '.join(f'{g:.3f}' for g in arm.loads.gravity) + ' m/s^2',
                     'payload': f'{0.0 if payload is None else payload.mass:g} kg',
-                    'publishers of joint states': str(arm.state_publishers)}
+                    'publishers of joint states': str(arm.state_publishers),
+                    'publishers of commands': str(len(arm.commanders))}
         figures |= arm.optional_topics.figures()
+        if arm.guard is not None:
+            figures['guard'] = arm.guard.warning or 'watching'
     return status(f'{node.get_fully_qualified_name()}: torques',
                   arm.robot.model.name if arm is not None else '', level, message, figures)
+
+
+def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str]) -> tuple[bytes, str]:
+    """Return level and message of an active node: what is wrong, and what to do."""
+    level, message = OK, f'active, {rate:.0f} commands/s'
+    warnings = [f'collision at joint \'{arm.optional_topics.collision}\': check the arm'
+                ] if arm.optional_topics.collision is not None else []
+    if arm.path.timed_out:
+        level = DiagnosticStatus.ERROR
+        message = (f'no valid joint state for {arm.path.state_age:.2f} s: '
+                   + ('commanding zeros' if arm.path.last_update else 'no commands yet')
+                   + '; check the driver, its topic and its stamps')
+    elif arm.guard is not None and arm.guard.waiting:
+        level, message = WARN, 'active, waiting for torque_guard to hand over `commands`'
+    if dropped:
+        warnings.append(f'{dropped.total()} joint states dropped: '
+                        + ', '.join(DROP_REMEDIES.get(each, each) for each in dropped))
+    if arm.state_publishers > 1:
+        warnings.append(f'{arm.state_publishers} publishers on joint_states: stop all but one')
+    if len(arm.commanders) > 1:
+        warnings.append(f'commands: {several_commanders(arm.commanders)}')
+    if arm.guard is not None and arm.guard.warning:
+        warnings.append(arm.guard.warning)
+    return max(level, WARN) if warnings else level, '; '.join([message, *warnings])

@@ -6,6 +6,7 @@ from typing import Any, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.ros.common import realtime
+from kane_dynamics.ros.common.commanders import several_commanders
 from kane_dynamics.ros.common.qos import RELIABLE
 from kane_dynamics.ros.dynamics_node.node_diagnostics import node_status
 from kane_dynamics.ros.torque_path.sim_time_watchdog import LOST_CLOCK
@@ -30,6 +31,8 @@ class NodeTimers:
         self._node = node
         self._reported = time.monotonic()
         self._state_publishers = 1  # at the last report
+        self._commanders: list[str] = []
+        self._unguarded = False
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timers: list[Any] = []
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
@@ -70,12 +73,25 @@ class NodeTimers:
         period, self._reported = now - self._reported, now
         node.sim_time.report()
         if node.arm is not None:
-            node.arm.count_state_publishers()
+            node.arm.count_publishers()
         message = DiagnosticArray(status=[node_status(node, period)])
         message.header.stamp = node.get_clock().now().to_msg()
         self._diagnostics.publish(message)
         realtime.collect_if_disabled()
-        publishers = 1 if node.arm is None else node.arm.state_publishers
+        self._log_changes()
+
+    def _log_changes(self) -> None:
+        """Log what concerns other nodes: once, when it begins and when the guard is found."""
+        log, arm = self._node.get_logger(), self._node.arm
+        publishers = 1 if arm is None else arm.state_publishers
         if publishers > 1 and publishers != self._state_publishers:
-            node.get_logger().warning(f'joint_states: {publishers} publishers; expected one')
+            log.warning(f'joint_states: {publishers} publishers; expected one')
         self._state_publishers = publishers
+        commanders = [] if arm is None else arm.commanders
+        if len(commanders) > 1 and commanders != self._commanders:
+            log.warning(f'commands: {several_commanders(commanders)}')
+        self._commanders = commanders
+        guard = None if arm is None else arm.guard
+        if guard is not None and guard.overdue and bool(guard.warning) != self._unguarded:
+            self._unguarded = bool(guard.warning)
+            log.warning(guard.warning) if guard.warning else log.info('torque_guard watches')

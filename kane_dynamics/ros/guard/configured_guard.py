@@ -129,7 +129,7 @@ class ConfiguredGuard:
     def _on_liveliness(self, event: Any) -> None:
         self.node_alive = event.alive_count > 0
         if not self.node_alive:
-            self.path.watch.check(time.perf_counter(), True)
+            self.path.watch.check(time.perf_counter(), lost=True)
 
     def close(self) -> None:
         """Command zeros if the guard commands, then close the topics."""

@@ -53,7 +53,7 @@ class GuardNode(Node):
         self._loads: GravityAndPayload | None = None
         self._values: Mapping[str, Any] = {}
         self._next: Mapping[str, Any] | None = None  # parameters that wait
-        self._parameters = NodeParameters(self, self.target, self._on_parameters)
+        self._source = NodeParameters(self, self.target, self._on_parameters)
         self._jumps = self.get_clock().create_jump_callback(BACK, post_callback=self._on_jump)
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         self.create_subscription(Float64MultiArray, f'{self.target}/{LOADS}', self._on_loads,
@@ -79,7 +79,7 @@ class GuardNode(Node):
         configuration, self._loads = loads_from_numbers(np.array(message.data))
         if configuration != self._configuration:
             self._configuration = configuration
-            self._parameters.request()
+            self._source.request()
         elif self.guard is not None:
             self.guard.set_loads(self._loads)
 
@@ -89,7 +89,7 @@ class GuardNode(Node):
 
     def _check(self) -> None:
         """Apply a waiting configuration, unless the guard commands; check the joint states."""
-        self._parameters.poll()
+        self._source.poll()
         if self.guard is not None:
             self.guard.path.check_timeout()
         if self._next is not None and not (self.guard and self.guard.path.watch.acting):

@@ -5,6 +5,7 @@ import numpy as np
 
 UNANSWERED = 2      # states without a command before a takeover: one may be lost
 OWN_STALL = 0.03    # s; after a longer stall of the guard the node may have given up on it
+SHARE = 0.9         # of the lease, after which a loss of liveliness counts; DDS rounds down
 
 
 class NodeWatch:
@@ -64,16 +65,21 @@ class NodeWatch:
             self.silence(now)
         if not self.acting:
             self._unanswered += 1
-            self.check(now, now - self.heard_at > self._lease)
+            self.check(now)
         return self.acting
 
     def confirm(self, now: float) -> bool:
         """Return whether the guard still commands."""
         return self.acting and now - self._alive < OWN_STALL
 
-    def check(self, now: float, lost: bool) -> None:
-        """Take over if the lease is lost while states are not answered and torques act."""
-        if lost and self.armed and not self.acting and self._unanswered >= UNANSWERED:
+    def check(self, now: float, lost: bool = False) -> None:
+        """
+        Take over if the lease has expired while states are not answered and torques act.
+
+        `lost` says that DDS reports the loss of liveliness, with its own measure of the lease.
+        """
+        if now - self.heard_at > (SHARE if lost else 1.0) * self._lease and self.armed and (
+                not self.acting and self._unanswered >= UNANSWERED):
             self.take_over(now)
 
     def take_over(self, now: float) -> None:

@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.commanders import commanders, several_commanders
 from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
 from kane_dynamics.ros.common.conversion import NANO, vector
 from kane_dynamics.ros.common.qos import RELIABLE, WRENCHES
@@ -63,8 +64,7 @@ class PlantNode(Node):
         self._clock_out = self.create_publisher(Clock, '/clock', RELIABLE) if (
             values['publish_clock']) else None
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
-        self._commands = self.create_subscription(Float64MultiArray, 'commands', self._on_command,
-                                                  RELIABLE)
+        self.create_subscription(Float64MultiArray, 'commands', self._on_command, RELIABLE)
         self.create_subscription(WrenchStamped, '~/wrench', self._on_wrench, WRENCHES)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
@@ -232,5 +232,5 @@ class PlantNode(Node):
         if self._clock_out is not None and (clocks := self.count_publishers('/clock')) > 1:
             self._warn('clock', f'{clocks} publishers on /clock; expected one node with '
                        'publish_clock')
-        if (sources := self._commands.get_publisher_count()) > 1:
-            self._warn('commands', f'{sources} publishers; expected one')
+        if len(sources := commanders(self, 'commands')) > 1:
+            self._warn('commands', several_commanders(sources))

@@ -16,7 +16,7 @@ PERIODS = 1.5     # the guard takes over after two periods of the states at the 
 RELAX = 1.1       # growth of the estimated period for each state
 REPEAT = 0.005    # s between two requests
 ANSWER = 0.05     # s for the answer of a living guard
-DISCOVERY = 1.0   # s for the first sign of life of a guard
+DISCOVERY = 3.5   # s after configure for the first sign of life: Fast DDS may need a heartbeat
 
 
 class GuardLink:
@@ -49,7 +49,7 @@ class GuardLink:
         self._seen = 0.0  # time of the last sign of life; 0: none yet
         self._last, self._period = 0.0, 0.0  # time of the last command, s; estimate of the period
         self._asked: float | None = None  # time of the first request without answer
-        self._repeated = 0.0
+        self._repeated, self._opened = 0.0, time.perf_counter()
         self.new_parameters()
         self._number = self._configuration
         self._request, self._state = float64_multi_array(1), float64_multi_array(2 + count)
@@ -69,9 +69,23 @@ class GuardLink:
         self._loads.publish(Float64MultiArray(data=loads_to_numbers(self._configuration, loads)))
 
     @property
-    def silent_for(self) -> float:
-        """Return the time since the last sign of life of the guard, s; infinite if none yet."""
-        return time.perf_counter() - self._seen if self._seen else float('inf')
+    def warning(self) -> str:
+        """Return what is wrong with the guard, and what to do; empty if it lives."""
+        silent = time.perf_counter() - self._seen if self._seen else None
+        if silent is not None and silent < LOST:
+            return ''
+        return ('torque_guard ' + ('not found' if silent is None else f'silent for {silent:.1f} s')
+                + ': the last torque would stay if this node died; start torque_guard')
+
+    @property
+    def overdue(self) -> bool:
+        """Return whether a guard should have been found by now."""
+        return bool(self._seen) or time.perf_counter() > self._opened + DISCOVERY
+
+    @property
+    def waiting(self) -> bool:
+        """Return whether this node waits for an answer of the guard."""
+        return self._asked is not None
 
     def start(self) -> None:
         """Ask before the first command."""
@@ -99,7 +113,7 @@ class GuardLink:
 
     def _answered(self, now: float, asked: float) -> bool:
         """Return whether the wait for an answer is over; repeat the request."""
-        if now - asked > (ANSWER if self._seen else DISCOVERY):
+        if now > (asked + ANSWER if self._seen else self._opened + DISCOVERY):
             self._log.warning('torque_guard does not answer; commanding without it')
             self._granted(now)
             return True

@@ -8,11 +8,12 @@ until then, its last torques. Without a request it is sent with number 0 as a si
 """
 
 from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.ros.common.commanders import GUARD_STATE
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 import numpy as np
 
-LOADS, REQUEST, STATE = 'loads', 'guard_request', 'guard_state'  # names of topics of the node
+LOADS, REQUEST, STATE = 'loads', 'guard_request', GUARD_STATE  # names of topics of the node
 LOADS_LENGTH = 14
 SIGN_PERIOD = 0.1  # s between two signs of life of the guard
 LOST = 0.5  # s without a sign of life after which the guard counts as dead

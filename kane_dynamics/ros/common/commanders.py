@@ -1,0 +1,36 @@
+"""The nodes that publish on a topic of commands."""
+
+from rclpy.node import Node, NodeNameNonExistentError
+
+GUARD_STATE = 'guard_state'  # a topic that only torque_guard publishes
+
+
+def commanders(node: Node, topic: str) -> list[str]:
+    """
+    Return the full names of the nodes that publish on a topic, without torque_guard.
+
+    A name appears once for each publisher. Only one guard is left out.
+    """
+    names = [f'{end.node_namespace.rstrip("/")}/{end.node_name}'
+             for end in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))]
+    if len(names) < 2:
+        return names
+    guard = next((name for name in names if _is_guard(node, name)), None)
+    if guard is not None:
+        names.remove(guard)
+    return names
+
+
+def several_commanders(names: list[str]) -> str:
+    """Return the warning about more than one publisher on a topic of commands."""
+    return (f'{len(names)} publishers ({", ".join(sorted(names))}); expected one, stop the others '
+            '(a killed one is listed for 20 s)')
+
+
+def _is_guard(node: Node, name: str) -> bool:
+    namespace, _, bare = name.rpartition('/')
+    try:
+        topics = node.get_publisher_names_and_types_by_node(bare, namespace or '/')
+    except (NodeNameNonExistentError, RuntimeError):  # it ended, or its name is not known yet
+        return False
+    return any(topic.rpartition('/')[2] == GUARD_STATE for topic, _ in topics)
