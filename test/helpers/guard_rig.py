@@ -1,0 +1,207 @@
+"""A simulated arm with dynamics node and torque_guard, whose commands are recorded."""
+
+import os
+from pathlib import Path
+import signal
+import time
+from typing import NamedTuple
+
+from graph import DEEP, JOINTS, NAME, Process, URDF, wait_until
+from kane_dynamics import Controller, load_urdf, Robot
+from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
+import numpy as np
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+PERIOD = 0.002  # s, of the plant
+RATE = 2000.0  # N m/s
+DAMPING = 20.0  # 1/s
+
+
+class Command(NamedTuple):
+    """A command: who sent it, stamp of its state (ns), arrival (s, monotonic), torques."""
+
+    source: str
+    stamp: int
+    arrival: float
+    tau: np.ndarray
+
+
+class Recorder(Node):
+    """Records the commands of node and guard by their ~/joint_torques, and the joint states."""
+
+    def __init__(self):
+        super().__init__('recorder')
+        self.commands, self.states = [], []  # states: (stamp, q, u)
+        for source, topic in (('node', f'{NAME}/joint_torques'),
+                              ('guard', '/torque_guard/joint_torques')):
+            self.create_subscription(JointState, topic, self._keeping(source), DEEP)
+        self.create_subscription(JointState, 'joint_states', self._on_state, DEEP)
+        self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
+        self._executor = EventsExecutor()
+        self._executor.add_node(self)
+
+    def _keeping(self, source):
+        def keep(message):
+            self.commands.append(Command(source, _stamp(message), time.monotonic(),
+                                         np.array(message.effort)))
+        return keep
+
+    def _on_state(self, message):
+        self.states.append((_stamp(message), np.array(message.position),
+                            np.array(message.velocity)))
+
+    def spin(self, seconds):
+        self._executor.spin_until_future_complete(Future(), max(seconds, 1e-4))
+
+    def spin_until(self, condition, timeout=30.0):
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, f'not within {timeout} s'
+            self.spin(0.005)
+
+    def of(self, source):
+        return [each for each in self.commands if each.source == source]
+
+    def close(self):
+        self._executor.shutdown()
+        self.destroy_node()
+
+
+def _stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+class Rig:
+    """Plant, node and guard as processes; ends them with `close`."""
+
+    def __init__(self, folder: Path, *, plant='kane_dynamics.ros.plant.plant_main', **parameters):
+        if not rclpy.ok():
+            rclpy.init()
+        urdf = folder / 'arm.urdf'
+        urdf.write_text(URDF)
+        self.urdf = {'urdf': str(urdf)}
+        self.parameters = {
+            'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': RATE,
+            'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
+            'guard__damping': DAMPING, **parameters}
+        self.recorder = Recorder()
+        self.plant = Process(module=plant, **self.urdf, command_timeout=100.0,
+                             after_timeout='hold', hold_until_command='true')
+        self.node = self.guard = None
+        self.start_node()
+        self.start_guard()
+        try:
+            self.plant.wait_for('joint states/s', 120.0)
+        except AssertionError:
+            self.close()
+            raise
+        for task in os.listdir(f'/proc/{self.plant.pid}/task'):
+            try:
+                os.sched_setscheduler(int(task), os.SCHED_FIFO, os.sched_param(25))
+            except OSError:
+                break
+
+    def start_node(self):
+        self.node = Process(**self.urdf, **self.parameters)
+
+    def start_guard(self):
+        self.guard = Process(module='kane_dynamics.ros.guard.main')
+
+    def move(self):
+        """Start a motion and wait until the node tracks it while guarded."""
+        recorder = self.recorder
+        for words, process in (('watching kane_dynamics', self.guard), ('active', self.node)):
+            recorder.spin_until(lambda p=process, w=words: w in p.log or not p.alive(), 120.0)
+            assert words in process.log, process.log
+        recorder.spin_until(lambda: len(recorder.of('node')) > 20 and recorder.motions
+                            .get_subscription_count() > 0)
+        last = recorder.commands[-1].source
+        assert last == 'node', self.logs()
+        q0 = recorder.states[-1][1]
+        message = JointTrajectory(joint_names=list(JOINTS))
+        for k in range(121):
+            t = 0.25 * k
+            grow = min(t, 1.0)
+            q = q0 * (1.0 - grow) + grow * np.array(
+                [0.6, 0.4, 0.1]) * np.sin(2.0 * t + np.array([0.0, 1.0, 2.0]))
+            point = JointTrajectoryPoint(positions=q.tolist())
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
+                                                                              10**9)
+            message.points.append(point)
+        recorder.motions.publish(message)
+        recorder.spin(1.6)
+
+    def fail(self, number):
+        """Send a signal to the node while it moves; return the time, s."""
+        began = time.monotonic()
+        os.kill(self.node.pid, number)
+        return began
+
+    def logs(self):
+        return '\n'.join(f'--- {name}\n{process.log}' for name, process in (
+            ('node', self.node), ('guard', self.guard), ('plant', self.plant)))
+
+    def close(self):
+        self.recorder.close()
+        for process in (self.node, self.guard, self.plant):
+            if process is not None and process.alive():
+                os.kill(process.pid, signal.SIGCONT)
+                process.end()
+
+    def forget(self):
+        self.recorder.commands.clear()
+        self.recorder.states.clear()
+
+
+def ideal_stop(states, failed, taken_over):
+    """
+    Return the index of the failure and the positions of an ideal stop from there on.
+
+    Until the takeover the joints keep their speeds; then the guard's law acts without ramp.
+    """
+    k = next(i for i, (stamp, _, _) in enumerate(states) if stamp >= failed)
+    robot = Robot(load_urdf(URDF))
+    arm = SimulatedArm(robot, PERIOD / 2)
+    law = Controller(robot, mode='computed_torque', kp=0.0, kd=DAMPING)
+    arm.reset(states[k][1])
+    arm.u[:] = states[k][2]
+    positions = []
+    for stamp, _, _ in states[k:]:
+        positions.append(arm.q.copy())
+        if stamp < taken_over:
+            arm.q[:] += PERIOD * arm.u
+        else:
+            tau = law.command(0.0, arm.q, arm.u).tau
+            for _ in range(2):
+                arm.step(tau)
+    return k, np.array(positions)
+
+
+def sag(recorder, failed):
+    """Return the largest distance from the ideal stop after a failure at a stamp, degrees."""
+    k, ideal = ideal_stop(recorder.states, failed, recorder.of('guard')[0].stamp)
+    actual = np.array([q for _, q, _ in recorder.states[k:]])
+    return float(np.degrees(np.abs(actual - ideal).max()))
+
+
+def largest_step(commands):
+    """Return the largest change of torque between two commands, in units of the rate limit."""
+    ordered = sorted(commands, key=lambda each: each.stamp)
+    return max(float(np.abs(after.tau - before.tau).max())
+               / (RATE * max((after.stamp - before.stamp) * 1e-9, PERIOD))
+               for before, after in zip(ordered, ordered[1:]))
+
+
+def turns(commands):
+    """Return who commanded, in the order of the states, without repetitions."""
+    ordered = sorted(commands, key=lambda each: each.stamp)
+    return [each.source for k, each in enumerate(ordered)
+            if k == 0 or ordered[k - 1].source != each.source]
+
+
+__all__ = ['Rig', 'wait_until']
