@@ -1,12 +1,13 @@
 """A simulated arm with dynamics node and torque_guard, whose commands are recorded."""
 
+from itertools import pairwise
 import os
 from pathlib import Path
 import signal
 import time
 from typing import NamedTuple
 
-from graph import DEEP, JOINTS, NAME, Process, URDF, wait_until
+from graph import DEEP, JOINTS, NAME, Process, URDF
 from kane_dynamics import Controller, load_urdf, Robot
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 import numpy as np
@@ -119,7 +120,7 @@ class Rig:
             recorder.spin_until(lambda p=process, w=words: w in p.log or not p.alive(), 120.0)
             assert words in process.log, process.log
         recorder.spin_until(lambda: len(recorder.of('node')) > 20 and recorder.motions
-                            .get_subscription_count() > 0)
+                            .get_subscription_count() > 0, 90.0)
         last = recorder.commands[-1].source
         assert last == 'node', self.logs()
         q0 = recorder.states[-1][1]
@@ -194,7 +195,7 @@ def largest_step(commands):
     ordered = sorted(commands, key=lambda each: each.stamp)
     return max(float(np.abs(after.tau - before.tau).max())
                / (RATE * max((after.stamp - before.stamp) * 1e-9, PERIOD))
-               for before, after in zip(ordered, ordered[1:]))
+               for before, after in pairwise(ordered))
 
 
 def turns(commands):
@@ -203,5 +204,3 @@ def turns(commands):
     return [each.source for k, each in enumerate(ordered)
             if k == 0 or ordered[k - 1].source != each.source]
 
-
-__all__ = ['Rig', 'wait_until']

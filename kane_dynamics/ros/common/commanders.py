@@ -2,6 +2,7 @@
 
 from rclpy.node import Node, NodeNameNonExistentError
 
+UNKNOWN = '_UNKNOWN_'  # part of the name of a node that is not known yet
 GUARD_STATE = 'guard_state'  # a topic that only torque_guard publishes
 
 
@@ -19,6 +20,32 @@ def commanders(node: Node, topic: str) -> list[str]:
     if guard is not None:
         names.remove(guard)
     return names
+
+
+class CommanderCount:
+    """
+    Keeps `commanders` of a topic; asks the graph for names only after their number changed.
+
+    Queries for names hold the interpreter's lock, which delays the torque path.
+
+    Parameters
+    ----------
+    node : Node
+    topic : str
+
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._node, self._topic = node, node.resolve_topic_name(topic)
+        self._count = 0
+        self.names: list[str] = []
+
+    def update(self) -> list[str]:
+        """Return the names; those that are not known yet are asked for again."""
+        count = self._node.count_publishers(self._topic)
+        if count != self._count or any(UNKNOWN in name for name in self.names):
+            self._count, self.names = count, commanders(self._node, self._topic)
+        return self.names
 
 
 def several_commanders(names: list[str]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
-from kane_dynamics.ros.common.commanders import commanders
+from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
@@ -78,7 +78,7 @@ class ConfiguredRobot:
         self.loads: GravityAndPayload = parameter_loads(model, values)
         self._payload_from_service = False  # whether ~/set_payload set the payload
         self.state_publishers = 1  # publishers of joint states of this arm
-        self.commanders: list[str] = []  # nodes that publish on `commands`, without the guard
+        self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
         self.gravity_source = GravityFromImu(
             model, values['imu.frame'], float((values['gravity'] ** 2).sum() ** 0.5),
@@ -139,9 +139,14 @@ class ConfiguredRobot:
             if replaced:  # all states may have stamps of the previous clock
                 self.path.time_out('clock replaced')
 
+    @property
+    def commanders(self) -> list[str]:
+        """Return the names of the nodes that publish on `commands`, without the guard."""
+        return self._commanders.names
+
     def count_publishers(self) -> None:
         """Update `commanders`, and `state_publishers` without publishers of other joints only."""
-        self.commanders = commanders(self._node, 'commands')
+        self._commanders.update()
         publishers = int(self._states.get_publisher_count())
         # Two periods, because some publishers have a low rate.
         before, self._foreign_joints = self._foreign_joints, self.path.take_foreign_joints()

@@ -11,8 +11,9 @@ from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import REQUEST, STATE
+from kane_dynamics.ros.torque_path.guard_messages import FIELDS, REQUEST, STATE
 from kane_dynamics.ros.torque_path.path_controller import path_controller
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -20,6 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
+TICKS = 3  # in a lease, by which the guard notes its own stalls
 
 
 class ConfiguredGuard:
@@ -57,8 +59,7 @@ class ConfiguredGuard:
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self.missed_deadlines, self.node_alive = 0, False
-        self._answer: tuple[float, bool] = 0.0, False  # the last request; whether it was acting
-        self._message = float64_multi_array(2 + self.robot.n)
+        self._message = float64_multi_array(FIELDS + self.robot.n)
         self._request = float64_multi_array(1)
         with ExitStack() as opened:
             self._open(node, target, controller, values, warn, say, opened)
@@ -82,12 +83,18 @@ class ConfiguredGuard:
         self.path = GuardPath(controller, self._commands, publisher(JointState, '~/joint_torques'),
                               self.now, values, self.statistics, warn, say)
         self._say = say
+        timer = node.create_timer(values['guard.lease'] / TICKS, self._tick,
+                                  clock=Clock(clock_type=ClockType.STEADY_TIME))
+        opened.callback(node.destroy_timer, timer)
         subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
         subscribe(JointState, f'{target}/joint_torques', self.path.on_torques,
                   watched(values['guard.lease'], values['guard.deadline']),
                   event_callbacks=SubscriptionEventCallbacks(
                       deadline=self._on_deadline, liveliness=self._on_liveliness))
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
+
+    def _tick(self) -> None:
+        self.path.watch.tick(time.perf_counter())
 
     def now(self) -> int:
         """Return the clock of both nodes, ns."""
@@ -105,21 +112,19 @@ class ConfiguredGuard:
         """Tell the dynamics node that the guard lives."""
         self._send(0.0, self.path.watch.acting)
 
-    def _send(self, number: float, commanded: bool) -> None:
-        self._message.numbers[:2] = number, commanded
-        self._message.numbers[2:] = self.path.watch.torque
+    def _send(self, number: float, acting: bool) -> None:
+        """Send the state of the guard, as the answer to a request."""
+        watch = self.path.watch
+        self._message.numbers[:FIELDS] = number, acting, watch.commanded_last
+        self._message.numbers[FIELDS:] = watch.torque
         self._state.publish(self._message.serialized())
 
     def _on_request(self, data: bytes) -> None:
         """Hand the topic over to the dynamics node, and answer."""
         if not self._request.read(data):
             return
-        number = float(self._request.numbers[0])
         acted = self.path.hand_over()
-        if number == self._answer[0]:  # repeated: the answer is the same
-            acted |= self._answer[1]
-        self._answer = number, acted
-        self._send(number, acted)
+        self._send(float(self._request.numbers[0]), acted)
         if acted:
             self._say('the dynamics node is back; watching it')
 

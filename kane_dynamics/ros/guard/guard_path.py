@@ -83,6 +83,7 @@ class GuardPath(TorquePath):
     def on_state(self, data: bytes) -> None:
         """Check one serialized JointState, and command if the watch says so."""
         super().on_state(data)
+        self.commanding &= self.watch.acting
         if self._news:  # after the command, which must not wait for the log
             news, self._news = self._news, ''
             self._say(news)
@@ -155,7 +156,7 @@ class GuardPath(TorquePath):
 
     def _publish(self, tau: Array) -> None:
         super()._publish(tau)
-        self.watch.torque, self.watch.armed = tau, bool(tau.any())
+        self.watch.note(tau, True)
 
     def on_clock_jump(self) -> None:
         """Forget the stamps of the time before the jump; torques continue."""

@@ -34,7 +34,8 @@ class NodeParameters:
     def __init__(self, node: Node, target: str, use: Callable[[Mapping[str, Any]], None]) -> None:
         self._client = node.create_client(GetParameters, f'{target}/get_parameters')
         self._use = use
-        self._wanted, self._pending = False, None
+        self._wanted = False
+        self._pending: Any = None
 
     def request(self) -> None:
         """Read the parameters as soon as the service answers."""

@@ -29,6 +29,8 @@ class NodeWatch:
         Whether the guard commands.
     torque : (n,) array
         The last torque, of the node or of the guard, N m or N.
+    commanded_last : bool
+        Whether the guard commanded it.
     takeovers : int
         Number of takeovers since the start.
     silent_for : float
@@ -38,7 +40,7 @@ class NodeWatch:
 
     def __init__(self, lease: float, joints: int) -> None:
         self._lease = lease
-        self.armed = self.acting = False
+        self.armed = self.acting = self.commanded_last = False
         self.torque = np.zeros(joints)
         self.takeovers, self.silent_for = 0, 0.0
         self._unanswered = 0
@@ -49,23 +51,33 @@ class NodeWatch:
 
     def hear(self, torque: Array, now: float) -> None:
         """Note a command of the node."""
-        self.torque = torque
-        self.armed = bool(torque.any())
+        self.note(torque, False)
         self.silence(now)
+
+    def note(self, torque: Array, own: bool) -> None:
+        """Note a command of the node or of the guard."""
+        self.torque, self.armed, self.commanded_last = torque, bool(torque.any()), own
 
     def silence(self, now: float) -> None:
         """Let the node command; wait for its next command as if it had sent one now."""
         self.acting, self._unanswered, self.heard_at = False, 0, now
 
-    def may_command(self, now: float) -> bool:
-        """Count a valid state; return whether the guard commands."""
+    def tick(self, now: float) -> None:
+        """Note that the guard runs, several times in a lease; after a stall of its own, wait."""
         stall, self._alive = now - self._alive, now
         if stall > (OWN_STALL if self.acting else self._lease):
-            # Messages of the node may still be waiting.
-            self.silence(now)
+            self.silence(now)  # messages of the node may still be in the queue
+
+    def may_command(self, now: float) -> bool:
+        """Count a valid state; return whether the guard commands."""
+        self.tick(now)
         if not self.acting:
             self._unanswered += 1
             self.check(now)
+        return self.acting
+
+    def may_stop(self, now: float) -> bool:
+        """Return whether the guard commands."""
         return self.acting
 
     def confirm(self, now: float) -> bool:

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.commanders import commanders, several_commanders
+from kane_dynamics.ros.common.commanders import CommanderCount, several_commanders
 from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
 from kane_dynamics.ros.common.conversion import NANO, vector
 from kane_dynamics.ros.common.qos import RELIABLE, WRENCHES
@@ -65,6 +65,7 @@ class PlantNode(Node):
             values['publish_clock']) else None
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
         self.create_subscription(Float64MultiArray, 'commands', self._on_command, RELIABLE)
+        self._commanders = CommanderCount(self, 'commands')
         self.create_subscription(WrenchStamped, '~/wrench', self._on_wrench, WRENCHES)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
@@ -232,5 +233,5 @@ class PlantNode(Node):
         if self._clock_out is not None and (clocks := self.count_publishers('/clock')) > 1:
             self._warn('clock', f'{clocks} publishers on /clock; expected one node with '
                        'publish_clock')
-        if len(sources := commanders(self, 'commands')) > 1:
+        if len(sources := self._commanders.update()) > 1:
             self._warn('commands', several_commanders(sources))

@@ -6,16 +6,18 @@ import time
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (LOADS, loads_to_numbers, LOST, REQUEST, STATE)
+from kane_dynamics.ros.torque_path.guard_messages import (FIELDS, LOADS, loads_to_numbers, LOST,
+                                                          REQUEST, STATE)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 SHARE = 0.75      # of the lease, after which this node may no longer command without a request
 PERIODS = 1.5     # the guard takes over after two periods of the states at the earliest
-RELAX = 1.1       # growth of the estimated period for each state
+RELAX = 1.002     # growth of the estimated period for each state
 REPEAT = 0.005    # s between two requests
 ANSWER = 0.05     # s for the answer of a living guard
+STALL = 0.02      # s: of a longer time between two requests, this part was a wait
 DISCOVERY = 3.5   # s after configure for the first sign of life: Fast DDS may need a heartbeat
 
 
@@ -47,12 +49,15 @@ class GuardLink:
         self._path, self._log = path, node.get_logger()
         self._shortest = SHARE * lease
         self._seen = 0.0  # time of the last sign of life; 0: none yet
-        self._last, self._period = 0.0, 0.0  # time of the last command, s; estimate of the period
-        self._asked: float | None = None  # time of the first request without answer
-        self._repeated, self._opened = 0.0, time.perf_counter()
+        self._last = 0.0  # time of the last command, s
+        self._arrived, self._period = 0.0, float('inf')  # last state; estimate of their period, s
+        self._asked = False  # whether a request has no answer yet
+        self._sent = self._repeated = 0.0  # first and last time at which it was sent; 0: not yet
+        self._waited = 0.0  # s, without stalls of this process
+        self._opened = time.perf_counter()
         self.new_parameters()
         self._number = self._configuration
-        self._request, self._state = float64_multi_array(1), float64_multi_array(2 + count)
+        self._request, self._state = float64_multi_array(1), float64_multi_array(FIELDS + count)
         self._requests = node.create_publisher(Float64MultiArray, f'~/{REQUEST}', RELIABLE)
         opened.callback(node.destroy_publisher, self._requests)
         self._loads = node.create_publisher(Float64MultiArray, f'~/{LOADS}', LATCHED)
@@ -85,7 +90,7 @@ class GuardLink:
     @property
     def waiting(self) -> bool:
         """Return whether this node waits for an answer of the guard."""
-        return self._asked is not None
+        return self._asked
 
     def start(self) -> None:
         """Ask before the first command."""
@@ -93,15 +98,22 @@ class GuardLink:
 
     def may_command(self, now: float) -> bool:
         """Return whether this node may command; ask the guard if it may have taken over."""
-        if self._asked is not None:
-            return self._answered(now, self._asked)
+        self._period = min(now - self._arrived, RELAX * self._period)
+        self._arrived = now
+        if not self.may_stop(now):
+            return False
+        self._last = now
+        return True
+
+    def may_stop(self, now: float) -> bool:
+        """Return whether this node may command zeros; ask as before a command."""
+        if self._asked:
+            return self._answered(now)
         gap = now - self._last
         if gap > self._shortest and gap > PERIODS * self._period and (
                 self._last - self._seen < LOST):
             self._ask(now)
             return False
-        self._period = min(gap, RELAX * self._period)
-        self._last = now
         return True
 
     def confirm(self, now: float) -> bool:
@@ -111,44 +123,56 @@ class GuardLink:
             return False
         return True
 
-    def _answered(self, now: float, asked: float) -> bool:
+    def _answered(self, now: float) -> bool:
         """Return whether the wait for an answer is over; repeat the request."""
-        if now > (asked + ANSWER if self._seen else self._opened + DISCOVERY):
+        if now > self._opened + DISCOVERY if not self._seen else self._waited > ANSWER:
             self._log.warning('torque_guard does not answer; commanding without it')
-            self._granted(now)
+            self._asked, self._last = False, now
             return True
-        if now - self._repeated > REPEAT:
-            self._send(now)
+        self._send(now)
         return False
 
     def _ask(self, now: float) -> None:
-        self._asked = now
+        self._asked = True
         self._number += 1.0
+        self._sent, self._repeated, self._waited = 0.0, now - REPEAT, 0.0
         self._send(now)
 
     def _send(self, now: float) -> None:
-        self._repeated = now
+        """Send the request, at most once every REPEAT, to a guard whose answer will arrive."""
+        if not self._seen or now - self._repeated < REPEAT:
+            return
+        self._waited += min(now - self._repeated, STALL)
+        self._sent, self._repeated = self._sent or now, now
         self._request.numbers[0] = self._number
         self._requests.publish(self._request.serialized())
-
-    def _granted(self, now: float) -> None:
-        self._asked, self._last = None, now
 
     def _on_state(self, data: bytes) -> None:
         """Note a sign of life, or the answer to the last request."""
         now = time.perf_counter()
         if not self._state.read(data):
             return
-        self._seen = now
-        number, commanded, *_ = self._state.numbers.tolist()
-        if self._asked is None or number != self._number:
+        first, self._seen = not self._seen, now
+        number, acting, commanded, *_ = self._state.numbers.tolist()
+        if not self._asked:
+            return
+        if number != self._number:
+            if first:  # only now an answer is sure to arrive
+                self._ask(now)
             return
         silent = now - self._last
-        self._granted(now)
+        # The guard counts its lease from the request on.
+        self._asked, self._last = False, self._sent
         if commanded:
-            dropped = self._path.resume(self._state.numbers[2:].copy())
-            self._log.warning(
-                'torque_guard held the arm' + f' while this node was silent for {silent:.3f} s'
-                * (self._path.last_update > 0.0) + '; continuing from its torques'
-                + ', desired motion dropped' * dropped)
+            dropped = self._path.resume(self._state.numbers[FIELDS:].copy())
+            if acting:
+                self._log.warning(
+                    'torque_guard held the arm'
+                    + f' while this node was silent for {silent:.3f} s'
+                    * (self._path.last_update > 0.0) + '; continuing from its torques'
+                    + ', desired motion dropped' * dropped)
+        if not acting:
+            period = self._period
+            self._path.retry()
+            self._period = period  # no state arrived
         self._path.check_timeout()

@@ -36,6 +36,9 @@ class Arbiter(Protocol):
     def may_command(self, now: float) -> bool:
         """Return whether this process may command; called once for each valid state."""
 
+    def may_stop(self, now: float) -> bool:
+        """Return whether this process may command zeros because states are stale."""
+
     def confirm(self, now: float) -> bool:
         """Return whether this process may still command, immediately before it does."""
 
@@ -75,6 +78,7 @@ class TorquePath:
         self._torque_message = joint_state_of_efforts(joints)
         self.wrenches: WrenchInput | None = None
         self.arbiter: Arbiter | None = None
+        self._waiting = b''  # the last state, if the arbiter denied a command
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
@@ -145,7 +149,7 @@ class TorquePath:
 
     def time_out(self, reason: str) -> None:
         """Command zeros until the next valid state, and drop the desired motion."""
-        if self.commanding and self.arbiter is not None and not self.arbiter.may_command(
+        if self.commanding and self.arbiter is not None and not self.arbiter.may_stop(
                 time.perf_counter()):
             return  # another process may hold the arm; the next check decides
         self.timed_out = True
@@ -181,7 +185,7 @@ class TorquePath:
         if stamp is None:
             return
         if self.arbiter is not None and not self.arbiter.may_command(began):
-            self._last_good, self._last_stamp = min(now, stamp), stamp
+            self._last_good, self._last_stamp, self._waiting = min(now, stamp), stamp, data
             return
         # Between two cycles, so that each command is computed with consistent loads.
         if self._loads is not self._applied_loads:
@@ -198,6 +202,7 @@ class TorquePath:
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
             return
         self.timed_out, self.commanding, self.last_update = False, True, began
+        self._waiting = b''
         self._torque_message.stamp(reader.sec, reader.nanosec)
         self._publish(command.tau)
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
@@ -205,6 +210,12 @@ class TorquePath:
         self.statistics.full_parses = reader.full_parses
         for observer in self._observers:  # after the command, which must not wait for them
             observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau, external))
+
+    def retry(self) -> None:
+        """Answer the state for which the arbiter denied a command, if no later one came."""
+        data, self._waiting = self._waiting, b''
+        if data:
+            self.on_state(data)
 
     def _accept(self, data: bytes, now: int) -> int | None:
         """Read a serialized state; return its stamp, ns, or None if it is dropped."""

@@ -1,0 +1,411 @@
+"""
+The dynamics node and torque_guard in one process, with a manual clock and topics in memory.
+
+Both sides are the ones of the real processes; a stopped process receives and sends nothing.
+"""
+
+from collections import defaultdict, deque
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from contextlib import ExitStack  # noqa: E402, I100
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.model.inertial import Inertial  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import controller_settings, read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.torque_path.cdr import float64_multi_array, write_joint_state  # noqa: E402
+from kane_dynamics.ros.torque_path.cdr import PreparedMessage  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.guard_link import GuardLink  # noqa: E402
+from kane_dynamics.ros.torque_path.guard_messages import (loads_from_numbers,  # noqa: E402
+                                                          loads_to_numbers)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+NANO = 10**9
+MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
+LEASE, RATE, TAU = 0.012, 500.0, np.zeros(2)
+Q = np.array([0.4, -0.3])
+MOTION = Motion.from_points([0.0, 20.0], [[0.4, -0.3], [5.0, -4.0]],
+                            joint_names=MODEL.joint_names)
+
+
+class Machine:
+    """A clock and topics in memory, shared by two processes of one machine."""
+
+    def __init__(self, monkeypatch):
+        self.now = 1000.0
+        monkeypatch.setattr(time, 'perf_counter', lambda: self.now)
+        monkeypatch.setattr(time, 'time_ns', lambda: round(self.now * NANO))
+        self.subscribers = defaultdict(list)
+        self.commands = []  # (time, process, torque)
+        self.queue = deque()
+
+    def publish(self, topic, data):
+        """Deliver a message after the callback that publishes it has returned."""
+        self.queue += [(process, topic, callback, data)
+                       for process, callback in self.subscribers[topic]]
+
+    def deliver(self):
+        while self.queue:
+            process, topic, callback, data = self.queue.popleft()
+            process.deliver(topic, callback, data)
+
+
+class Process:
+    """One process: a replacement of a node, with a queue while it is stopped."""
+
+    def __init__(self, machine, name):
+        self.machine, self.name, self.running, self.dead = machine, name, True, False
+        self.queue, self.log = {}, []
+
+    def deliver(self, topic, callback, data):
+        if self.dead:
+            return
+        if not isinstance(data, bytes):
+            data = serialize_message(data)
+        if self.running:
+            callback(data)
+        else:
+            self.queue[topic] = callback, data  # the latest message of each topic
+
+    def resume(self):
+        self.running = True
+        queue, self.queue = self.queue, {}
+        for callback, data in queue.values():
+            callback(data)
+
+    def create_publisher(self, kind, topic, qos):
+        topic = topic.replace('~', self.name).replace('dynamics', 'node')
+
+        def publish(data):
+            if topic == 'commands':
+                message = float64_multi_array(2)
+                assert message.read(data)
+                self.machine.commands.append((self.machine.now, self.name, message.numbers.copy()))
+            self.machine.publish(topic, data)
+        return SimpleNamespace(publish=publish, wait_for_all_acked=lambda timeout: True)
+
+    create_lifecycle_publisher = create_publisher
+
+    def create_subscription(self, kind, topic, callback, qos, **options):
+        topic = topic.replace('~', self.name)
+        self.machine.subscribers[topic].append((self, callback))
+        return (topic, callback)
+
+    def create_timer(self, period, callback, clock):
+        self.tick = callback
+
+    def destroy_publisher(self, publisher):
+        pass
+
+    destroy_subscription = destroy_timer = destroy_publisher
+
+    def get_clock(self):
+        return SimpleNamespace(ros_time_is_active=False)
+
+    def get_logger(self):
+        return SimpleNamespace(**dict.fromkeys(('info', 'warning', 'error'), self.log.append))
+
+
+@pytest.fixture(scope='module')
+def controller():
+    """Return the controller of the node, with compiled kernels."""
+    return Controller(Robot(MODEL))
+
+
+class Pair:
+    """A dynamics node and its guard on one machine, with a driver of joint states."""
+
+    def __init__(self, monkeypatch, controller, period=0.002, **changes):
+        values = {spec.name: read(spec, spec.default) for spec in SPECS}
+        self.values = values | {'limits.rate': np.array(RATE), 'guard.lease': LEASE, **changes}
+        self.machine = Machine(monkeypatch)
+        self.period = period
+        self.q, self.u = Q.copy(), np.zeros(2)
+        writer, offsets = write_joint_state(MODEL.joint_names, '', (2, 2, 0))
+        self._state = PreparedMessage(writer, offsets[0], 2)
+        self._speeds = self._state.doubles(offsets[1], 2)
+        self.guard_process = Process(self.machine, 'guard')
+        self.guard = ConfiguredGuard(self.guard_process, 'node', MODEL, self.values,
+                                     lambda *words: None, self.guard_process.log.append)
+        self.controller = controller
+        self.start_node()
+        self.run(0.3)
+        assert self.machine.commands[-1][1] == 'node'
+
+    def start_node(self):
+        process = self.node_process = Process(self.machine, 'node')
+        self.controller.update(**controller_settings(self.values, MODEL.joint_names))
+        self.controller.stop()
+        self.path = TorquePath(
+            self.controller, process.create_publisher(None, 'commands', None),
+            process.create_publisher(None, '~/joint_torques', None),
+            lambda: round(self.machine.now * NANO), 0.1, Statistics(), lambda *words: None)
+        self.link = self.path.arbiter = GuardLink(process, self.path, LEASE, ExitStack(), 2)
+        self.path.start()
+        process.create_subscription(None, 'joint_states', self.path.on_state, None)
+
+    def step(self, states=True):
+        """Advance by one period of the joint states, in steps of the guard's timer."""
+        machine = self.machine
+        end = machine.now + self.period
+        while machine.now < end - 1e-9:
+            machine.now = min(machine.now + 0.002, end)
+            if self.guard_process.running and not self.guard_process.dead:
+                self.guard_process.tick()
+                self.guard.path.check_timeout()
+                if round(machine.now * 1000) % 100 < 2:
+                    self.guard.send_sign_of_life()
+            if self.node_process.running and not self.node_process.dead:
+                self.path.check_timeout()
+            machine.deliver()
+        if states:
+            self._state.numbers[:], self._speeds[:] = self.q, self.u
+            self._state.stamp(*divmod(round(machine.now * NANO), NANO))
+            machine.publish('joint_states', self._state.serialized())
+            machine.deliver()
+
+    def run(self, seconds, states=True):
+        for _ in range(round(seconds / self.period)):
+            self.step(states)
+
+    def voices(self, since=0.0):
+        """Return the processes that commanded, in turn, and check that no two did at once."""
+        turns = []
+        before = -1.0
+        for now, name, _ in self.machine.commands:
+            if now > since:
+                if turns and turns[-1] != name:
+                    assert now > before, 'two voices answer one state'
+                if not turns or turns[-1] != name:
+                    turns.append(name)
+                before = now
+        return turns
+
+    def largest_step(self, since):
+        """Return the largest change of torque between two commands, in units of the limit."""
+        taus = [tau for now, _, tau in self.machine.commands if now >= since]
+        return np.abs(np.diff(taus, axis=0)).max() / (RATE * self.period)
+
+
+@pytest.fixture
+def pair(monkeypatch, controller):
+    """Return a function that starts a node with its guard."""
+    return lambda **changes: Pair(monkeypatch, controller, **changes)
+
+
+def test_after_a_kill_the_guard_commands_gravity_within_two_periods_of_the_lease(pair):
+    both = pair()
+    killed = both.machine.now
+    both.node_process.dead = True
+    both.run(0.1)
+    first = next(each for each in both.machine.commands if each[1] == 'guard')
+    assert first[0] - killed <= LEASE + 2 * 0.002 + 1e-9
+    gravity = Robot(MODEL).gravity_force(Q)
+    np.testing.assert_allclose(both.machine.commands[-1][2], gravity, rtol=1e-12)
+    assert both.largest_step(killed) <= 1.0
+
+
+def test_the_guard_damps_motion_and_starts_from_the_last_torque_of_the_node(pair):
+    both = pair(**{'limits.rate': np.array(np.inf), 'guard.ramp': 0.02})
+    both.path.active_motion.follow(MOTION, round(both.machine.now * NANO), 0,
+                                   both.path.active_motion.generation)
+    both.run(0.1)
+    both.u = np.array([0.5, -0.2])
+    last = both.machine.commands[-1][2]
+    both.node_process.dead = True
+    both.run(0.014)
+    guard = [tau for _, name, tau in both.machine.commands if name == 'guard']
+    np.testing.assert_allclose(guard[0], last, atol=1e-12)
+    both.run(0.1)
+    robot = Robot(MODEL)
+    expected = robot.inverse_dynamics(Q, both.u, -20.0 * both.u) - robot.friction_force(both.u)
+    np.testing.assert_allclose(both.machine.commands[-1][2], expected, rtol=1e-9)
+
+
+def test_a_node_that_returns_gets_the_topic_without_step_and_without_two_voices(pair):
+    both = pair()
+    began = both.machine.now
+    both.node_process.running = False
+    both.run(0.5)
+    both.node_process.resume()
+    both.run(0.2)
+    assert both.voices(began) == ['guard', 'node']
+    assert both.largest_step(began) <= 1.0 + 1e-9
+    both.node_process.dead = True
+    both.run(0.3)
+    both.start_node()
+    both.run(0.3)
+    assert both.voices(began) == ['guard', 'node', 'guard', 'node']
+    assert both.largest_step(began) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize(('length', 'kept'), [(0.05, True), (0.5, False)])
+def test_a_motion_survives_a_short_stall_only(pair, length, kept):
+    both = pair()
+    both.path.active_motion.follow(MOTION, round(both.machine.now * NANO), 0,
+                                   both.path.active_motion.generation)
+    both.run(0.05)
+    both.node_process.running = False
+    both.run(length)
+    both.node_process.resume()
+    both.run(0.05)
+    assert both.machine.commands[-1][1] == 'node'
+    assert (both.path.active_motion.desired(round(both.machine.now * NANO)) is not None) is kept
+
+
+def test_zeros_of_the_node_are_no_reason_to_take_over(pair):
+    both = pair()
+    both.path.stop()
+    began = both.machine.now
+    both.run(1.0)
+    assert both.voices(began) == []
+    assert not both.machine.commands[-1][2].any()
+
+
+def test_zeros_of_a_returning_node_end_the_guards_commands(pair):
+    both = pair()
+    both.node_process.running = False
+    both.run(0.3)
+    both.node_process.running = True
+    both.path.stop()  # a shutdown, before the node reads any message
+    both.run(0.3)
+    assert not both.machine.commands[-1][2].any()
+    assert not both.guard.path.watch.acting
+
+
+def test_states_that_stop_are_no_reason_to_take_over_and_give_zeros_of_the_node(pair):
+    both = pair()
+    began = both.machine.now
+    both.run(0.5, states=False)
+    assert both.voices(began) == ['node']
+    assert not both.machine.commands[-1][2].any()
+    both.run(0.1)
+    assert both.voices(began) == ['node']
+    assert both.machine.commands[-1][2].any()
+
+
+def test_stale_states_give_zeros_of_the_guard_when_the_node_is_dead(pair):
+    both = pair()
+    both.node_process.dead = True
+    both.run(0.1)
+    assert both.machine.commands[-1][2].any()
+    both.run(0.2, states=False)
+    assert not both.machine.commands[-1][2].any()
+    both.run(0.1)
+    assert both.machine.commands[-1][2].any(), 'fresh states are used again'
+    again = pair()
+    again.node_process.dead = True
+    again.run(0.2, states=False)  # node and states end together
+    assert again.machine.commands[-1][1] == 'guard'
+    assert not again.machine.commands[-1][2].any()
+
+
+def test_slow_states_neither_trigger_the_guard_nor_blind_it(pair):
+    both = pair(period=0.02)
+    began = both.machine.now
+    both.run(1.0)
+    assert both.voices(began) == ['node']
+    both.node_process.dead = True
+    killed = both.machine.now
+    both.run(0.1)
+    first = next(now for now, name, _ in both.machine.commands if name == 'guard')
+    assert first - killed <= 2 * 0.02 + 1e-9
+
+
+def test_a_dead_guard_changes_nothing_but_the_warning(pair):
+    both = pair()
+    assert both.link.warning == ''
+    both.guard_process.dead = True
+    both.run(1.0)
+    assert 'start torque_guard' in both.link.warning
+    began = both.machine.now
+    both.node_process.running = False
+    both.run(0.05)
+    both.node_process.resume()
+    both.step()
+    assert both.voices(began) == ['node'], 'no wait for a dead guard'
+
+
+def test_a_node_without_guard_commands_after_the_discovery_timeout(pair):
+    both = pair()
+    both.guard_process.dead = True
+    both.node_process.dead = True
+    both.start_node()
+    began = both.machine.now
+    both.run(3.4)
+    assert both.voices(began) == []
+    both.run(0.2)
+    assert both.voices(began) == ['node']
+
+
+@pytest.mark.parametrize('action', ['damp', 'zero'])
+def test_actions_fade_out(pair, action):
+    both = pair(**{'guard.action': action, 'guard.fade': 0.2})
+    both.u = np.array([0.1, 0.2])
+    both.node_process.dead = True
+    both.run(0.02)
+    assert both.machine.commands[-1][2].any()
+    both.run(0.5)
+    robot = Robot(MODEL)
+    damping = (robot.inverse_dynamics(Q, both.u, -20.0 * both.u) - robot.friction_force(both.u)
+               - robot.gravity_force(Q))
+    np.testing.assert_allclose(both.machine.commands[-1][2],
+                               damping if action == 'damp' else np.zeros(2), atol=1e-12)
+
+
+def test_random_stalls_of_both_processes_never_give_two_voices_or_a_step(pair):
+    both = pair()
+    rng = np.random.default_rng(7)
+    began = both.machine.now
+    for _ in range(60):
+        stalled = [process for process in (both.node_process, both.guard_process)
+                   if rng.random() < 0.6]
+        for process in stalled:
+            process.running = False
+        both.run(0.002 * rng.integers(1, 60))
+        rng.shuffle(stalled)
+        for process in stalled:
+            process.resume()
+        both.run(0.002 * rng.integers(1, 60))
+    assert {'node', 'guard'} <= set(both.voices(began))
+    assert both.largest_step(began) <= 1.0 + 1e-9
+
+
+def test_loads_arrive_as_they_were_sent():
+    payload = Inertial(1.5, np.array([0.1, 0.2, 0.3]),
+                       np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.3], [0.2, 0.3, 5.0]]))
+    for sent in (payload, None):
+        number, loads = loads_from_numbers(np.array(
+            loads_to_numbers(7.0, GravityAndPayload(np.array([0.1, 0.2, -9.8]), sent))))
+        assert number == 7.0
+        np.testing.assert_array_equal(loads.gravity, [0.1, 0.2, -9.8])
+        assert (loads.payload is None) == (sent is None)
+        if sent is not None:
+            assert loads.payload.mass == sent.mass
+            np.testing.assert_array_equal(loads.payload.com, sent.com)
+            np.testing.assert_array_equal(loads.payload.inertia, sent.inertia)
+
+
+def test_the_guard_uses_the_loads_of_the_node(pair):
+    both = pair()
+    both.guard.set_loads(GravityAndPayload(np.array([0.0, 0.0, -5.0])))
+    both.node_process.dead = True
+    both.run(0.2)
+    gravity = Robot(MODEL).gravity_force(Q) * 5.0 / 9.81
+    np.testing.assert_allclose(both.machine.commands[-1][2], gravity, rtol=1e-12)
+
+
+def test_a_message_of_loads_is_a_float64_multi_array():
+    data = loads_to_numbers(1.0, GravityAndPayload(np.zeros(3)))
+    assert len(Float64MultiArray(data=data).data) == 14
