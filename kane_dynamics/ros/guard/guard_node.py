@@ -37,7 +37,7 @@ class GuardNode(Node):
     The node `torque_guard`.
 
     It reads the parameters of the dynamics node whenever ~/loads of that node has a new id, and
-    builds the same robot. While it commands, a new configuration waits.
+    builds the same robot. While its torque acts, a new configuration waits.
     """
 
     def __init__(self) -> None:
@@ -92,7 +92,7 @@ class GuardNode(Node):
         self._source.poll()
         if self.guard is not None:
             self.guard.path.check_timeout()
-        if self._next is not None and not (self.guard and self.guard.path.watch.acting):
+        if self._next is not None and not (self.guard and self.guard.path.watch.holding):
             values, self._next = self._next, None
             try:
                 self._configure(values)

@@ -46,6 +46,11 @@ class NodeWatch:
         self._unanswered = 0
         self.heard_at = self._alive = 0.0
 
+    @property
+    def holding(self) -> bool:
+        """Return whether a torque of the guard acts."""
+        return self.acting or (self.commanded_last and self.armed)
+
     def start(self) -> None:
         """Start, with the torque path."""
 

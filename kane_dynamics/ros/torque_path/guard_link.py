@@ -50,7 +50,7 @@ class GuardLink:
         self._shortest = SHARE * lease
         self._seen = 0.0  # time of the last sign of life; 0: none yet
         self._last = 0.0  # time of the last command, s
-        self._arrived, self._period = 0.0, float('inf')  # last state; estimate of their period, s
+        self._arrived, self._period = 0.0, 0.0  # last state; estimate of their period, s; 0: none
         self._asked = False  # whether a request has no answer yet
         self._sent = self._repeated = 0.0  # first and last time at which it was sent; 0: not yet
         self._waited = 0.0  # s, without stalls of this process
@@ -98,7 +98,9 @@ class GuardLink:
 
     def may_command(self, now: float) -> bool:
         """Return whether this node may command; ask the guard if it may have taken over."""
-        self._period = min(now - self._arrived, RELAX * self._period)
+        if self._arrived:
+            gap = now - self._arrived
+            self._period = min(gap, RELAX * self._period) if self._period else gap
         self._arrived = now
         if not self.may_stop(now):
             return False

@@ -311,6 +311,18 @@ def test_stale_states_give_zeros_of_the_guard_when_the_node_is_dead(pair):
     assert not again.machine.commands[-1][2].any()
 
 
+def test_a_node_that_gets_no_states_does_not_command_zeros_while_the_guard_holds_the_arm(pair):
+    both = pair()
+    both.node_process.dead = True
+    both.run(0.2)
+    began = both.machine.now
+    both.start_node()
+    both.machine.subscribers['joint_states'].pop()  # not discovered yet
+    both.run(1.0)
+    assert set(both.voices(began)) == {'guard'}
+    assert all(tau.any() for now, _, tau in both.machine.commands if now > began)
+
+
 def test_slow_states_neither_trigger_the_guard_nor_blind_it(pair):
     both = pair(period=0.02)
     began = both.machine.now
