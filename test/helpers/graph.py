@@ -59,8 +59,9 @@ def model():
 class Process:
     """A node in its own process; the dynamics node unless another module is given."""
 
-    def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', **parameters):
-        command = [sys.executable, '-m', module, '--ros-args']
+    def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', ros=True,
+                 **parameters):
+        command = [sys.executable, '-m', module, *(['--ros-args'] if ros else [])]
         for name, value in parameters.items():
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''

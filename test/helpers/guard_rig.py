@@ -9,17 +9,19 @@ from typing import NamedTuple
 
 from graph import DEEP, JOINTS, NAME, Process, URDF
 from kane_dynamics import Controller, load_urdf, Robot
+from kane_dynamics.demo.demo_settings import HOME, JOINTS as FR3_JOINTS, URDF as FR3
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 import numpy as np
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 PERIOD = 0.002  # s, of the plant
-RATE = 2000.0  # N m/s
 DAMPING = 20.0  # 1/s
 
 
@@ -41,7 +43,8 @@ class Recorder(Node):
         for source, topic in (('node', f'{NAME}/joint_torques'),
                               ('guard', '/torque_guard/joint_torques')):
             self.create_subscription(JointState, topic, self._keeping(source), DEEP)
-        self.create_subscription(JointState, 'joint_states', self._on_state, DEEP)
+        self.create_subscription(JointState, 'joint_states', self._on_state,
+                                 qos_profile_sensor_data)
         self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
         self._executor = EventsExecutor()
         self._executor.add_node(self)
@@ -53,6 +56,7 @@ class Recorder(Node):
         return keep
 
     def _on_state(self, message):
+        self.names = tuple(message.name)
         self.states.append((_stamp(message), np.array(message.position),
                             np.array(message.velocity)))
 
@@ -68,6 +72,10 @@ class Recorder(Node):
     def of(self, source):
         return [each for each in self.commands if each.source == source]
 
+    def forget(self):
+        self.commands.clear()
+        self.states.clear()
+
     def close(self):
         self._executor.shutdown()
         self.destroy_node()
@@ -77,9 +85,9 @@ def _stamp(message):
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 
-def prefer(process, priority):
+def prefer(pid, priority):
     """Schedule all threads of a process before those of other programs, where that is allowed."""
-    for task in os.listdir(f'/proc/{process.pid}/task'):
+    for task in os.listdir(f'/proc/{pid}/task'):
         try:
             if os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
                 os.sched_setscheduler(int(task), os.SCHED_FIFO, os.sched_param(priority))
@@ -87,66 +95,110 @@ def prefer(process, priority):
             break
 
 
-class Rig:
-    """Plant, node and guard as processes; ends them with `close`."""
+class Arm(NamedTuple):
+    """An arm with its motion: positions home + amplitude sin(2 t + phase)."""
 
-    def __init__(self, folder: Path, *, plant='kane_dynamics.ros.plant.plant_main', **parameters):
+    urdf: str
+    joints: tuple
+    home: np.ndarray
+    amplitude: np.ndarray
+    rate: float  # largest rate of torque, N m/s
+
+
+PLANT_ARM = Arm(URDF, JOINTS, np.zeros(3), np.array([0.6, 0.4, 0.1]), 2000.0)
+
+
+def mujoco_arm():
+    """Return the arm of the demo."""
+    return Arm(FR3.read_text(), FR3_JOINTS, HOME, np.full(7, 0.25), 1000.0)
+
+
+class Rig:
+    """
+    Plant, node and guard as processes, and a recorder in this one.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder for the URDF.
+    arm : Arm
+    mujoco : bool
+        Simulate the arm by MuJoCo, else by plant_node.
+
+    """
+
+    def __init__(self, folder: Path, arm=PLANT_ARM, *, mujoco=False, **parameters):
         if not rclpy.ok():
             rclpy.init()
         urdf = folder / 'arm.urdf'
-        urdf.write_text(URDF)
+        urdf.write_text(arm.urdf)
+        self.arm, self._mujoco = arm, mujoco
         self.urdf = {'urdf': str(urdf)}
         self.parameters = {
-            'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': RATE,
+            'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
             'guard__damping': DAMPING, **parameters}
         self.recorder = Recorder()
-        self.plant = Process(module=plant, **self.urdf, command_timeout=100.0,
-                             after_timeout='hold', hold_until_command='true')
-        self.node = self.guard = None
+        self.plant = Process(str(urdf), str(folder / 'record.npz'), ros=False,
+                             module='kane_dynamics.demo.mujoco_plant') if mujoco else Process(
+            module='kane_dynamics.ros.plant.plant_main', **self.urdf, command_timeout=100.0,
+            after_timeout='hold')
         self.start_node()
-        self.start_guard()
-        try:
-            self.plant.wait_for('joint states/s', 120.0)
-        except AssertionError:
-            self.close()
-            raise
+        self.guard = Process(module='kane_dynamics.ros.guard.main')
 
     def start_node(self):
         self.node = Process(**self.urdf, **self.parameters)
 
-    def start_guard(self):
-        self.guard = Process(module='kane_dynamics.ros.guard.main')
-
-    def move(self):
-        """Start a motion and wait until the node tracks it while guarded."""
+    def wait(self):
+        """Wait until the node commands alone, for 100 states."""
         recorder = self.recorder
         for words, process in (('watching kane_dynamics', self.guard), ('active', self.node)):
             recorder.spin_until(lambda p=process, w=words: w in p.log or not p.alive(), 120.0)
-            assert words in process.log, process.log
-        recorder.spin_until(lambda: len(recorder.of('node')) > 20 and recorder.motions
-                            .get_subscription_count() > 0, 90.0)
-        for process, priority in ((self.plant, 25), (self.guard, 22), (self.node, 18)):
+            assert words in process.log, self.logs()
+        recorder.spin_until(lambda: recorder.states and len(recorder.of('node')) > 20
+                            and recorder.motions.get_subscription_count() > 0, 90.0)
+        if self._mujoco:  # switch the servo off that held the arm
+            client = recorder.create_client(SetBool, '/plant/reset')
+            recorder.spin_until(client.service_is_ready)
+            future = client.call_async(SetBool.Request(data=False))
+            recorder.spin_until(future.done)
+            self._mujoco = False
+        for process, priority in ((self.plant.pid, 25), (self.guard.pid, 22),
+                                  (self.node.pid, 18), (os.getpid(), 15)):
             prefer(process, priority)
-        recorder.spin_until(lambda: all(each.source == 'node' for each in recorder.commands[-100:])
-                            and len(recorder.of('node')) > 100, 90.0)
-        q0 = recorder.states[-1][1]
-        message = JointTrajectory(joint_names=list(JOINTS))
+        recorder.forget()
+        recorder.spin_until(lambda: len(recorder.commands) > 100 and all(
+            each.source == 'node' for each in recorder.commands[-100:]), 90.0)
+
+    def move(self):
+        """Start a motion and wait until the arm moves."""
+        self.wait()
+        recorder, arm = self.recorder, self.arm
+        names = recorder.names
+        q0 = recorder.states[-1][1][[names.index(joint) for joint in arm.joints]]
+        message = JointTrajectory(joint_names=list(arm.joints))
         for k in range(121):
             t = 0.25 * k
             grow = min(t, 1.0)
-            q = q0 * (1.0 - grow) + grow * np.array(
-                [0.6, 0.4, 0.1]) * np.sin(2.0 * t + np.array([0.0, 1.0, 2.0]))
+            q = q0 + grow * (arm.home - q0 + arm.amplitude * np.sin(
+                2.0 * t + np.arange(len(q0))))
             point = JointTrajectoryPoint(positions=q.tolist())
             point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
                                                                               10**9)
             message.points.append(point)
         recorder.motions.publish(message)
         recorder.spin(1.6)
+        recorder.forget()
+        recorder.spin(0.1)
+
+    def moving(self):
+        """Return whether the arm moves and only the node commands."""
+        return (not self.recorder.of('guard') and len(self.recorder.of('node')) > 20
+                and np.abs(self.recorder.states[-1][2]).max() > 0.2)
 
     def fail(self, number):
-        """Send a signal to the node while it moves; return the time, s."""
-        began = time.monotonic()
+        """Send a signal to the node; return the time, s, and the system time, ns."""
+        began = time.monotonic(), time.time_ns()
         os.kill(self.node.pid, number)
         return began
 
@@ -157,23 +209,19 @@ class Rig:
     def close(self):
         self.recorder.close()
         for process in (self.node, self.guard, self.plant):
-            if process is not None and process.alive():
+            if process.alive():
                 os.kill(process.pid, signal.SIGCONT)
-                process.end()
-
-    def forget(self):
-        self.recorder.commands.clear()
-        self.recorder.states.clear()
+                process.end(timeout=20.0)
 
 
-def ideal_stop(states, failed, taken_over):
+def ideal_stop(model, states, failed, taken_over):
     """
     Return the index of the failure and the positions of an ideal stop from there on.
 
     Until the takeover the joints keep their speeds; then the guard's law acts without ramp.
     """
     k = next(i for i, (stamp, _, _) in enumerate(states) if stamp >= failed)
-    robot = Robot(load_urdf(URDF))
+    robot = Robot(model)
     arm = SimulatedArm(robot, PERIOD / 2)
     law = Controller(robot, mode='computed_torque', kp=0.0, kd=DAMPING)
     arm.reset(states[k][1])
@@ -190,18 +238,22 @@ def ideal_stop(states, failed, taken_over):
     return k, np.array(positions)
 
 
-def sag(recorder, failed):
+def sag(rig, failed):
     """Return the largest distance from the ideal stop after a failure at a stamp, degrees."""
-    k, ideal = ideal_stop(recorder.states, failed, recorder.of('guard')[0].stamp)
-    actual = np.array([q for _, q, _ in recorder.states[k:]])
+    recorder, arm = rig.recorder, rig.arm
+    order = [recorder.names.index(joint) for joint in arm.joints]
+    states = [(stamp, q[order], u[order]) for stamp, q, u in recorder.states]
+    k, ideal = ideal_stop(load_urdf(arm.urdf, joints=list(arm.joints)), states, failed,
+                          recorder.of('guard')[0].stamp)
+    actual = np.array([q for _, q, _ in states[k:]])
     return float(np.degrees(np.abs(actual - ideal).max()))
 
 
-def largest_step(commands):
+def largest_step(commands, rate):
     """Return the largest change of torque between two commands, in units of the rate limit."""
     ordered = sorted(commands, key=lambda each: each.stamp)
     return max(float(np.abs(after.tau - before.tau).max())
-               / (RATE * max((after.stamp - before.stamp) * 1e-9, PERIOD))
+               / (rate * max((after.stamp - before.stamp) * 1e-9, PERIOD))
                for before, after in pairwise(ordered))
 
 
