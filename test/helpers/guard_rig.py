@@ -186,14 +186,18 @@ class Rig:
             point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
                                                                               10**9)
             message.points.append(point)
-        recorder.motions.publish(message)
-        recorder.spin(1.6)
+        for _ in range(5):  # a new node may not be discovered yet
+            recorder.motions.publish(message)
+            recorder.spin(1.2)
+            if self.moving():
+                break
         recorder.forget()
         recorder.spin(0.1)
 
     def moving(self):
         """Return whether the arm moves and only the node commands."""
-        return (not self.recorder.of('guard') and len(self.recorder.of('node')) > 20
+        recent = self.recorder.commands[-50:]
+        return (len(recent) == 50 and all(each.source == 'node' for each in recent)
                 and np.abs(self.recorder.states[-1][2]).max() > 0.2)
 
     def fail(self, number):
