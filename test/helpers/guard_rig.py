@@ -23,6 +23,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 PERIOD = 0.002  # s, of the plant
 DAMPING = 20.0  # 1/s
+NODE = 'kane_dynamics.ros.dynamics_node.main'
 
 
 class Command(NamedTuple):
@@ -124,15 +125,17 @@ class Rig:
     arm : Arm
     mujoco : bool
         Simulate the arm by MuJoCo, else by plant_node.
+    node : str
+        Module of the dynamics node.
 
     """
 
-    def __init__(self, folder: Path, arm=PLANT_ARM, *, mujoco=False, **parameters):
+    def __init__(self, folder: Path, arm=PLANT_ARM, *, mujoco=False, node=NODE, **parameters):
         if not rclpy.ok():
             rclpy.init()
         urdf = folder / 'arm.urdf'
         urdf.write_text(arm.urdf)
-        self.arm, self._mujoco = arm, mujoco
+        self.arm, self._mujoco, self._module = arm, mujoco, node
         self.urdf = {'urdf': str(urdf)}
         self.parameters = {
             'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
@@ -144,10 +147,13 @@ class Rig:
             module='kane_dynamics.ros.plant.plant_main', **self.urdf, command_timeout=100.0,
             after_timeout='hold')
         self.start_node()
-        self.guard = Process(module='kane_dynamics.ros.guard.main')
+        self.start_guard()
 
     def start_node(self):
-        self.node = Process(**self.urdf, **self.parameters)
+        self.node = Process(module=self._module, **self.urdf, **self.parameters)
+
+    def start_guard(self):
+        self.guard = Process(module='kane_dynamics.ros.guard.main')
 
     def wait(self):
         """Wait until the node commands alone, for 100 states."""

@@ -13,8 +13,9 @@ from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import yaml
 
 TABLES = {'kane_dynamics': {spec.name: spec for spec in SPECS},
-          'plant': {spec.name: spec for spec in plant_specs.SPECS}}
-EXECUTABLES = {'dynamics_node': 'kane_dynamics', 'plant_node': 'plant'}
+          'plant': {spec.name: spec for spec in plant_specs.SPECS}, 'torque_guard': {}}
+EXECUTABLES = {'dynamics_node': 'kane_dynamics', 'plant_node': 'plant',
+               'torque_guard': 'torque_guard'}
 FOREIGN = {'use_sim_time'}  # of every node
 ELSEWHERE = {'security', 'controller_manager'}  # verbs and packages that are not ours
 SOURCE = ''.join(path.read_text(encoding='utf-8')

@@ -248,7 +248,7 @@ class TorquePath:
         """
         Continue from torques, (n,), of another process; return whether a motion was dropped.
 
-        As after a gap in the joint states, the desired motion is dropped if the last command is
+        As after a pause of the joint states, the desired motion is dropped if the last command is
         older than the timeout. The first change of torque is that of one period of the states.
         """
         self._last_good, self.commanding = self._now(), True

@@ -59,34 +59,43 @@ def start(launch_file, **arguments):
     return [SimpleNamespace(**each.keywords) for each in started]
 
 
-def test_by_default_it_starts_the_dynamics_node_only(launch_file):
-    node, = start(launch_file)
+def test_by_default_it_starts_the_dynamics_node_and_its_guard(launch_file):
+    node, guard = start(launch_file, namespace='left', commands='effort/commands')
     assert (node.package, node.executable) == ('kane_dynamics', 'dynamics_node')
-    assert node.parameters == []
+    assert node.parameters == [{'guard.enabled': True}]
+    assert (guard.package, guard.executable, guard.namespace) == (
+        'kane_dynamics', 'torque_guard', 'left')
+    assert guard.parameters == [{'node': node.name}]
+    assert guard.remappings == node.remappings == [('commands', 'effort/commands')]
+
+
+def test_without_guard_the_node_does_not_wait_for_it(launch_file):
+    node, = start(launch_file, guard='false')
+    assert node.parameters == [{'guard.enabled': False}]
     assert node.remappings == []
 
 
 @pytest.mark.parametrize('path', sorted(set((ROOT / 'config').glob('*.yaml')) - {PLANT}),
                          ids=lambda path: path.stem)
 def test_shipped_configurations_are_found_by_name(launch_file, path):
-    node, = start(launch_file, config=path.name)
+    node, _ = start(launch_file, config=path.name)
     assert Path(node.parameters[0]) == path
 
 
 def test_urdf_overrides_the_configuration(launch_file):
-    node, = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
-    assert node.parameters[1:] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
+    node, _ = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
+    assert node.parameters[1:3] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
 
 
 def test_topics_are_remapped_and_namespaced(launch_file):
-    node, = start(launch_file, commands='effort/commands', namespace='left')
+    node, _ = start(launch_file, commands='effort/commands', namespace='left')
     assert node.remappings == [('commands', 'effort/commands')]
     assert node.namespace == 'left'
 
 
 def test_the_state_publisher_gets_the_same_urdf(launch_file):
     urdf = ROOT / 'urdf' / 'two_link.urdf'
-    _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left',
+    _, _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left',
                          joint_states='arm/joint_states')
     assert publisher.package == 'robot_state_publisher'
     assert publisher.parameters == [{'robot_description': urdf.read_text()}]
@@ -96,7 +105,7 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 
 @pytest.mark.parametrize('sim_time', ['true', 'false'])
 def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file, sim_time):
-    node, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
+    node, _, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
                         commands='effort/commands', use_sim_time=sim_time, prefix='left_')
     assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
     assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
@@ -108,7 +117,7 @@ def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file
 
 
 def test_defaults_do_not_override_parameter_files(launch_file):
-    node, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
+    node, _, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
                                    urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
                                    state_publisher='true')
     for started in (node, plant, publisher):
