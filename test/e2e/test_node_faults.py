@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64MultiArray, String
 
 Q = np.array([0.3, -0.4, 0.2])
 SECOND = 10**9
@@ -123,6 +123,21 @@ def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
     assert client.diagnostics[-1][2]['publishers of joint states'] == '1'
     assert client.diagnostics[-1][2]['states dropped'] == '0'
     client.destroy_publisher(gripper)
+
+
+def test_a_second_node_that_commands_is_reported_in_log_and_diagnostics(client, start):
+    node = start(state_timeout=60.0)
+    client.connect()
+    client.diagnostics.clear()
+    second = client.create_publisher(Float64MultiArray, 'commands', 1)
+    try:
+        node.wait_for('commands: 2 publishers (/client, /kane_dynamics); expected one, stop', 10.0)
+        assert wait_until(lambda: any('commands: 2 publishers' in message and level != b'\0'
+                                      for level, message, _ in client.diagnostics), 5.0)
+    finally:
+        client.destroy_publisher(second)
+    start(state_timeout=60.0)  # a second node of the same name
+    node.wait_for('commands: 2 publishers (/kane_dynamics, /kane_dynamics)', 60.0)
 
 
 def test_overflowing_states_give_no_command_and_the_next_state_does(client, start, holding):

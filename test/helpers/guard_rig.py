@@ -13,6 +13,7 @@ from kane_dynamics.demo.demo_settings import HOME, JOINTS as FR3_JOINTS, URDF as
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 import numpy as np
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -27,11 +28,11 @@ NODE = 'kane_dynamics.ros.dynamics_node.main'
 
 
 class Command(NamedTuple):
-    """A command: who sent it, stamp of its state (ns), arrival (s, monotonic), torques."""
+    """A command: who sent it, stamp of its state, system time (ns), torques."""
 
     source: str
     stamp: int
-    arrival: float
+    time: int  # of sending for the guard, of reception for the node
     tau: np.ndarray
 
 
@@ -41,20 +42,23 @@ class Recorder(Node):
     def __init__(self):
         super().__init__('recorder')
         self.commands, self.states = [], []  # states: (stamp, q, u)
-        for source, topic in (('node', f'{NAME}/joint_torques'),
-                              ('guard', '/torque_guard/joint_torques')):
-            self.create_subscription(JointState, topic, self._keeping(source), DEEP)
+        self.create_subscription(
+            JointState, f'{NAME}/joint_torques',
+            lambda message: self._keep('node', message, time.time_ns()), DEEP)
+        self._of_guard = Node('recorder_of_guard')
+        self._of_guard.create_subscription(
+            JointState, '/torque_guard/joint_torques', lambda message, info: self._keep(
+                'guard', message, info['source_timestamp']), DEEP)
         self.create_subscription(JointState, 'joint_states', self._on_state,
                                  qos_profile_sensor_data)
         self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
         self._executor = EventsExecutor()
         self._executor.add_node(self)
+        self._slow_executor = SingleThreadedExecutor()  # the other gives no times of sending
+        self._slow_executor.add_node(self._of_guard)
 
-    def _keeping(self, source):
-        def keep(message):
-            self.commands.append(Command(source, _stamp(message), time.monotonic(),
-                                         np.array(message.effort)))
-        return keep
+    def _keep(self, source, message, when):
+        self.commands.append(Command(source, _stamp(message), when, np.array(message.effort)))
 
     def _on_state(self, message):
         self.names = tuple(message.name)
@@ -62,7 +66,11 @@ class Recorder(Node):
                             np.array(message.velocity)))
 
     def spin(self, seconds):
-        self._executor.spin_until_future_complete(Future(), max(seconds, 1e-4))
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_until_future_complete(Future(), max(min(left, 0.01), 1e-4))
+            for _ in range(10):  # it executes one callback
+                self._slow_executor.spin_once(0.0)
 
     def spin_until(self, condition, timeout=30.0):
         end = time.monotonic() + timeout
@@ -79,6 +87,8 @@ class Recorder(Node):
 
     def close(self):
         self._executor.shutdown()
+        self._slow_executor.shutdown()
+        self._of_guard.destroy_node()
         self.destroy_node()
 
 
@@ -169,9 +179,8 @@ class Rig:
             future = client.call_async(SetBool.Request(data=False))
             recorder.spin_until(future.done)
             self._mujoco = False
-        for process, priority in ((self.plant.pid, 25), (self.guard.pid, 22),
-                                  (self.node.pid, 18), (os.getpid(), 15)):
-            prefer(process, priority)
+        for process, priority in ((self.plant, 25), (self.guard, 22), (self.node, 18)):
+            prefer(process.pid, priority)
         recorder.forget()
         recorder.spin_until(lambda: len(recorder.commands) > 100 and all(
             each.source == 'node' for each in recorder.commands[-100:]), 90.0)
@@ -207,8 +216,8 @@ class Rig:
                 and np.abs(self.recorder.states[-1][2]).max() > 0.2)
 
     def fail(self, number):
-        """Send a signal to the node; return the time, s, and the system time, ns."""
-        began = time.monotonic(), time.time_ns()
+        """Send a signal to the node; return the system time, ns."""
+        began = time.time_ns()
         os.kill(self.node.pid, number)
         return began
 
@@ -260,11 +269,15 @@ def sag(rig, failed):
 
 
 def largest_step(commands, rate):
-    """Return the largest change of torque between two commands, in units of the rate limit."""
+    """
+    Return the largest change of torque between two commands, in units of the rate limit.
+
+    Zeros, which are commanded when states are stale, have no rate limit.
+    """
     ordered = sorted(commands, key=lambda each: each.stamp)
     return max(float(np.abs(after.tau - before.tau).max())
                / (rate * max((after.stamp - before.stamp) * 1e-9, PERIOD))
-               for before, after in pairwise(ordered))
+               for before, after in pairwise(ordered) if before.tau.any() and after.tau.any())
 
 
 def turns(commands):

@@ -21,6 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
+SIGNS = 3  # signs of life before the first takeover
 TICKS = 3  # in a lease, by which the guard notes its own stalls
 
 
@@ -58,7 +59,7 @@ class ConfiguredGuard:
         controller.compile()
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
-        self.missed_deadlines, self.node_alive = 0, False
+        self.missed_deadlines, self.node_alive, self._signs = 0, False, 0
         self._message = float64_multi_array(FIELDS + self.robot.n)
         self._request = float64_multi_array(1)
         with ExitStack() as opened:
@@ -111,6 +112,9 @@ class ConfiguredGuard:
     def send_sign_of_life(self) -> None:
         """Tell the dynamics node that the guard lives."""
         self._send(0.0, self.path.watch.acting)
+        # A node that does not know of the guard would not ask it.
+        self._signs += self._state.get_subscription_count() > 0
+        self.path.watch.known |= self._signs >= SIGNS
 
     def _send(self, number: float, acting: bool) -> None:
         """Send the state of the guard, as the answer to a request."""

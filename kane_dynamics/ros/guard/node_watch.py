@@ -25,6 +25,8 @@ class NodeWatch:
     ----------
     armed : bool
         Whether the last torque is not zero.
+    known : bool
+        Whether the node knows of the guard; before, the guard never takes over.
     acting : bool
         Whether the guard commands.
     torque : (n,) array
@@ -40,7 +42,7 @@ class NodeWatch:
 
     def __init__(self, lease: float, joints: int) -> None:
         self._lease = lease
-        self.armed = self.acting = self.commanded_last = False
+        self.armed = self.acting = self.commanded_last = self.known = False
         self.torque = np.zeros(joints)
         self.takeovers, self.silent_for = 0, 0.0
         self._unanswered = 0
@@ -95,8 +97,8 @@ class NodeWatch:
 
         `lost` says that DDS reports the loss of liveliness, with its own measure of the lease.
         """
-        if now - self.heard_at > (SHARE if lost else 1.0) * self._lease and self.armed and (
-                not self.acting and self._unanswered >= UNANSWERED):
+        if now - self.heard_at > (SHARE if lost else 1.0) * self._lease and (
+                self.armed and self.known and not self.acting and self._unanswered >= UNANSWERED):
             self.take_over(now)
 
     def take_over(self, now: float) -> None:

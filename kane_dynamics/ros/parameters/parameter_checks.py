@@ -118,7 +118,10 @@ def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
     for spec in specs:
         # Dynamic typing, because `read` checks the type with a clearer error.
         descriptor = ParameterDescriptor(
-            description=spec.description, additional_constraints=spec.constraint,
+            description=spec.description,
+            additional_constraints=f'expected {spec.constraint}; ' + (
+                'may change while the node is active' if spec.live else
+                'may change only while the node is unconfigured'),
             read_only=spec.read_only, dynamic_typing=True)
         value = node.declare_parameter(spec.name, spec.default, descriptor).value
         values[spec.name] = read(spec, spec.default if value is None else value)

@@ -114,8 +114,10 @@ SPECS = (
          '`commands`'),
     live('compensate.inertia', 'flag', True, 'include the inertia force M(q) udot in `commands`'),
     live('compensate.friction', 'flag', True, 'include joint friction in `commands`'),
-    live('gains.kp', 'per_joint', 100.0, 'computed torque: position gain, 1/s^2', low=0.0),
-    live('gains.kd', 'per_joint', 20.0, 'computed torque: velocity gain, 1/s', low=0.0),
+    live('gains.kp', 'per_joint', 100.0, 'mode computed_torque: gain of position errors, '
+         '1/s^2', low=0.0),
+    live('gains.kd', 'per_joint', 20.0, 'mode computed_torque: gain of velocity errors, '
+         '1/s', low=0.0),
     live('limits.effort', 'per_joint', [], 'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,
          infinite=True, low=0.0),
@@ -145,8 +147,8 @@ SPECS = (
     Spec('estimator.enabled', 'flag', False, 'estimate the payload by recursive least squares and '
          'publish it; the torques do not use the estimate'),
     Spec('estimator.rate', 'number', 2.0, 'rate of ~/payload_estimate, 1/s', low=1e-3, high=100.0),
-    Spec('estimator.memory', 'number', 20.0, 'time constant of exponential forgetting, s',
-         positive=True, low=0.0, high=1e5),
+    Spec('estimator.memory', 'number', 20.0, 'time in which the estimator forgets measurements '
+         '(time constant), s', positive=True, low=0.0, high=1e5),
     Spec('estimator.torque_deviation', 'per_joint', [], 'standard deviation of the torque '
          'residual of the model, N m or N; empty: 1 % of the effort limits', positive=True,
          low=0.0),
@@ -186,11 +188,13 @@ SPECS = (
          choices=tuple(INTEGRATORS)),
     live('simulation.max_waiting', 'count', 8, 'largest number of queued simulations; further '
          'requests are answered as busy', low=1.0, high=1000.0),
-    Spec('realtime.priority', 'count', 0, 'SCHED_FIFO priority of the torque path; 0: default '
-         'scheduling', low=0.0, high=99.0),
-    Spec('realtime.cpus', 'numbers', [], 'processors of the torque path; empty: all', low=0.0),
-    Spec('realtime.lock_memory', 'flag', False, 'lock the memory of the process (mlockall)'),
-    Spec('realtime.collect_rarely', 'flag', False, 'collect garbage only when diagnostics are '
-         'published'),
+    Spec('realtime.priority', 'count', 0, 'real-time priority (SCHED_FIFO) of the threads that '
+         'compute torques; 0: ordinary scheduling', low=0.0, high=99.0),
+    Spec('realtime.cpus', 'numbers', [], 'processors of the threads that compute torques; '
+         'empty: all', low=0.0),
+    Spec('realtime.lock_memory', 'flag', False, 'keep the memory of the process in RAM (mlockall), '
+         'so that no torque waits for the disk'),
+    Spec('realtime.collect_rarely', 'flag', False, 'run the garbage collector of Python only when '
+         'diagnostics are published, so that it delays no torque'),
 )
 BY_NAME = {spec.name: spec for spec in SPECS}

@@ -93,7 +93,8 @@ class Process:
                 assert message.read(data)
                 self.machine.commands.append((self.machine.now, self.name, message.numbers.copy()))
             self.machine.publish(topic, data)
-        return SimpleNamespace(publish=publish, wait_for_all_acked=lambda timeout: True)
+        return SimpleNamespace(publish=publish, wait_for_all_acked=lambda timeout: True,
+                               get_subscription_count=lambda: 1)
 
     create_lifecycle_publisher = create_publisher
 
@@ -140,7 +141,7 @@ class Pair:
                                      lambda *words: None, self.guard_process.log.append)
         self.controller = controller
         self.start_node()
-        self.run(0.3)
+        self.run(0.4)
         assert self.machine.commands[-1][1] == 'node'
 
     def start_node(self):
