@@ -1,11 +1,20 @@
-"""A dynamics node whose main thread sleeps for a second at each SIGUSR1."""
+"""A dynamics node whose main thread sleeps for a second at each message on ~/block."""
 
-import signal
 import sys
 import time
 
-from kane_dynamics.ros.dynamics_node.main import main
+from kane_dynamics.ros.dynamics_node import main
+from std_msgs.msg import Empty
+
+
+class BlockedNode(main.DynamicsNode):
+    """The dynamics node with one more topic."""
+
+    def __init__(self):
+        super().__init__()
+        self.create_subscription(Empty, '~/block', lambda message: time.sleep(1.0), 1)
+
 
 if __name__ == '__main__':
-    signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1.0))
-    sys.exit(main())
+    main.DynamicsNode = BlockedNode
+    sys.exit(main.main())

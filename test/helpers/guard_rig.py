@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -52,6 +53,7 @@ class Recorder(Node):
         self.create_subscription(JointState, 'joint_states', self._on_state,
                                  qos_profile_sensor_data)
         self.motions = self.create_publisher(JointTrajectory, f'{NAME}/joint_trajectory', 1)
+        self.block = self.create_publisher(Empty, f'{NAME}/block', 1)
         self._executor = EventsExecutor()
         self._executor.add_node(self)
         self._slow_executor = SingleThreadedExecutor()  # the other gives no times of sending
@@ -216,9 +218,12 @@ class Rig:
                 and np.abs(self.recorder.states[-1][2]).max() > 0.2)
 
     def fail(self, number):
-        """Send a signal to the node; return the system time, ns."""
+        """Send a signal to the node, or block its main thread; return the system time, ns."""
         began = time.time_ns()
-        os.kill(self.node.pid, number)
+        if number is None:
+            self.recorder.block.publish(Empty())
+        else:
+            os.kill(self.node.pid, number)
         return began
 
     def logs(self):
