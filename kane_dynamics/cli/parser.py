@@ -76,7 +76,7 @@ class _Parser(argparse.ArgumentParser):
     """Argument parser whose errors refer to --help instead of printing the whole usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and exit with 2."""
+        """Print the message and exit with code 2."""
         self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 

@@ -61,12 +61,12 @@ class CollisionDetector:
         thresholds = per_joint(threshold, 'threshold', self._names, finite=False).tolist()
         for name, value in zip(self._names, thresholds):
             if value == 0.0:
-                raise InputError(f"threshold of joint '{name}' is 0; expected a positive number")
+                raise InputError(f"threshold of joint '{name}': 0; expected a positive number")
         for what, time in (('confirm', confirm), ('clear', clear)):
             if not time >= 0.0:
-                raise InputError(f'{what} is {time}; expected a nonnegative time in s')
+                raise InputError(f'{what}: {time}; expected a nonnegative time in s')
         if not 0.0 < release <= 1.0:
-            raise InputError(f'release is {release}; expected a share, more than 0, at most 1')
+            raise InputError(f'release: {release}; expected a fraction above 0, at most 1')
         self._thresholds, self._release = thresholds, release
         self._confirm, self._clear = confirm, clear
 

@@ -48,7 +48,7 @@ class ComputedTorque:
 
     def __init__(self, robot: Robot | Motion, motion: Motion | ArrayLike | None = None,
                  kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> None:
-        """Check the gains and spread them over the joints."""
+        """Check the gains; one number applies to all joints."""
         simulated: Robot | None = None
         if isinstance(robot, Motion):
             warnings.warn('ComputedTorque(motion, kp, kd) is deprecated; expected '

@@ -117,7 +117,7 @@ class Controller:
         mode holds a new pose.
         """
         if mode is not None and mode not in list(Mode):
-            raise InputError(f'mode is {mode!r}; expected one of {", ".join(Mode)}')
+            raise InputError(f'mode: {mode!r}; expected one of {", ".join(Mode)}')
         names = self._names
         new_kp = self.kp if kp is None else per_joint(kp, 'kp', names)
         new_kd = self.kd if kd is None else per_joint(kd, 'kd', names)
@@ -159,7 +159,7 @@ class Controller:
 
     @property
     def pose(self) -> Array | None:
-        """Return the positions that computed torque holds, (n,) rad or m, or None."""
+        """Return the positions that computed torque holds, (n,) rad or m; None if there are none."""
         return self._pose
 
     @property
@@ -208,7 +208,7 @@ class Controller:
         """
         t = float(t)
         if not math.isfinite(t):
-            raise InputError(f't is {t}; expected a finite time in s')
+            raise InputError(f't: {t}; expected a finite time in s')
         q = finite_row(q, 'the measured position', self._names)
         if u is not None:
             u = finite_row(u, 'the measured speed', self._names)

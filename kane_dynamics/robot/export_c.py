@@ -42,7 +42,7 @@ FRAME_NAMES = {'jacobian': 'partial_velocities', 'frame_pose': 'frame_pose',
 
 
 class _Kernel(NamedTuple):
-    """One function to be written."""
+    """A kernel to export as a C function, with its test states and reference results."""
 
     name: str  # of the quantity
     symbol: str  # in C
@@ -67,14 +67,14 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
         raise InputError('export_c: a robot with chosen speeds or constraints; expected one in '
                          'joint rates without constraints')
     if scalar not in PRECISIONS:
-        raise InputError(f'scalar is {scalar!r}; expected {" or ".join(PRECISIONS)}')
+        raise InputError(f'scalar: {scalar!r}; expected {" or ".join(PRECISIONS)}')
     source = Path(path).expanduser()
     if source.suffix != '.c':
-        raise InputError(f"path is '{source}'; expected the name of a C source, which ends in .c")
+        raise InputError(f"path: '{source}'; expected the name of a C source, which ends in .c")
     source = source.resolve()
     header = source.with_suffix('.h')
     if not header.name.isprintable() or any(part in header.name for part in ('"', '\\', '??')):
-        raise InputError(f'path is {str(source)!r}; expected printable characters without ", \\ '
+        raise InputError(f'path: {str(source)!r}; expected printable characters without ", \\ '
                          'and ??, because C includes the header by its name')
     for file in (source, header):
         _check_place(file)
@@ -90,12 +90,12 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
 def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
     """Return the kernels' names, each once, or InputError."""
     if isinstance(kernels, str):
-        raise InputError(f"kernels is the string '{kernels}'; expected a sequence of names")
+        raise InputError(f"kernels: the string '{kernels}'; expected a sequence of names")
     names = list(dict.fromkeys(kernels))
     unknown = [name for name in names if name not in robot.kernels.names
                and name.partition(':')[0] not in FRAME_NAMES]
     if unknown or not names:
-        given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
+        given = f"no kernel '{unknown[0]}'" if unknown else 'kernels: none'
         raise InputError(f'{given}; expected some of {", ".join(robot.kernels.names)}; of a '
                          f'frame: {", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
     for name in names:
@@ -115,9 +115,10 @@ def _check_place(file: Path) -> None:
         with open(file, encoding='utf-8', errors='replace') as stream:
             ours = stream.read(len(MARK)) == MARK
     except OSError as error:
-        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+        raise InputError(f"path '{file}': {error.strerror}; expected a writable path") from None
     if not ours:
-        raise InputError(f"path '{file}': exists and is not of export_c; expected a new path")
+        raise InputError(f"path '{file}': exists and was not written by export_c; expected a "
+                         'new path')
 
 
 def _write(file: Path, text: str) -> None:
@@ -130,7 +131,7 @@ def _write(file: Path, text: str) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+        raise InputError(f"path '{file}': {error.strerror}; expected a writable path") from None
 
 
 def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> _Kernel:

@@ -71,7 +71,7 @@ class Parameters:
             except (TypeError, ValueError):
                 pair = np.full(2, np.nan)
             if not (np.isfinite(pair).all() and (pair > 0.0).all()):
-                raise InputError(f'closure_tolerance is {value!r}; expected a positive number, m '
+                raise InputError(f'closure_tolerance: {value!r}; expected a positive number, m '
                                  'and rad, a pair of them, or None')
             self._tolerance = float(pair[0]), float(pair[1])
         if len(self.block) > self.physical:  # redundant rows hold where loops close
@@ -89,7 +89,7 @@ class Parameters:
             raise InputError('payload: given to a robot without payload frame; expected '
                              "Robot(..., payload_frame='...')")
         if not (value is None or isinstance(value, Inertial)):
-            raise InputError(f'payload is a {type(value).__name__}; expected an Inertial or None')
+            raise InputError(f'payload: a {type(value).__name__}; expected an Inertial or None')
         P = np.zeros((4, 4)) if value is None else value.pseudo_inertia
         self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2],
                             P[2, 2]]

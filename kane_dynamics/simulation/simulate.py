@@ -181,7 +181,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
-    """Return steps and states up to the end of a simulation, its last state included."""
+    """Return steps and states up to the end of a simulation, including its last state."""
     rows = int(np.searchsorted(kept, done, side='right'))
     if kept[rows - 1] < done:
         kept[rows], states[:, rows], rows = done, last, rows + 1

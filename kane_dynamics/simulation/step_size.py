@@ -58,7 +58,7 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
         As `Robot.forward_dynamics`.
 
     """
-    if not _pulled_back(robot.model, robot.friction):
+    if not _may_limit_step(robot.model, robot.friction):
         return LongestStep(math.inf)
     q, n = np.asarray(q, dtype=np.float64), robot.n
     rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
@@ -103,7 +103,7 @@ def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
             f'creeps instead of resting. {remedy}')
 
 
-def _pulled_back(model: Model, friction: bool) -> bool:
+def _may_limit_step(model: Model, friction: bool) -> bool:
     """Return whether friction, springs or beams may limit the step."""
     return any(body.beam is not None or body.joint.stiffness
                or (friction and (body.joint.damping or body.joint.friction))

@@ -55,19 +55,19 @@ class Symbolic:
         return Symbolic(unwrapped(other) / self.value)
 
     def sin(self) -> 'Symbolic':
-        """Return the sine: numpy's sin calls this."""
+        """Return the sine; numpy.sin calls this on object arrays."""
         return Symbolic(sp.sin(self.value))
 
     def cos(self) -> 'Symbolic':
-        """Return the cosine: numpy's cos calls this."""
+        """Return the cosine; numpy.cos calls this on object arrays."""
         return Symbolic(sp.cos(self.value))
 
     def tanh(self) -> 'Symbolic':
-        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         return Symbolic(sp.tanh(self.value))
 
     def sqrt(self) -> 'Symbolic':
-        """Return the square root: numpy's sqrt calls this."""
+        """Return the square root; numpy.sqrt calls this on object arrays."""
         return Symbolic(sp.sqrt(self.value))
 
 

@@ -1,4 +1,4 @@
-"""Motions that tell most about an arm's parameters, within its limits."""
+"""Optimal excitation: motions within an arm's limits that identify its parameters best."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -133,7 +133,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     """
     _check(duration, harmonics, periods, seed, starts, share)
     if distance is not None and not 0.0 <= distance < math.inf:
-        raise InputError(f'distance is {distance}; expected a finite number not below 0, m')
+        raise InputError(f'distance: {distance}; expected a finite number >= 0, m')
     clearance = None
     if shapes is not None:
         clearance = Clearance(model, shapes, floor, distance)
@@ -148,8 +148,8 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
             found.append(kept)
         progress((k + 1) / starts)
     if not found:
-        raise InputError(f'no motion keeps {broken}; more starts, a lower share, or other limits '
-                         'may help')
+        raise InputError(f'motion: none satisfies {broken}; expected more starts, a lower share, '
+                         'or other limits')
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
@@ -169,7 +169,7 @@ def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int
             ('starts', starts, starts >= 1, count),
             ('share', share, 0.0 < share <= 1.0, 'a number above 0, up to 1')):
         if not valid:
-            raise InputError(f'{name} is {value}; expected {expected}')
+            raise InputError(f'{name}: {value}; expected {expected}')
 
 
 def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
@@ -190,7 +190,7 @@ def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
 
 
 def improved(design: DesignCriterion, p: Array) -> Array:
-    """Return coefficients of a better motion near the limits, a little beyond perhaps."""
+    """Return the coefficients of a better motion, which may exceed the limits slightly."""
     minimize = scientific('scipy.optimize').minimize
     # Of each coefficient a size by which it counts: a reach, or a speed.
     size = np.vstack([np.minimum(design.reach, math.pi),
@@ -205,7 +205,7 @@ def improved(design: DesignCriterion, p: Array) -> Array:
 
 
 def within(design: DesignCriterion, p: Array) -> tuple[Array | None, str | None]:
-    """Return the motion of largest amplitude that keeps all limits, or None and what it breaks."""
+    """Return the motion of largest amplitude within all limits, or None and the exceeded limit."""
     p, room = p.copy(), 0.9 * design.share * np.minimum(design.reach, math.pi)
     p[0] = np.clip(p[0], design.middle - room, design.middle + room)
     for _ in range(math.ceil(math.log(SMALLEST) / math.log(SHRINK))):

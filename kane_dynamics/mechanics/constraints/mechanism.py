@@ -65,8 +65,8 @@ class Mechanism:
         See `speeds.chosen`; joint rates by default.
     constraints : sequence of constraints
     free, kept : sequences of int
-        Numbers of the independent speeds, and of the rows that are independent of each other;
-        `structured` finds them.
+        Indices of the independent speeds and of linearly independent rows, from
+        `independent_speeds.choose_independent`.
     sizes : sequence of float, optional
         Approximate size of each row, in `units`; 1 by default.
     rank_tolerance : float
@@ -121,7 +121,7 @@ class Mechanism:
 
     @property
     def left_out(self) -> list[int]:
-        """Return the numbers of the rows that follow from those kept."""
+        """Return the indices of the rows that are redundant."""
         return [k for k in range(len(self.labels)) if k not in self.kept]
 
     @property

@@ -249,6 +249,5 @@ class TreeEquations(JointForces):
 
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        pushes = () if wrench is None else zip(self.wrench_frames, wrench)
-        return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
-                   self.zeros)
+        wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches), self.zeros)

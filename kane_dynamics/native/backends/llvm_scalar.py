@@ -121,7 +121,7 @@ class Function:
         self.names[node.index] = name
 
     def _choice(self, name: str, comparison: str, a: str, b: str) -> None:
-        """Write a where a comparison holds, else b."""
+        """Emit a selection: a if a comparison holds, else b."""
         truth = 'i1' if self.lanes == 1 else f'<{self.lanes} x i1>'
         self.lines += [f'  {name}.if = {comparison}',
                        f'  {name} = select {truth} {name}.if, {self.type} {a}, {self.type} {b}']

@@ -120,9 +120,9 @@ class Configurations(ConstraintMethods, Dispatch):
 
     def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
         """Return one random configuration that meets constraints and limits."""
-        failure = ConstraintError('no configuration within the limits meets the constraints: '
-                                  f'{TRIES} random ones were tried; expected limits that leave '
-                                  'the constraints room')
+        failure = ConstraintError(f'{TRIES} random configurations: none satisfies limits and '
+                                  'constraints; expected limits within which the constraints '
+                                  'can be satisfied')
         for _ in range(TRIES):
             try:
                 q = self.closed_posture(rng.uniform(lower, upper))

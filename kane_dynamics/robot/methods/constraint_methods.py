@@ -151,7 +151,7 @@ class ConstraintMethods(Dispatch):
 
     def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
-        Return the configuration near q, (n_q,), at which all conditions on positions are met.
+        Return the configuration near q, (n_q,), that satisfies all position constraints.
 
         For a robot with a given `configuration`, and with fixed coordinates, it is on the branch
         of that configuration: the fixed coordinates move from there to their values in small

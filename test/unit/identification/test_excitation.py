@@ -127,7 +127,7 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
     ({'share': 1.1}, 'share is 1.1'), ({'starts': 0}, 'starts is 0; expected one'),
     ({'seed': -1}, 'seed is -1; expected'),
     ({'velocity': 0.0}, 'has the limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
-    ({'velocity': 1.0, 'floor': 100.0}, "no motion keeps frame '.*' above 100 m"),
+    ({'velocity': 1.0, 'floor': 100.0}, "motion: none satisfies frame '.*' above 100 m"),
     ({'velocity': 1.0, 'floor': 0.0, 'floor_frames': ['none']}, "no frame 'none'")])
 def test_what_cannot_be_searched_is_refused(change, words):
     with pytest.raises(InputError, match=words):
@@ -137,5 +137,5 @@ def test_what_cannot_be_searched_is_refused(change, words):
 def test_arm_that_cannot_hold_itself_is_refused_by_joint():
     weak = replace(small(), bodies=tuple(replace(body, joint=replace(body.joint, limits=replace(
         body.joint.limits, effort=1e-3))) for body in small().bodies))
-    with pytest.raises(InputError, match="no motion keeps the effort limit of joint '"):
+    with pytest.raises(InputError, match="motion: none satisfies the effort limit of joint '"):
         excite(weak, starts=1, velocity=1.0)
