@@ -159,7 +159,7 @@ class Controller:
 
     @property
     def pose(self) -> Array | None:
-        """Return the positions that computed torque holds, (n,) rad or m; None if there are none."""
+        """Return the positions that computed torque holds, (n,) rad or m; None with a motion."""
         return self._pose
 
     @property

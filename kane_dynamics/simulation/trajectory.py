@@ -246,8 +246,8 @@ class Trajectory:
 
     def _require_single(self, what: str) -> None:
         if self.q.ndim == 3:
-            raise InputError(f'{what}: trajectory of {len(self.q)} motions; expected one motion, as '
-                             'from trajectory.state(k)')
+            raise InputError(f'{what}: trajectory of {len(self.q)} motions; expected one, as from '
+                             'trajectory.state(k)')
 
     def _columns(self) -> list[str]:
         of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')
