@@ -151,7 +151,7 @@ class Controller:
         return kernel.entry('', kernel)
 
     def compile(self) -> None:  # noqa: A003
-        """Compile the kernels that commands need besides those of the robot."""
+        """Compile the kernels that commands need in addition to those of the robot."""
         if self.bending is None:
             self._law  # noqa: B018
         else:

@@ -229,18 +229,18 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
     upper = prefix.upper()
     gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
     lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
-             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry a joint,',
+             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,',
              'in the order above. A result may overlay an argument. Nothing is allocated, no',
              'state is kept: any thread may call anything at any time. Arguments are not',
              'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
     lines += [] if robot.equations.payload_frame is None else [
         '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
-    lines.append(f'  NULL stands for the values at export: gravity ({gravity})'
+    lines.append(f'  NULL selects the values at export: gravity ({gravity})'
                  + (' and the payload at export.' if robot.equations.payload_frame else '.'))
     if robot.equations.wrench_frames:
         lines += ['wrench: for each frame that carries one, the force (N) then the moment (N m)',
-                  '  that the environment exerts at its origin, world axes; NULL stands for none']
+                  '  that the environment exerts at its origin, world axes; NULL means none']
     return [comment(line) for line in lines]
 
 

@@ -36,7 +36,7 @@ def verified(robot: Any, states: int) -> float:
 
     """
     if isinstance(states, bool) or not isinstance(states, int | np.integer) or states < 1:
-        raise InputError(f'states: {states!r}; expected a whole number from 1 on')
+        raise InputError(f'states: {states!r}; expected an integer >= 1')
     rng = np.random.default_rng(0)
     gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
     if payload is not None:

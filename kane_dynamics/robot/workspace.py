@@ -116,7 +116,7 @@ class Workspace(entry.NativeMethods):
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
     def constraint_gap(self) -> Array:
-        """Compute `constraint_residual`, whose former name this is."""
+        """Compute `constraint_residual`; the former name of that quantity."""
         result: Array = self.constraint_residual()  # type: ignore[attr-defined]
         return result
 

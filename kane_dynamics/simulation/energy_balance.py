@@ -166,7 +166,7 @@ class EnergyBalance:
         part = slice(0, n) if self._tree else slice(n_q, n_q + n)
         held = tau.shape[1] == 1
         x = (chosen if held else states)[:, :, part]
-        if self._tree:  # u = q': exact, whatever the step
+        if self._tree:  # u = q': exact for every step
             turned = x[:, 1:] - x[:, :-1]
         else:
             h = self._step * (np.diff(rows)[:, None] if held else 1.0)

@@ -60,7 +60,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     step : float
         s.
     torque : None, array, callable or ComputedTorque
-        None: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
+        None: zero torque. (n,): constant. (K, n) with at least one row per step: row k is held
         during step k. (N, K, n): a table for each of N initial states (other forms apply to all).
         ``torque(t, q, u)``: evaluated once a step and held; for a single initial state only,
         because Python would be called N times a step. `ComputedTorque`: evaluated continuously,

@@ -158,7 +158,7 @@ class Trajectory:
 
     @property
     def constraint_gap(self) -> Array:
-        """Return `constraint_residual`, whose former name this is."""
+        """Return `constraint_residual`; the former name of that attribute."""
         return self.constraint_residual
 
     @property

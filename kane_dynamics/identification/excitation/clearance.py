@@ -52,7 +52,7 @@ class Clearance:
     model : Model
         The arm.
     shapes : sequence of Visual
-        Boxes, cylinders and spheres of its links; a rod stands for a link without any.
+        Boxes, cylinders and spheres of its links; a rod replaces a link without any.
     floor : float or None
         Height in the world, m; None for no floor.
     distance : float or None

@@ -104,7 +104,7 @@ class PayloadEquations:
         return self._reduced()[:2]
 
     def _reduced(self) -> tuple[Array, Array, Array]:
-        """Return `solve`'s equations, and the joints' own unknowns as [slope by x | offset]."""
+        """Return `solve`'s equations, and those of the joints' own unknowns."""
         G = self._products[0] / self._variance[:, None, None]
         x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), LOAD + OWN]
         by_x = np.linalg.solve(G[:, own, own] + self._uncertainty, G[:, own][:, :, others])

@@ -22,7 +22,7 @@ class PayloadEstimator:
     Mass and center of mass of a payload while the arm moves, by recursive least squares.
 
     It holds the normal equations of all samples, each forgotten with a time constant, so that a
-    payload that is put down is noticed. Each joint's friction and torque may be off by an offset,
+    payload that is put down is noticed. Each joint's friction and torque may have an offset,
     Coulomb and viscous friction of ten times `sigma`; the standard deviations count these, and
     the size and correlation of the residuals where they are larger than `sigma` (see
     `payload_equations`).

@@ -15,7 +15,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-# A ball of 1 kg around the frame: where the search starts, and what is hardly believed.
+# A ball of 1 kg around the frame: the initial guess of the search, and a weak prior.
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
 BELIEF = 1e-3
 TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief

@@ -29,7 +29,7 @@ __all__ = ['Closure', 'Constraint', 'Coupling', 'DependentSpeeds', 'Geometry', '
 
 
 def checked_constraints(given: Any) -> tuple[Constraint, ...]:
-    """Return a sequence of constraints as a tuple; ConstraintError for anything else."""
+    """Return a sequence of constraints as a tuple; else raise ConstraintError."""
     kinds = get_args(Constraint)
     valid = ', '.join(kind.__name__ for kind in kinds)
     if isinstance(given, kinds):
@@ -48,7 +48,7 @@ def checked_constraints(given: Any) -> tuple[Constraint, ...]:
 
 
 def checked_names(given: Any, what: str) -> tuple[str, ...] | None:
-    """Return a sequence of names as a tuple, None as it is; ConstraintError for anything else."""
+    """Return a sequence of names as a tuple, or None unchanged; else raise ConstraintError."""
     if given is None:
         return None
     names = () if isinstance(given, str) else tuple(given) if hasattr(given, '__iter__') else (

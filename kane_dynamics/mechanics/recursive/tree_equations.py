@@ -131,7 +131,7 @@ class TreeEquations(JointForces):
         return inverse(self.factors(q, parameters), self.order)
 
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
-        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL."""
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA."""
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 

@@ -97,7 +97,7 @@ class Configurations(ConstraintMethods, Dispatch):
 
         """
         if count is not None and count < 0:
-            raise InputError(f'count: {count}; expected a whole number from 0 on')
+            raise InputError(f'count: {count}; expected an integer >= 0')
         rng = np.random.default_rng(seed)
         lower, upper = self.sampling_range()
         if not isinstance(self.equations, ConstrainedEquations):

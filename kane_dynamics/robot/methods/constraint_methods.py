@@ -117,7 +117,7 @@ class ConstraintMethods(Dispatch):
 
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
-        """Return the residual of every row, (m,), m or rad; 0 for a row of velocities alone."""
+        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
         return self._special('constraint_residual', (q,), t, out)
 
     def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
