@@ -112,7 +112,7 @@ class _Search:
     def first(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
         given = self.robot.neutral() if q0 is None else np.array(q0, dtype=np.float64)
-        self.robot.frame_pose(self.frame, given)  # raises InputError for an unknown frame or invalid q
+        self.robot.frame_pose(self.frame, given)  # raises InputError
         q = np.clip(given, self.lower, self.upper)
         return self.robot.closed_posture(q) if self.constrained else q
 

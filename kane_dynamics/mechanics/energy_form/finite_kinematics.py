@@ -2,9 +2,9 @@
 Kinematics of the energy formulation, by automatic differentiation of finite poses.
 
 The coordinates and the time are hyper-dual numbers with derivatives with respect to the
-coordinates and along the motion. The derivatives of a frame's pose give its Jacobian (possible displacements and
-rotations) and its rate; no formula for partial velocities is used. No function is shared with
-`kane`, `kinematics` or `recursive`.
+coordinates and along the motion. The derivatives of a frame's pose give its Jacobian (possible
+displacements and rotations) and its rate; no formula for partial velocities is used. No function
+is shared with `kane`, `kinematics` or `recursive`.
 """
 
 from dataclasses import dataclass
