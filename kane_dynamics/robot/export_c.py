@@ -88,7 +88,7 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
 
 
 def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
-    """Return the kernels' names, each once, or InputError."""
+    """Return the names of the kernels, each once; raise InputError for an unknown one."""
     if isinstance(kernels, str):
         raise InputError(f"kernels: the string '{kernels}'; expected a sequence of names")
     names = list(dict.fromkeys(kernels))

@@ -130,7 +130,7 @@ class EnergyBalance:
 
     def _balance(self, states: Array, rows: Array, tau: Array | Law,
                  unresolved: bool = False) -> 'BalanceTerms':
-        """Return the balance at the chosen rows of states, without the first."""
+        """Return the balance at all chosen rows of states except the first of them."""
         chosen = states if len(rows) == states.shape[1] else states[:, rows]
         kinetic, potential, loss = self._terms(chosen)
         h = (self._step * np.diff(rows))[:, None]

@@ -98,7 +98,7 @@ class PiecewisePolynomial:
 
 
 def clamped_spline(times: Any, positions: Any) -> PiecewisePolynomial:
-    """Return the cubic spline through a table, at rest at both ends; checks the times."""
+    """Check the times and return the cubic spline through a table, at rest at both ends."""
     t = constant(times, (np.size(times),), 'times')
     q = constant(positions, t.shape, 'positions')
     if len(t) < 2 or len(t) > MOST_PIECES or not (np.diff(t) > 0.0).all():

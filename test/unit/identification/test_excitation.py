@@ -125,7 +125,7 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
     ({'duration': 0.0}, 'duration: 0'), ({'harmonics': 1}, 'harmonics: 1; expected two'),
     ({'floor': float('nan')}, 'floor: nan; expected a finite height'),
     ({'share': 1.1}, 'share: 1.1'), ({'starts': 0}, 'starts: 0; expected one'),
-    ({'seed': -1}, 'seed is -1; expected'),
+    ({'seed': -1}, 'seed: -1; expected'),
     ({'velocity': 0.0}, 'limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
     ({'velocity': 1.0, 'floor': 100.0}, "motion: none satisfies frame '.*' above 100 m"),
     ({'velocity': 1.0, 'floor': 0.0, 'floor_frames': ['none']}, "no frame 'none'")])

@@ -206,7 +206,7 @@ def test_a_bad_path_is_named_and_only_files_of_ours_are_replaced(tmp_path):
     robot.export_c(source, ['mass_matrix'])
     assert header.read_text() != first
     header.write_text('#define MINE\n')
-    with pytest.raises(InputError, match=r'arm\.h.*is not of export_c'):
+    with pytest.raises(InputError, match=r'arm\.h.*was not written by export_c'):
         robot.export_c(source)
     assert header.read_text() == '#define MINE\n'
     assert sorted(path.name for path in tmp_path.iterdir()) == ['arm.c', 'arm.h']
