@@ -165,7 +165,7 @@ def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int
             ('duration', duration, 0.0 < duration < math.inf, seconds),
             ('harmonics', harmonics, harmonics >= 2, 'two or more'),
             ('periods', periods, periods >= 1, count),
-            ('seed', seed, seed >= 0, 'a number not below 0'),
+            ('seed', seed, seed >= 0, 'a number >= 0'),
             ('starts', starts, starts >= 1, count),
             ('share', share, 0.0 < share <= 1.0, 'a number above 0, up to 1')):
         if not valid:

@@ -22,9 +22,10 @@ class PayloadEstimator:
     Mass and center of mass of a payload while the arm moves, by recursive least squares.
 
     It holds the normal equations of all samples, each forgotten with a time constant, so that a
-    payload that is put down is noticed. The model error of each joint may include an offset, Coulomb friction and viscous
-    friction of ten times `sigma`. The standard deviations include these, and the size and correlation of the
-    residuals if they are larger than `sigma` (see `payload_equations`).
+    payload that is put down is noticed. The model error of each joint may include an offset,
+    Coulomb friction and viscous friction of ten times `sigma`. The standard deviations include
+    these, and the size and correlation of the residuals if they are larger than `sigma` (see
+    `payload_equations`).
 
     Parameters
     ----------
