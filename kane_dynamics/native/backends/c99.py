@@ -16,7 +16,9 @@ IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def constant(value: float, precision: Precision) -> str:
-    """Return a number as a C literal: the shortest decimal that reads back bit for bit."""
+    """Return a number as a C constant: the shortest decimal that reads back bit for bit, or NAN."""
+    if np.isnan(value):
+        return 'NAN'
     if not np.isfinite(value):
         raise CompileError(f'constant: {value}; expected a finite number: C has no other literal')
     return literal(value, precision)
