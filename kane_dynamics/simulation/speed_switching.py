@@ -43,10 +43,19 @@ class Phase:
 
 
 def trusted(states: Array) -> Any:
-    """Return which states, (..., size), are finite with a positive margin; first always true."""
-    good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
-    good[..., 0] = True
+    """Return which states, (K, size), are finite with a positive margin; first always true."""
+    good = np.isfinite(states).all(axis=-1) & (states[:, -1] > 0.0)
+    good[0] = True
     return good
+
+
+def all_trusted(buffer: Array) -> Any:
+    """Return for which simulations, (N, K, size), every state is `trusted`."""
+    with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
+        whole = np.isfinite(buffer.sum(axis=(1, 2))) & (buffer[:, 1:, -1] > 0.0).all(axis=1)
+    for i in np.flatnonzero(~whole).tolist():
+        whole[i] = trusted(buffer[i]).all()
+    return whole
 
 
 class SwitchingInput:
@@ -100,13 +109,12 @@ class SwitchingInput:
                 part = np.ascontiguousarray(buffer[places])
                 source.advance(part, done, False)
                 buffer[places] = part
-        good = trusted(buffer)
-        whole = good.all(axis=1)
+        whole = all_trusted(buffer)
         for i in sorted(self._elsewhere):
             if whole[i]:
                 self._look_closely(i, buffer[i], done)
         for i in np.flatnonzero(~whole).tolist():
-            self._resume(i, buffer[i], int(np.argmin(good[i])), done)
+            self._resume(i, buffer[i], int(np.argmin(trusted(buffer[i]))), done)
         if single:
             return None
         if extremes is None or not whole.all():

@@ -82,7 +82,10 @@ def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any
     n = mechanism.n
     at_zero = inverse @ s
     for k in mechanism.left_out:
-        row, weight = rows.J[k], 1.0 / mechanism.sizes[k]**2
+        row = rows.J[k]
+        if any(_identical([*row, rows.b[k]], [*rows.J[j], rows.b[j]]) for j in mechanism.kept):
+            continue  # for example the second wheel on an axle, across it
+        weight = 1.0 / mechanism.sizes[k]**2
         through = [_dot(row, inverse[:, r]) for r in range(n)]
         moved = sum((x * x * _square(S[r] * mechanism.units) for r, x in enumerate(through)
                      if not is_zero(x)), start=0.0)
@@ -99,6 +102,12 @@ def guarded(values: Any, condition: Any) -> Any:
     first = (0,) * result.ndim
     result[first] = select(0.0 < condition, result[first], np.nan)
     return result
+
+
+def _identical(a: Any, b: Any) -> bool:
+    """Return whether two vectors have the same entries: equal traced values are one object."""
+    return all(x is y or (isinstance(x, float) and isinstance(y, float) and x == y)
+               for x, y in zip(a, b))
 
 
 def _square(vector: Any) -> Any:
