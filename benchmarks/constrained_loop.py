@@ -9,7 +9,7 @@ import time
 from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink, knife_edge,
                            Model, ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod,
                            Rolling, simulate)
-from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
+from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing, TURNS
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.torque_input import torque_input
@@ -84,7 +84,7 @@ def watch_costs() -> list[Race]:
                 {'q': np.tile(q, (STATES, 1)), 'u': np.tile(u, (STATES, 1)),
                  'tau': np.tile(u, (STATES, 1))})
             loops[f'calls {what}'] = partial(call_each, one, q, u)
-        timing = interleaved(loops)
+        timing = interleaved(loops, 4 * TURNS, time.process_time)
         result += [Race(name, robot.n, f'{what} with the watch of constraints', 'without it',
                         timing.median(f'{what} watched') / STATES,
                         timing.median(f'{what} not') / STATES,

@@ -17,6 +17,7 @@ from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
 from kane_dynamics.urdf.tree import build_tree, UrdfLink, UrdfTree
+from kane_dynamics.urdf.yourdfpy_import import yourdfpy
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -65,11 +66,10 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
 
 def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
     """Parse XML with yourdfpy, reduced to the elements that `children` lists."""
-    import yourdfpy  # this also imports trimesh, scipy and networkx, for more than a second
     clean = rebuilt(root, children)
     try:
-        return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
-                                  build_scene_graph=False).robot
+        return yourdfpy().URDF.load(io.BytesIO(clean), load_meshes=False,
+                                    build_scene_graph=False).robot
     except Exception as error:  # yourdfpy raises many types
         raise UrdfError(f'yourdfpy: {error}; expected a URDF that it can read') from error
 
