@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 import io
 from typing import Any
 
+from kane_dynamics._util.deferred_import import import_deferring
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.flexible_model import with_beam
@@ -17,7 +18,6 @@ from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
 from kane_dynamics.urdf.tree import build_tree, UrdfLink, UrdfTree
-from kane_dynamics.urdf.yourdfpy_import import yourdfpy
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -66,10 +66,12 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
 
 def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
     """Parse XML with yourdfpy, reduced to the elements that `children` lists."""
+    # Only scenes need trimesh, which imports scipy and networkx: a second of processor time.
+    yourdfpy = import_deferring('yourdfpy', 'trimesh')
     clean = rebuilt(root, children)
     try:
-        return yourdfpy().URDF.load(io.BytesIO(clean), load_meshes=False,
-                                    build_scene_graph=False).robot
+        return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
+                                  build_scene_graph=False).robot
     except Exception as error:  # yourdfpy raises many types
         raise UrdfError(f'yourdfpy: {error}; expected a URDF that it can read') from error
 

@@ -1,4 +1,4 @@
-"""The import of yourdfpy without the mesh libraries behind it."""
+"""The first load of a URDF: nothing is imported that only scenes need."""
 
 import subprocess
 import sys
