@@ -53,8 +53,7 @@ def all_trusted(buffer: Array) -> Any:
     """Return for which simulations, (N, K, size), every state is `trusted`."""
     with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
         whole = np.isfinite(buffer.sum(axis=(1, 2))) & (buffer[:, 1:, -1] > 0.0).all(axis=1)
-    for i in np.flatnonzero(~whole).tolist():
-        whole[i] = trusted(buffer[i]).all()
+    whole[~whole] = [trusted(states).all() for states in buffer[~whole]]
     return whole
 
 
@@ -96,12 +95,11 @@ class SwitchingInput:
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """Compute the states after each step; as `TorqueInput.advance`."""
-        every = list(range(len(buffer)))
         groups: dict[tuple[int, float], list[int]] = {}
-        for i in every if self._elsewhere else []:
+        for i in range(len(buffer)) if self._elsewhere else ():
             groups.setdefault((id(self._phases[i].robot), self._phases[i].limit), []).append(i)
         extremes = None
-        for places in list(groups.values()) or [every]:
+        for places in list(groups.values()) or [list(range(len(buffer)))]:
             source = self._source_of(places)
             if len(places) == len(buffer):
                 extremes = source.advance(buffer, done, single)
@@ -298,5 +296,5 @@ class SwitchingInput:
         return f'{which}, {self._time(done):.6g} s: '
 
     def _diverged(self, i: int, done: int) -> InputError:
-        which = 'the simulation' if self._single else f'simulation {i}'
-        return diverged_error(which, self._time(done), self.step)
+        return diverged_error('the simulation' if self._single else f'simulation {i}',
+                              self._time(done), self.step)

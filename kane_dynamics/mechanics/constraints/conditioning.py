@@ -100,7 +100,7 @@ def guarded(values: Any, condition: Any) -> Any:
     if isinstance(condition, float) or not result.size:
         return values
     first = (0,) * result.ndim
-    result[first] = select(0.0 < condition, result[first], np.nan)
+    result[first] = select(condition > 0.0, result[first], np.nan)
     return result
 
 

@@ -16,11 +16,11 @@ IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def constant(value: float, precision: Precision) -> str:
-    """Return a number as a C constant: the shortest decimal that reads back bit for bit, or NAN."""
+    """Return a C constant: NAN, or the shortest decimal that reads back bit for bit."""
     if np.isnan(value):
         return 'NAN'
     if not np.isfinite(value):
-        raise CompileError(f'constant: {value}; expected a finite number: C has no other literal')
+        raise CompileError(f'constant: {value}; expected a finite number or NaN')
     return literal(value, precision)
 
 

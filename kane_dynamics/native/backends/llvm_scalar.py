@@ -114,11 +114,9 @@ class Function:
                          splat(0.0, self.lanes))
         elif node.op == 'select':
             chosen, a, b = (self.value(arg) for arg in node.args)
-            if isinstance(node.args[0], Expr) and node.args[0].op == 'less':  # its comparison, not the number made of it
-                self._choice(name, f'{chosen}.if', a, b)
-            else:
-                self._choice(name, f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}',
-                             a, b)
+            # Of a comparison, take its truth: not the number made of it, compared again.
+            self._choice(name, f'{chosen}.if' if node.args[0].op == 'less' else
+                         f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}', a, b)
         else:
             a, b = (self.value(arg) for arg in node.args)
             self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
