@@ -16,11 +16,9 @@ IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def constant(value: float, precision: Precision) -> str:
-    """Return a C constant: NAN, or the shortest decimal that reads back bit for bit."""
-    if np.isnan(value):
-        return 'NAN'
+    """Return a number as a C literal: the shortest decimal that reads back bit for bit."""
     if not np.isfinite(value):
-        raise CompileError(f'constant: {value}; expected a finite number or NaN')
+        raise CompileError(f'constant: {value}; expected a finite number: C has no other literal')
     return literal(value, precision)
 
 
