@@ -147,10 +147,10 @@ DEEP = {
 
 @pytest.mark.parametrize('name', DEEP)
 def test_deep_xml_loads(name):
-    start = time.monotonic()
+    start = time.process_time()
     model, _ = load_with_warnings(DEEP[name])
     assert [frame.name for frame in model.frames] == ['a']
-    assert time.monotonic() - start < 5.0
+    assert time.process_time() - start < 5.0
 
 
 @pytest.mark.parametrize('source', [
@@ -162,8 +162,8 @@ def test_deep_xml_loads(name):
     '<robot name="' + 'n' * 11_000_000 + '"><link name="a"/></robot>',
 ], ids=['deep root', 'unclosed', 'comments', 'roots', 'duplicates', 'name'])
 def test_absurd_input_is_rejected_quickly_with_its_reason(source):
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(KaneError) as caught:
         load_urdf(source)
     assert len(str(caught.value)) < 1000
-    assert time.monotonic() - start < 5.0
+    assert time.process_time() - start < 5.0
