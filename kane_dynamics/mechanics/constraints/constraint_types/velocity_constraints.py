@@ -56,7 +56,10 @@ class PointVelocity:
 
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the row: the component of the partial velocities."""
-        d = self.direction if self.axes is None else here.pose(self.axes)[0] @ self.direction
+        d = self.direction
+        if self.axes is not None:
+            here = here.in_axes_of(self.axes)
+            d = here.pose(self.axes)[0] @ d
         J = relative_partials(here, self.frame, self.relative_to)
         b = evaluated_scalar(self.value, f"constraint '{self.name}': value(t)", here.t) if (
             callable(self.value)) else self.value
