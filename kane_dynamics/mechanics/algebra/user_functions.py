@@ -271,25 +271,31 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
             raise ConstraintError(f'{what} uses {name}; expected {KNOWN}') from error
         raise ConstraintError(f'{what} raises {type(error).__name__}: {error}; expected a '
                               f'function of {KNOWN}') from error
-    numbers_only = [x for x in map(_value, result.ravel()) if isinstance(x, float)]
-    if not all(map(math.isfinite, numbers_only)):
-        shown = [_value(x) for x in result.ravel()]
-        raise ConstraintError(f'{what} returns {shown if result.shape else shown[0]} at '
-                              f'{_shown(arguments)}; expected finite numbers')
+    owner, _, name = what.rpartition(': ')
+    for order, returned in enumerate((f'{name} returns', f'the first derivative of {name} is',
+                                      f'the second derivative of {name} is')):
+        bad = [x for entry in result.ravel() for x in _derivatives(entry, order)
+               if isinstance(x, float) and not math.isfinite(x)]
+        if bad:
+            raise ConstraintError(f'{owner}{": " if owner else ""}{returned} {bad[0]} at '
+                                  f'{_shown(arguments)}; expected finite numbers')
     if all(isinstance(x, float) for x in result.ravel()):
         result = result.astype(np.float64)
     return result if result.shape else result[()]
 
 
-def _value(x: Any) -> Any:
-    """Return a scalar without what it carries besides."""
-    return x.value if isinstance(x, Dual) else x
+def _derivatives(x: Any, order: int) -> list[Any]:
+    """Return the parts of a scalar that are its derivatives of an order; 0: its value."""
+    if not isinstance(x, Dual):
+        return [] if order else [x]
+    return _derivatives(x.value, order) + (_derivatives(x.rate, order - 1) if order else [])
 
 
 def _shown(arguments: tuple[Any, ...]) -> str:
-    """Return arguments for a message."""
-    return ', '.join(str([_value(y) for y in np.ravel(x)] if np.ndim(x) else _value(x))
-                     for x in arguments)
+    """Return arguments, (q, t) or (t,), for a message."""
+    shown = [str([_derivatives(y, 0)[0] for y in np.ravel(x)]) if np.ndim(x) else
+             str(_derivatives(x, 0)[0]) for x in arguments]
+    return ', '.join(f'{name} = {x}' for name, x in zip(('q', 't')[-len(shown):], shown)) + ' s'
 
 
 def evaluated_scalar(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
