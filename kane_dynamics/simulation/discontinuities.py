@@ -27,7 +27,9 @@ import numpy as np
 SMALL = 1e-10  # rad/s, m/s, rad or m: smaller jumps are not looked for
 EPS = float(np.finfo(float).eps)
 ROUNDING = 64.0 * EPS  # of a function, and of its argument
-SHORT = 4.0 * EPS  # relative: an interval that is not halved
+# Relative length of an interval that is not halved: of functions of time; of q, whose rounding
+# makes the time of a decision uncertain.
+SHORT, SHORT_OF_STATE = 4.0 * EPS, 1e-11
 MOST = 2**14  # intervals in one round; of more, those with the largest differences
 SIDE = 8  # points on either side of a suspected jump
 NOISE = 3.0  # a jump is larger than the scatter of the points on both sides by this factor
@@ -122,7 +124,7 @@ class JumpWatch:
                 at = [x[k] for x in moved] or [np.zeros(self._robot.n_q)] * 2
                 self._refuse(at[0], at[1], float(begin[k]), float(end[k]), q is not None)
             return found[:, 0], found[:, 1:]
-        jump = first_jump(screen, times, self._range)
+        jump = first_jump(screen, times, self._range, SHORT if q is None else SHORT_OF_STATE)
         if jump is not None:
             t, channel, size = jump
             name, unit = names[channel]
@@ -204,8 +206,8 @@ def _run(kernel: Kernel, arguments: list[Array]) -> Array:
     return result
 
 
-def first_jump(screen: Screen, times: Array,
-               within: tuple[float, float]) -> tuple[float, int, float] | None:
+def first_jump(screen: Screen, times: Array, within: tuple[float, float],
+               short: float) -> tuple[float, int, float] | None:
     """
     Return time, number and size of the first jump of functions between times, or None.
 
@@ -216,10 +218,12 @@ def first_jump(screen: Screen, times: Array,
         Increasing, s.
     within : (float, float)
         Begin and end of the time in which functions count, s.
+    short : float
+        Relative length of an interval that is not halved.
 
     """
     begin, end, place = times[:-1], times[1:], np.arange(len(times) - 1)
-    least = SHORT * float(np.diff(times).max())
+    span = float(np.diff(times).max())
     found: list[tuple[float, int, float]] = []
     while len(begin):
         difference, _ = screen(begin, end, place)
@@ -227,7 +231,7 @@ def first_jump(screen: Screen, times: Array,
         if len(suspect) > MOST:
             suspect = np.sort(suspect[np.argsort(-difference[suspect], kind='stable')[:MOST]])
         begin, end, place = begin[suspect], end[suspect], place[suspect]
-        last = end - begin <= np.maximum(SHORT * np.maximum(np.abs(begin), np.abs(end)), least)
+        last = end - begin <= short * np.maximum(np.maximum(np.abs(begin), np.abs(end)), span)
         for k in np.flatnonzero(last).tolist():
             found += _jumps(screen, float(begin[k]), float(end[k]), int(place[k]), within)
         begin, end, place = begin[~last], end[~last], place[~last]
@@ -236,7 +240,7 @@ def first_jump(screen: Screen, times: Array,
             (begin, middle), (middle, end), (place, place)))
     if not found:
         return None
-    near = min(found)[0] + SAME * (abs(min(found)[0]) + least / SHORT)
+    near = min(found)[0] + SAME * (abs(min(found)[0]) + span)
     return min((jump for jump in found if jump[0] <= near), key=lambda jump: jump[1])
 
 
