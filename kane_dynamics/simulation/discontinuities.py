@@ -36,8 +36,8 @@ NOISE = 3.0  # a jump is larger than the scatter of the points on both sides by 
 SAME = 1e-12  # relative: jumps that are as close in time are one
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # spreads the weights of comparisons
 
-# Differences, (K,), above 1 where f may jump, and f at the begin, (K, C), of intervals from (K,) to
-# (K,) s within the steps of these numbers, (K,).
+# Differences, (K,), above 1 where f may jump, and f at the begin, (K, C), of intervals given by
+# begin, (K,), end, (K,), s, and number of the step, (K,).
 Screen = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
@@ -98,6 +98,7 @@ class JumpWatch:
         states : (N, K + 1, size) array
             States after `done` steps, and after each of the next K.
         done : int
+            Number of earlier steps.
 
         """
         if self._names[True]:
@@ -201,7 +202,8 @@ def _run(kernel: Kernel, arguments: list[Array]) -> Array:
     result = np.empty((len(arguments[0]), *kernel.shape))
     rows = [np.ascontiguousarray(x) for x in arguments]
     lanes = [*(Strided(x.ctypes.data, x.strides[0]) for x in rows),
-             Strided(kernel.parameters.ctypes.data), Strided(result.ctypes.data, result.strides[0])]
+             Strided(kernel.parameters.ctypes.data),
+             Strided(result.ctypes.data, result.strides[0])]
     run_batch(kernel.lane_address, lanes, len(result))
     return result
 
@@ -214,6 +216,7 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
     Parameters
     ----------
     screen : callable
+        Differences and functions.
     times : (K + 1,) array
         Increasing, s.
     within : (float, float)
@@ -248,7 +251,8 @@ def _jumps(screen: Screen, begin: float, end: float, place: int,
            within: tuple[float, float]) -> list[tuple[float, int, float]]:
     """Return the jumps in an interval: there the points on either side are apart."""
     away = np.arange(1, SIDE + 1) * (end - begin)
-    sides = np.concatenate([np.maximum(begin - away, within[0]), np.minimum(end + away, within[1])])
+    sides = np.concatenate([np.maximum(begin - away, within[0]),
+                            np.minimum(end + away, within[1])])
     before, after = np.split(screen(sides, sides, np.full(2 * SIDE, place))[1], 2)
     size = after.mean(axis=0) - before.mean(axis=0)
     scatter = np.ptp(before, axis=0) + np.ptp(after, axis=0)

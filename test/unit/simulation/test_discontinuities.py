@@ -87,11 +87,11 @@ def test_a_motion_that_does_not_start_at_rest_is_an_error():
 
 
 def test_a_jump_is_found_with_a_torque_function_and_many_states():
-    with pytest.raises(ConstraintError, match=f"{VELOCITY} jumps by 2"):
+    with pytest.raises(ConstraintError, match=f'{VELOCITY} jumps by 2'):
         shaken(lambda t: np.abs(t - AT), torque=lambda t, q, u: [0.0])
     robot = Robot(model(), constraints=[Prescribed('cart', lambda t: np.abs(t - AT))])
     q0 = robot.closed_posture([0.0, -1.0], fixed=['arm'])
-    with pytest.raises(ConstraintError, match=f"{VELOCITY} jumps by 2"):
+    with pytest.raises(ConstraintError, match=f'{VELOCITY} jumps by 2'):
         simulate(robot, [q0, q0], [[0.0], [1.0]], 0.05)
 
 

@@ -73,7 +73,7 @@ class Prescribed:
     -----
     The constraint force of its row is the force or torque of the prescribed motion. The velocity
     must be continuous: a jump (abs, minimum, a branch of where) needs an impulse, which the
-    equations of motion do not model.
+    equations of motion do not model. `simulate` refuses it. The acceleration may jump.
 
     """
 
