@@ -15,7 +15,7 @@ import re
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError, KaneError
-from kane_dynamics.mechanics.algebra.dual import Dual, select
+from kane_dynamics.mechanics.algebra.dual import derivatives, select
 import numpy as np
 
 
@@ -271,31 +271,23 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
             raise ConstraintError(f'{what} uses {name}; expected {KNOWN}') from error
         raise ConstraintError(f'{what} raises {type(error).__name__}: {error}; expected a '
                               f'function of {KNOWN}') from error
-    owner, _, name = what.rpartition(': ')
+    owner, colon, name = what.rpartition(': ')
     for order, returned in enumerate((f'{name} returns', f'the first derivative of {name} is',
                                       f'the second derivative of {name} is')):
-        bad = [x for entry in result.ravel() for x in _derivatives(entry, order)
-               if isinstance(x, float) and not math.isfinite(x)]
-        if bad:
-            raise ConstraintError(f'{owner}{": " if owner else ""}{returned} {bad[0]} at '
-                                  f'{_shown(arguments)}; expected finite numbers')
+        for x in (x for entry in result.ravel() for x in derivatives(entry, order)):
+            if isinstance(x, float) and not math.isfinite(x):
+                raise ConstraintError(f'{owner}{colon}{returned} {x} at {_shown(arguments)}; '
+                                      'expected finite numbers')
     if all(isinstance(x, float) for x in result.ravel()):
         result = result.astype(np.float64)
     return result if result.shape else result[()]
 
 
-def _derivatives(x: Any, order: int) -> list[Any]:
-    """Return the parts of a scalar that are its derivatives of an order; 0: its value."""
-    if not isinstance(x, Dual):
-        return [] if order else [x]
-    return _derivatives(x.value, order) + (_derivatives(x.rate, order - 1) if order else [])
-
-
 def _shown(arguments: tuple[Any, ...]) -> str:
     """Return arguments, (q, t) or (t,), for a message."""
-    shown = [str([_derivatives(y, 0)[0] for y in np.ravel(x)]) if np.ndim(x) else
-             str(_derivatives(x, 0)[0]) for x in arguments]
-    return ', '.join(f'{name} = {x}' for name, x in zip(('q', 't')[-len(shown):], shown)) + ' s'
+    shown = [[derivatives(y, 0)[0] for y in np.ravel(x)] for x in arguments]
+    configuration = [f'q = {x}, ' for x in shown[:-1]]
+    return f'{"".join(configuration)}t = {shown[-1][0]} s'
 
 
 def evaluated_scalar(function: Callable[..., Any], what: str, *arguments: Any) -> Any:

@@ -93,7 +93,7 @@ def test_the_four_bar_of_the_readme_makes_a_full_revolution_with_every_choice_or
     robot = four_bar(*named)
     u0 = robot.mechanism.state(q0).speed_rows(robot.speed_names)[0] @ rates
     if named == ('rocker',):  # it stands still at its ends, where the crank does not
-        with pytest.raises(ConstraintError, match='speeds rocker become singular .* under .pin.'):
+        with pytest.raises(ConstraintError, match=r"speeds rocker become singular .*'pin'"):
             simulate(robot, q0, u0, 2.0, step=1e-3)
         return
     run = simulate(robot, q0, u0, 2.0, step=1e-3)
