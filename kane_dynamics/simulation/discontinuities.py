@@ -38,7 +38,7 @@ GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # spreads the weights of comparisons
 
 # Differences, (K,), above 1 where f may jump, and f at the begin, (K, C), of intervals given by
 # begin, (K,), end, (K,), s, and number of the step, (K,).
-Screen = Callable[[Array, Array, Array], tuple[Array, Array]]
+Screen = Callable[[Array, Array, Any], tuple[Array, Array]]
 
 
 class JumpWatch:
@@ -239,8 +239,8 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
             found += _jumps(screen, float(begin[k]), float(end[k]), int(place[k]), within)
         begin, end, place = begin[~last], end[~last], place[~last]
         middle = 0.5 * (begin + end)
-        begin, end, place = (np.concatenate(pair) for pair in (
-            (begin, middle), (middle, end), (place, place)))
+        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        place = np.tile(place, 2)
     if not found:
         return None
     near = min(found)[0] + SAME * (abs(min(found)[0]) + span)
