@@ -20,7 +20,8 @@ from typing import Any
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows, Rolling
+from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, DependentSpeeds,
+                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen
@@ -152,6 +153,24 @@ class Mechanism:
         J = np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)])
         b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
         return ConstraintRows(J, b, tuple(x for part in parts for x in part.residual))
+
+    def functions(self, here: MechanismState, of_state: bool) -> dict[tuple[str, str], Any]:
+        """
+        Return the user-defined functions that must be continuous, by name and unit.
+
+        They are those of t alone or, with `of_state`, those of q and t.
+        """
+        units = {'position(t)': ' (m or rad)', 'the velocity of position(t)': ' (m/s or rad/s)',
+                 'value(t)': ' (m/s or rad/s)'}
+        found = {} if self.speeds.key or not of_state else {
+            (f'speeds: {name}(q, t)', ''): x
+            for name, x in zip('YZ', self.speeds.of(here.q, here.t))}
+        for constraint in self.constraints:
+            if isinstance(constraint, DependentSpeeds if of_state else
+                          Prescribed | PointVelocity):
+                found |= {(f"constraint '{constraint.name}': {name}", units.get(name, '')): x
+                          for name, x in constraint.functions(here).items()}
+        return found
 
     def system(self, here: MechanismState) -> tuple[Any, Any]:
         """
