@@ -16,6 +16,8 @@ from typing import Literal, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
+                                                                  torque_delays, TorqueDelays)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
@@ -28,7 +30,6 @@ MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
 SLIP = 0.05  # assumed friction speed, rad/s or m/s
 FLOOR = 0.03  # of the measured torque: smaller errors need no correction
-NOISE = 0.3  # fraction of the accelerations
 WINDOWS = 200  # number of windows in which positions and speeds are compared
 UNITS = ((math.degrees(1.0), 'degrees a second'),
          (math.radians(1.0), 'beside positions in degrees'),
@@ -160,12 +161,9 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
 
 def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
     """Yield errors of torques, found by the corrections that reduce the residual."""
-    given = recording
-    if len(given) > 100 and (given.acceleration_noise() > NOISE).any():
-        given = given.filtered(min(10.0, 0.2 / float(np.diff(given.t).mean())))
-    lag = max(1, len(given) // MOST_ROWS)
+    given = smoothed(recording)
     robot = Robot(model, friction=False)
-    now = _thinned(given, lag)
+    now = given.rows(slice(None, None, max(1, len(given) // MOST_ROWS)))
     errors = _errors(robot, now)
     found: dict[str, list[int]] = {}
     for _ in range(MOST_FAULTS):
@@ -188,12 +186,7 @@ def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
         which = sorted(set(joints))
         yield Finding('wrong', kind.format(_named(model, which)))
     if not found:
-        yield from _delays(model, robot, given, lag)
-
-
-def _thinned(recording: Recording, every: int) -> Recording:
-    """Return every n-th row."""
-    return recording.rows(slice(None, None, every))
+        yield from _delays(model, torque_delays(model, given))
 
 
 def _errors(robot: Robot, recording: Recording) -> Array:
@@ -272,29 +265,15 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
         yield _Repair('{} are exchanged', pair, replace(r, **moved, tau=exchanged), 3.0 * once)
 
 
-def _delays(model: Model, robot: Robot, r: Recording, every: int) -> Iterator[Finding]:
-    """Yield delays of torques."""
-    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
-    step = float(np.median(np.diff(r.t)))
-    most = min(int(0.2 / step), len(r) // 4)
-    lags = np.unique(np.linspace(-most, most, min(2 * most + 1, 81)).astype(int))
-    inner = np.arange(most, len(r) - most, every)
-    if len(inner) < 20:
-        return
-    at = {name: getattr(r, name)[inner] for name in ('t', 'q', 'u', 'udot')}
-    late: dict[str, dict[int, float]] = {'after': {}, 'before': {}}
-    for j in range(robot.n):
-        left = []
-        for lag in lags:
-            shifted = Recording(**at, tau=r.tau[inner + lag])
-            left.append(_fitted(shifted, j, shifted.tau[:, j] - rigid[inner, j])[0])
-        best = int(np.argmin(left))
-        if left[best] < 0.7 * left[int(np.flatnonzero(lags == 0)[0])]:
-            lag = int(lags[best])
-            late['after' if lag > 0 else 'before'][j] = abs(lag) * step
-    for side, joints in late.items():
-        if joints:
-            times = joints.values()
-            ends = sorted({f'{time:.3g}' for time in (min(times), max(times))}, key=float)
-            yield Finding('remark', f'efforts of {_named(model, list(joints))} come '
-                          f'{" to ".join(ends)} s {side} the motion that they belong to')
+def _delays(model: Model, delays: TorqueDelays) -> Iterator[Finding]:
+    """Yield delays of torques: the common one, and those of joints that differ from it."""
+    late = {int(j): float(delays.delay[j]) for j in np.flatnonzero(delays.different)}
+    same = [j for j in np.flatnonzero(delays.judged) if j not in late]
+    unknown = np.flatnonzero(~delays.judged)
+    more = f' ({_named(model, unknown)} cannot be judged)' if len(unknown) else ''
+    found = [(same, delays.common, delays.common_deviation)] if delays.delayed else []
+    found += [([j], delay, float(delays.deviation[j])) for j, delay in late.items()]
+    for joints, delay, deviation in found:
+        yield Finding('remark', f'efforts of {_named(model, joints)} come {abs(delay):.3g} s (+- '
+                      f'{deviation:.1g} s) {"after" if delay > 0.0 else "before"} the motion that '
+                      f'they belong to{more}')
