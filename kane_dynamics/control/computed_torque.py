@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 import warnings
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike
 KP, KD = 100.0, 20.0  # default gains, 1/s^2 and 1/s: critically damped
 
 
+@fixed
 @dataclass(frozen=True, eq=False, init=False)
 class ComputedTorque:
     """

@@ -268,7 +268,7 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
 def _delays(model: Model, delays: TorqueDelays) -> Iterator[Finding]:
     """Yield delays of torques: the common one, and those of joints that differ from it."""
     late = {int(j): float(delays.delay[j]) for j in np.flatnonzero(delays.different)}
-    same = [j for j in np.flatnonzero(delays.judged) if j not in late]
+    same = [int(j) for j in np.flatnonzero(delays.judged) if int(j) not in late]
     unknown = np.flatnonzero(~delays.judged)
     more = f' ({_named(model, unknown)} cannot be judged)' if len(unknown) else ''
     found = [(same, delays.common, delays.common_deviation)] if delays.delayed else []
