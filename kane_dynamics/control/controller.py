@@ -19,6 +19,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 from numpy.typing import ArrayLike
@@ -241,6 +242,7 @@ class Controller:
             if motion.joint_names != self._names:
                 raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
+            warn_of_degrees(self.robot, motion.positions, 'motion')
             self._motion = motion
         external = None if external is None else finite_row(
             external, 'the measured external torque', self._names)

@@ -31,10 +31,11 @@ MOST_FAULTS = 8
 SLIP = 0.05  # assumed friction speed, rad/s or m/s
 FLOOR = 0.03  # of the measured torque: smaller errors need no correction
 WINDOWS = 200  # number of windows in which positions and speeds are compared
-UNITS = ((math.degrees(1.0), 'degrees a second'),
-         (math.radians(1.0), 'beside positions in degrees'),
-         (1e3, 'beside times in milliseconds'), (1e6, 'beside times in microseconds'),
-         (1e9, 'beside times in nanoseconds'), (1e-3, 'in units 1000 times as large'))
+EXPECTED = 'expected it, in rad/s or m/s'
+UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
+         (math.radians(1.0), 'are the positions in degrees?'),
+         (1e3, 'are the times in milliseconds?'), (1e6, 'are the times in microseconds?'),
+         (1e9, 'are the times in nanoseconds?'), (1e-3, 'are they in units 1000 times as large?'))
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impos
     found = diagnose(model, recording)
     worst = [finding.words for finding in found if finding.level in levels]
     if worst:
-        raise InputError(f'recording: {"; ".join(worst)}; expected one of this model')
+        raise InputError(f'recording: {"; ".join(worst)}')
     return found
 
 
@@ -126,8 +127,8 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
     step = float(np.median(np.diff(recording.t)))
     if 'u' in recording.derived:
         if step >= 0.5:
-            yield (f't: rows are {step:g} s apart, too far to derive speeds; expected seconds: '
-                   'are these milliseconds?')
+            yield (f'times: rows are {step:g} s apart; expected seconds: are the times in '
+                   'milliseconds?')
         return
     width = max(1, len(recording) // WINDOWS)
     mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
@@ -145,18 +146,19 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
         if own > 0.8 and 0.6 < factor[j] < 1.6:
             continue
         if own > 0.8:
-            words = next((f'{value:.4g} times the derivative of the positions: {unit}?'
+            words = next((f'{value:.4g} times the derivative of the positions; {EXPECTED}: {unit}'
                           for value, unit in UNITS if 0.8 < factor[j] / value < 1.25),
-                         f'{factor[j]:.2g} times the derivative of the positions')
+                         f'{factor[j]:.2g} times the derivative of the positions; {EXPECTED}')
         elif own < -0.8:
-            words = 'the negative derivative of the positions'
+            words = f'the negative derivative of the positions; {EXPECTED}'
         elif likeness[j, other] > 0.8:
-            words = f"the derivative of the positions of joint '{model.joint_names[other]}'"
+            words = (f"the derivative of the positions of joint '{model.joint_names[other]}'; "
+                     'expected those of their own joint')
         else:
-            words = 'not the derivative of the positions'
+            words = f'not the derivative of the positions; {EXPECTED}'
         reports.setdefault(words, []).append(int(j))
     for words, joints in reports.items():
-        yield f'speeds of {_named(model, joints)} are {words}; expected rad/s or m/s and seconds'
+        yield f'speeds of {_named(model, joints)} are {words}'
 
 
 def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
