@@ -17,7 +17,8 @@ def _torque(sub: ArgumentParser) -> None:
     _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
     sub.add_argument('--step', type=float, metavar='S', help='time between samples of the motion '
                      f'(default: {STEP:g} between points of a YAML file; rows of a CSV file)')
-    sub.add_argument('-o', '--out', metavar='CSV', help='write the torques of the motion to this file')
+    sub.add_argument('-o', '--out', metavar='CSV',
+                     help='write the torques of the motion to this file')
     add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
 
 

@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = int(getattr(commands, function)(options) or 0)
         sys.stdout.flush()
         return code
-    except BrokenPipeError:  # such as `| head`: nobody reads the rest
+    except BrokenPipeError:  # such as `| head`: the reader has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE  # as of other programs
     except (KaneError, OSError) as error:

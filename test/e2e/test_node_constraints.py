@@ -117,7 +117,8 @@ def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, co
 
 
 def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, configuration):
-    answer = node.call(GetDynamics, 'get_dynamics', position=configuration.tolist(), velocity=[5.0])
+    answer = node.call(GetDynamics, 'get_dynamics', position=configuration.tolist(),
+                       velocity=[5.0])
     assert answer.joint_names == ['crank_joint']
     close(answer.mass_matrix, linkage.mass_matrix(configuration).ravel())
     close(answer.bias_force, linkage.bias_force(configuration, [5.0]))
@@ -125,7 +126,8 @@ def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, conf
     told = node.call(Explain, 'explain', position=configuration.tolist(), velocity=[5.0],
                      acceleration=[1.0])
     assert told.success, told.message
-    close(sum(told.explanation.by_source), linkage.inverse_dynamics(configuration, [5.0], [1.0])[0])
+    close(sum(told.explanation.by_source),
+          linkage.inverse_dynamics(configuration, [5.0], [1.0])[0])
     assert abs(told.explanation.power_residual) < 1e-9
 
 
@@ -165,7 +167,8 @@ def test_an_arm_with_constraints_is_not_activated(node):
      "of constraint 'pin/"),
     (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'expected 1'),
     (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'expected ZERO or TABLE')])
-def test_requests_that_violate_constraints_are_refused(node, configuration, kind, name, change, words):
+def test_requests_that_violate_constraints_are_refused(node, configuration, kind, name, change,
+                                                       words):
     fields = {'position': configuration.tolist(), 'velocity': [1.0], **change}
     if kind is InverseDynamics:
         fields['acceleration'] = [0.0]

@@ -424,8 +424,8 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     configuration = np.array([0.3, -1.0, 1.0, 0.2, 0.1, 0.5])
     q = np.append(configuration, np.zeros(4))
     for frame in ('tool0', 'forearm_link'):
-        np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, configuration),
-                                   atol=1e-12)
+        np.testing.assert_allclose(robot.frame_pose(frame, q),
+                                   rigid.frame_pose(frame, configuration), atol=1e-12)
     # A stiff beam matches the rigid arm except for its own mass.
     moved = robot.model.bodies[1].inertial
     assert moved.mass == pytest.approx(12.0 * 0.6127)

@@ -152,6 +152,6 @@ def test_numbers_become_exact():
 
 def test_legend_names_every_axis_of_a_shared_moment_of_inertia():
     b = ModelBuilder()
-    b.body('rod', 'world', axis=(0, 0, 1), matter=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
+    b.body('rod', matter=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
     meaning, = (p.meaning for p in closed_form(b.model()).parameters if p.unit == 'kg m^2')
     assert meaning == 'central moment of inertia of rod, yy and zz'

@@ -52,7 +52,7 @@ def test_a_step_grows_beyond_the_longest_and_not_before(joint, rate):
 @pytest.mark.parametrize('q', ['x', [0.0, 0.0], [math.nan], None])
 def test_longest_step_refuses_what_is_no_configuration_with_and_without_friction(q):
     for robot in (wheel(), wheel(**RUB)):
-        with pytest.raises(InputError, match='q: .*; expected'):
+        with pytest.raises(InputError, match=r'q: .*; expected'):
             longest_step(robot, q)
 
 
