@@ -31,7 +31,7 @@ def module_node():
                       explanation__rate=20.0, payload__frame='c',
                       estimator__enabled=True, estimator__rate=10.0,
                       estimator__memory=0.3,  # so that no test feels another's
-                      estimator__torque_deviation='[0.01]')  # the plant's torques are exact
+                      estimator__torque_deviation='[0.01,0.01,0.01]')  # the plant's torques are exact
     yield process
     assert process.end()[0] == 0, process.log
 
