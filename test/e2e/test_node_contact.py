@@ -30,8 +30,7 @@ def module_node():
                       observer__threshold=THRESHOLD, observer__rate=1000.0,
                       explanation__rate=20.0, payload__frame='c',
                       estimator__enabled=True, estimator__rate=10.0,
-                      estimator__memory=0.3,  # so that no test feels another's
-                      estimator__torque_deviation='[0.01,0.01,0.01]')  # the plant's torques are exact
+                      estimator__memory=0.3)  # so that no test feels another's
     yield process
     assert process.end()[0] == 0, process.log
 
@@ -165,10 +164,10 @@ def test_the_payload_is_estimated_with_its_deviation(node, robot):
     assert hold(node, effort, lambda: len(ear.payloads) > 3, seconds=10.0)
     found = ear.payloads[-1]
     assert found.header.frame_id == 'c'
-    # With sensors that may have offsets, a payload at rest is not known: the deviation is large
-    # (test_payload_deviations). These are stated to be exact to 0.01 N m.
-    assert 0.0 < found.mass_deviation < 0.1
-    assert abs(found.mass - 1.5) < min(0.05, 3.0 * found.mass_deviation)
+    # At rest, offsets that the sensors may have cannot be told from a payload: the deviation says
+    # so. Of sensors stated to be exact, test_payload_deviations asks for 0.05 kg.
+    assert found.mass_deviation > 0.0
+    assert abs(found.mass - 1.5) < 3.0 * found.mass_deviation
 
 
 def test_explain_answers_in_the_order_of_the_request(node, robot):
