@@ -104,7 +104,7 @@ def test_arm_at_rest_with_unknown_offsets_is_not_sure_of_the_mass():
 
 
 def test_arm_at_rest_with_exact_sensors_weighs_the_load_to_50_grams():
-    """Offsets that the sensors may have cannot be told from a load at rest; exact ones have none."""
+    """Offsets that sensors may have cannot be told from a load at rest; exact ones have none."""
     q, zero = np.full(6, 0.3), np.zeros(6)
     estimator = PayloadEstimator(arm(), 'tool0', np.full(6, 0.01), memory=30.0)
     for _ in range(50):
