@@ -3,6 +3,7 @@
 from typing import NamedTuple
 import warnings
 
+from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 DAMPING = 0.005  # m, of `frame_wrench`: a condition number near 200 for an arm of 1 m
 
 
+@guarded
 class CollisionDetector:
     """
     Detects a collision by thresholds on estimated external torques.

@@ -9,6 +9,7 @@ R. Mattone, "Sensorless robot collision detection and hybrid force/motion contro
 
 import math
 
+from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 OBSERVED = ('mass_matrix', 'bias_force', 'coriolis_matrix')  # quantities that it evaluates
 
 
+@guarded
 class MomentumObserver:
     """
     Estimator of the external joint torques.

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating', 'fixed')
 
 
+@guarded
 class ModelBuilder(ModelAssembly):
     """
     Builder of mechanisms: add bodies outward from 'world', then call `model`.

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
@@ -24,6 +25,7 @@ Start = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 State = tuple[Array, Array, Array]
 
 
+@fixed
 class Motion:
     """
     Desired motion q(t), u(t), udot(t) of named joints; immutable.

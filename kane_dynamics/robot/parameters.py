@@ -2,8 +2,9 @@
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.attribute_hints import fixed, missing, refused
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -12,6 +13,7 @@ from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of every coordinate's joint, (n_q,) arrays; infinite where none is given."""
@@ -36,6 +38,29 @@ class Parameters:
         self.block = np.zeros(self.physical + watched)
         self.gravity = model.gravity
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Raise AttributeError for an unknown attribute."""
+        if not hasattr(type(self), name):
+            raise AttributeError(refused(self, name))
+        object.__setattr__(self, name, value)
+
+    if not TYPE_CHECKING:  # type checkers report missing attributes themselves
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError with a hint for a missing attribute."""
+            raise AttributeError(missing(self, name))
+
+    def __repr__(self) -> str:
+        """Return the values on one line."""
+        words = [f'gravity {self.gravity.tolist()} m/s^2']
+        if self._frame is not None:
+            load = self._payload
+            words.append('no payload' if load is None else
+                         f"payload {load.mass:g} kg at {load.com.tolist()} m of '"
+                         f"{self._frame.name}'")
+        if self._tolerance is not None:
+            words.append('closure tolerance {:g} m, {:g} rad'.format(*self._tolerance))
+        return f'<Parameters: {", ".join(words)}>'
+
     def copy(self) -> 'Parameters':
         """Return a copy with a separate block."""
         other = copy(self)
@@ -45,7 +70,9 @@ class Parameters:
     @property
     def gravity(self) -> Array:
         """Acceleration of free fall, (3,), m/s^2, world axes."""
-        return self.block[:3].copy()
+        value = self.block[:3].copy()
+        value.flags.writeable = False  # an entry of a copy could be assigned without effect
+        return value
 
     @gravity.setter
     def gravity(self, value: Any) -> None:

@@ -15,6 +15,7 @@ import warnings
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.discontinuities import JumpWatch
@@ -101,6 +102,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     Warns
     -----
     ModelWarning
+        An initial position looks like degrees (see the page on limits).
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
         at the (first) initial configuration: the motion near rest is inaccurate (`longest_step`).
         The error of the energy balance is above that expected of the step: names the time of its
@@ -112,6 +114,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
+    warn_of_degrees(robot, starts[:, :robot.n_q], 'q0')
     jumps = JumpWatch(robot, starts, t0, step, count, single)
     step_text = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
     if step_text is not None:

@@ -7,6 +7,7 @@ from functools import partial
 import os
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.npz import npz_arrays
@@ -62,6 +63,7 @@ class SpeedChange(NamedTuple):
                 f'to {", ".join(self.after)}')
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """

@@ -131,7 +131,9 @@ class Parameters:
             for j in range(i, 3):
                 twin = max(k for k in range(3) if moments[k] == moments[i]) if i == j else j
                 suffix = '' if alike and i == j else 'xyz'[twin if i == j else i] + 'xyz'[twin]
-                part = ('-' if values[i, j] < 0.0 else '') + 'xyz'[i] + 'xyz'[j]
+                shared = [k for k in range(3) if moments[k] == moments[i]] if i == j else []
+                part = ' and '.join(2 * 'xyz'[k] for k in shared) or (
+                    ('-' if values[i, j] < 0.0 else '') + 'xyz'[i] + 'xyz'[j])
                 result[i, j] = result[j, i] = self.scalar(name + suffix, values[i, j], 'kg m^2',
                                                           f'{meaning}, {part}')
         return result

@@ -2,7 +2,7 @@
 Constraints on the motion of a mechanism, each as a velocity that is zero or prescribed.
 
 Every constraint is rows J(q, t) q' = b(q, t). A row is a component of a Jacobian (partial
-velocities; Kane & Levinson, sections 2.13 and 2.14). Rows of a position constraint (a closed
+velocities; Kane & Levinson, chapter 2). Rows of a position constraint (a closed
 loop, a wheel on the ground) also have a constraint residual; the row is its time derivative where
 the loop is closed.
 

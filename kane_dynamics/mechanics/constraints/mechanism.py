@@ -10,7 +10,7 @@ and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns o
 joint rates of the independent speeds (nonholonomic under constraints), so a generalized force is
 T^T times the joint forces. The columns of N are those of the auxiliary speeds J q' - b, which are
 zero in every motion: N^T times the joint forces are the constraint forces (Kane & Levinson,
-section 4.9).
+chapter 4).
 """
 
 from collections.abc import Mapping, Sequence

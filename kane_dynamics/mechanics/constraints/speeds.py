@@ -1,5 +1,5 @@
 """
-Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, section 2.12).
+Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, chapter 2).
 
 A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default; other
 choices shorten the equations of common mechanisms. A user may define further ones.

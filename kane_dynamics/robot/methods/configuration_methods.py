@@ -1,9 +1,10 @@
 """Neutral and random configurations of a robot, and its joint limits."""
 
 from functools import cached_property
+import warnings
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
 from kane_dynamics.robot.methods.dispatch import Dispatch
@@ -35,6 +36,13 @@ def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
             limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
             words.append(f'{name} {value:.4g} rad{limits}')
     return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
+
+
+def warn_of_degrees(robot: 'Configurations', q: Array, what: str, stacklevel: int = 3) -> None:
+    """Warn if positions, (n_q,) or (K, n_q), look like degrees."""
+    text = suspected_degrees(robot, q)
+    if text is not None:
+        warnings.warn(f'{what}: {text}', ModelWarning, stacklevel=stacklevel)
 
 
 class Configurations(ConstraintMethods, Dispatch):

@@ -94,7 +94,7 @@ class ConstraintMethods(Dispatch):
         """
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
 
-        These are the equations of auxiliary speeds (Kane & Levinson, section 4.9): a row's force
+        These are the equations of auxiliary speeds (Kane & Levinson, chapter 4): a row's force
         acts along the velocity that the row constrains, N or N m. With the tau of inverse dynamics
         they are the forces in that motion. The forces of redundant rows are not unique: the result
         has minimum norm, with moments divided by `mechanism.length` (or as `Robot(redundant=)`).

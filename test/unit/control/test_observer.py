@@ -224,7 +224,7 @@ def test_a_wrench_at_the_frame_is_recovered_where_the_arm_feels_all_of_it():
     np.testing.assert_allclose(found.rest, elsewhere, atol=1e-9)
 
 
-def test_near_a_singular_posture_the_unseen_direction_is_small_and_smooth():
+def test_near_a_singular_configuration_the_unseen_direction_is_small_and_smooth():
     left, _, right = np.linalg.svd(np.random.default_rng(4).normal(size=(7, 6)),
                                    full_matrices=False)
     sizes = []
