@@ -236,7 +236,7 @@ class ModelBuilder(ModelAssembly):
         self._places[name] = Placement(len(self._bodies) - 1)
 
     def _mimic_fields(self, what: str, kind: str, mimic: str | None, multiplier: float,
-                   offset: float) -> dict[str, Any]:
+                      offset: float) -> dict[str, Any]:
         """Return coordinate, multiplier and offset of a mimic joint; empty for other joints."""
         if mimic is None:
             if (multiplier, offset) != (1.0, 0.0):

@@ -21,7 +21,7 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, DependentSpeeds,
-                                                  PointVelocity, Prescribed, Rolling)
+                                                 PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen

@@ -13,8 +13,8 @@ from recordings import present, quiet, real, simulated
 
 URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
 LOSSES = {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_offset': 1.0}
-REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7), 'ur10': ('ur10_unisa.csv', 'ur10.urdf',
-                                                                  6)}
+REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7),
+        'ur10': ('ur10_unisa.csv', 'ur10.urdf', 6)}
 
 
 @cache
