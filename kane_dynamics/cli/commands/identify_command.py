@@ -8,7 +8,6 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.commands.replay_command import rms
 from kane_dynamics.cli.shared import as_json, every_joint
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
@@ -17,7 +16,7 @@ from kane_dynamics.identification.payload.payload_fit import identify_payload
 from kane_dynamics.identification.recordings.diagnosis import refuse as refuse_unlike
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import FRICTION, LOWEST, rows
+from kane_dynamics.identification.regression import FRICTION, LOWEST, rms, rows
 from kane_dynamics.identification.result_files import six, written, written_payload
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS

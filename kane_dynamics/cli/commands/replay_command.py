@@ -3,11 +3,11 @@
 from argparse import Namespace
 from typing import Any
 
-from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.diagnosis import refuse
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import rms
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -41,12 +41,6 @@ def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
             'rms_error': rms(error), 'mean_error': error.mean(axis=0),
             'largest_error': np.abs(error).max(axis=0),
             'remarks': remarks}
-
-
-def rms(values: Array) -> Array:
-    """Return the root mean square of each column."""
-    result: Array = np.sqrt(np.mean(values * values, axis=0))
-    return result
 
 
 def print_comparison(data: dict[str, Any]) -> None:
