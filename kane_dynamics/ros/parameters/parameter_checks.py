@@ -170,6 +170,25 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
     return np.broadcast_to(value, (len(joints),)).copy()
 
 
+def per_joint_of_effort(values: Mapping[str, Any], name: str, joints: Sequence[str],
+                        limits: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """
+    Return a per-joint parameter, (n,); if it is not set, a share of the effort limits.
+
+    Raises
+    ------
+    InputError
+        The list has the wrong length, or it is empty and a joint has no effort limit.
+
+    """
+    result = per_joint(values, name, joints, share * limits)
+    if not values[name].size and not np.isfinite(result).all():
+        joint = joints[int(np.flatnonzero(~np.isfinite(result))[0])]
+        raise InputError(f"parameter '{name}': empty, and joint '{joint}' has no effort limit; "
+                         'expected one number or one per joint, N m or N')
+    return result
+
+
 def terms(values: Mapping[str, Any]) -> Terms:
     """Return the term switches of the parameters compensate.*."""
     return Terms(**{name: values[f'compensate.{name}']

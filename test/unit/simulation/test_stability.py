@@ -121,7 +121,7 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
     from kane_dynamics.ros.parameters.parameter_checks import read
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-    from kane_dynamics.ros.services.served_robot import RequestLimits, ServedRobot
+    from kane_dynamics.ros.services.served_robot import ServedRobot
     from kane_dynamics.ros.services.simulation_request import SimulationRequest
     from kane_dynamics.ros.parameters.parameter_table import SPECS
     from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
@@ -133,9 +133,8 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
     for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
-        served = ServedRobot.from_values(robot, robot, GravityAndPayload(robot.model.gravity),
-                                         values | {'simulation.integrator': integrator},
-                                         WrenchFrames(robot))
+        served = ServedRobot(robot, robot, GravityAndPayload(robot.model.gravity),
+                             values | {'simulation.integrator': integrator}, WrenchFrames(robot))
         request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
             Simulate.Response())
         with warnings.catch_warnings():
@@ -145,8 +144,9 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     assert answers[0] == answers[2] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
     stiff = wheel(stiffness=1e6)
-    served = replace(served, robot=stiff, simulated=stiff, integrator='rk4',
-                     bounds=RequestLimits(10.0, 200, 200, 20))
+    served = replace(served, robot=stiff, simulated=stiff, values=values | {
+        'simulation.max_duration': 10.0, 'simulation.max_steps': 200,
+        'simulation.max_points': 200, 'trajectory.max_points': 20})
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'the state diverged.*: a step of 0.1 s is too long'):
