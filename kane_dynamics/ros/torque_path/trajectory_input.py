@@ -6,6 +6,7 @@ torque path for tens of milliseconds. This module reads the message point by poi
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from kane_dynamics.control.controller import Mode
@@ -23,7 +24,15 @@ class CdrTime(NamedTuple):
     nanosec: int
 
 
-class ReceivedPoint(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TrajectoryHeader:
+    """The part of a Header that is used."""
+
+    stamp: CdrTime
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedPoint:
     """The part of a JointTrajectoryPoint that is used."""
 
     positions: Array
@@ -32,10 +41,11 @@ class ReceivedPoint(NamedTuple):
     time_from_start: CdrTime
 
 
-class ReceivedTrajectory(NamedTuple):
-    """The part of a JointTrajectory that is used, and the stamp of its header."""
+@dataclass(frozen=True, eq=False)
+class ReceivedTrajectory:
+    """The part of a JointTrajectory that is used."""
 
-    stamp: CdrTime
+    header: TrajectoryHeader
     joint_names: list[str]
     points: list[ReceivedPoint]
 
@@ -63,7 +73,7 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
         reader.doubles()  # efforts
         points.append(ReceivedPoint(positions, velocities, accelerations,
                                     CdrTime(*reader.pair())))
-    return ReceivedTrajectory(stamp, names, points)
+    return ReceivedTrajectory(TrajectoryHeader(stamp), names, points)
 
 
 def follow_trajectory(path: TorquePath, data: bytes, received: int,
@@ -113,7 +123,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
                          'state_timeout')
     if not now:
         raise InputError('use_sim_time: true without a message on /clock; expected simulated time')
-    start = nanoseconds(message.stamp) or now
+    start = nanoseconds(message.header.stamp) or now
     motion = motion_from_message(message, path.controller.robot.joint_names,
                                  values['trajectory.max_points'], path.desired(start))
     if start != now and start + motion.duration * NANO < now:

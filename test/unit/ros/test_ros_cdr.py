@@ -61,7 +61,7 @@ def test_a_trajectory_is_read_as_rclpy_reads_it(points):
     message = trajectory(points)
     read = read_trajectory(serialize_message(message), 10)
     assert read.joint_names == list(message.joint_names)
-    assert read.stamp == (12, 0)
+    assert read.header.stamp == (12, 0)
     for mine, theirs in zip(read.points, message.points, strict=True):
         for field in ('positions', 'velocities', 'accelerations'):
             assert getattr(mine, field).tolist() == list(getattr(theirs, field))
