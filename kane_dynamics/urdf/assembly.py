@@ -26,15 +26,7 @@ Moving = list[tuple[StatedJoint, Placement]]  # the joint of each moving body, a
 
 def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravity: ArrayLike,
              notices: Notices, *, strict: bool) -> Model:
-    """
-    Assemble the Model of the selected part of a URDF.
-
-    Raises
-    ------
-    ModelError
-        If a body or joint is physically impossible; the message names it.
-
-    """
+    """Assemble the Model of the selected part of a URDF; ModelError names an impossible body."""
     places, moving = _place(selection)
     links = [name for name in places if name in tree.links]
     parts: list[list[Inertial]] = [[] for _ in (*moving, 'base')]  # of each body, then of WORLD
@@ -147,15 +139,7 @@ def _note_masses(tree: UrdfTree, moving: Moving, parts: list[list[Inertial]],
 
 
 def check_inertial(link: str, inertial: Inertial, notices: Notices, strict: bool) -> None:
-    """
-    Note an impossible or singular inertia.
-
-    Raises
-    ------
-    ModelError
-        If it is indefinite and `strict` is set; the message names the link.
-
-    """
+    """Note an impossible or singular inertia; ModelError if it is indefinite and `strict`."""
     found = principal_moments(inertial.inertia, mass=inertial.mass)
     if found.indefinite:
         if strict:

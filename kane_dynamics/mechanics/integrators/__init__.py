@@ -19,11 +19,7 @@ def integrator_of(name: str, equations: object = None) -> Integrator:
     """
     Return the integrator of a name.
 
-    Raises
-    ------
-    InputError
-        There is none of this name, or it does not support the equations of motion given.
-
+    Raise InputError if there is none, or it does not support the equations of motion given.
     """
     if name not in INTEGRATORS:
         raise InputError(f'integrator: {name!r}; expected one of {", ".join(INTEGRATORS)}')

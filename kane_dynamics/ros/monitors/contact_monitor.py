@@ -34,11 +34,8 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     """
     Return the settings of momentum observer and collision detector.
 
-    Raises
-    ------
-    InputError
-        A list has the wrong length, or a joint has neither a threshold nor an effort limit.
-
+    Raise InputError if a list has the wrong length, or a joint has neither a threshold
+    nor an effort limit.
     """
     joints = robot.joint_names
     limits = np.minimum(np.array(robot.limits.effort),

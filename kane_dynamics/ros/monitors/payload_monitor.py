@@ -37,12 +37,8 @@ def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     """
     Return the settings of the payload estimator.
 
-    Raises
-    ------
-    InputError
-        payload.frame is empty, a list has the wrong length, or a joint has neither a deviation nor
-        an effort limit.
-
+    Raise InputError if payload.frame is empty, a list has the wrong length, or a joint has no
+    deviation and no effort limit.
     """
     if not values['payload.frame']:
         raise InputError("parameter 'payload.frame': empty; expected the frame of the payload, "

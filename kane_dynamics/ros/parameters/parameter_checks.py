@@ -87,15 +87,7 @@ _READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
 
 
 def read(spec: Spec, value: Any) -> Any:
-    """
-    Return the checked value of one parameter.
-
-    Raises
-    ------
-    InputError
-        The value is invalid.
-
-    """
+    """Return the checked value of one parameter; raise InputError if it is invalid."""
     try:
         return _READERS[spec.kind](spec, value)
     except (TypeError, ValueError):
@@ -105,15 +97,7 @@ def read(spec: Spec, value: Any) -> Any:
 
 
 def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
-    """
-    Declare parameters on `node` and return the checked values by name.
-
-    Raises
-    ------
-    InputError
-        An initial value is invalid.
-
-    """
+    """Declare parameters on `node`; return the checked values by name, or raise InputError."""
     values = {}
     for spec in specs:
         # Dynamic typing, because `read` checks the type with a clearer error.

@@ -42,15 +42,7 @@ class SimulationRequest:
 
     @classmethod
     def from_request(cls, request: Any, served: ServedRobot) -> 'SimulationRequest':
-        """
-        Check a Simulate request or a SimulateMotion goal.
-
-        Raises
-        ------
-        InputError
-            A field is invalid.
-
-        """
+        """Check a Simulate request or a SimulateMotion goal; InputError names an invalid field."""
         robot, n, values = served.robot, served.robot.n, served.values
         names = JointOrder.of(robot, request.joint_names)
         index = names.speeds

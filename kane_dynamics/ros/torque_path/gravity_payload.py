@@ -99,15 +99,7 @@ def _check_inertia(tensor: Array, most: float) -> None:
 
 
 def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:
-    """
-    Return gravity and payload as the parameters gravity and payload.* give them.
-
-    Raises
-    ------
-    InputError
-        The payload is invalid, or payload.frame is empty and the mass is not zero.
-
-    """
+    """Return gravity and payload of the parameters; raise InputError for an invalid payload."""
     payload = None
     if values['payload.frame'] or values['payload.mass'] > 0.0:
         try:

@@ -11,6 +11,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.sweep import run_sweep, Sweep
+from mechanisms import wheel
 import numpy as np
 import pytest
 
@@ -21,13 +22,6 @@ RUB = {'friction': 2.0, 'friction_speed': 0.04}
 def growth(z):
     """Return what a Runge-Kutta step multiplies by."""
     return abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0)
-
-
-def wheel(**joint):
-    """Return a wheel of 1 kg m^2."""
-    b = ModelBuilder('wheel')
-    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
-    return Robot(b.model())
 
 
 @pytest.fixture(scope='module')
