@@ -14,7 +14,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.yaml_io import mapping, SHORT
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
@@ -100,9 +100,7 @@ class Sweep:
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
             raise InputError(f'duration: {self.duration} s, {count:.6g} steps of {self.step} s; '
                              f'expected a whole number of steps, at most {MOST_STEPS}')
-        if self.integrator not in INTEGRATORS:
-            raise InputError(f'integrator: {self.integrator!r}; expected one of '
-                             f'{", ".join(INTEGRATORS)}')
+        integrator_of(self.integrator)
         if self.motion is not None and self.motion.joint_names != self.model.joint_names:
             raise InputError(f'motion: joints {list(self.motion.joint_names)}; '
                              f'expected {list(self.model.joint_names)}')
