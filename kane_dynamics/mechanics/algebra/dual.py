@@ -164,6 +164,13 @@ def rates(array: Any) -> Any:
     return _part(array, lambda x: x.rate if isinstance(x, Dual) else 0.0)
 
 
+def derivatives(x: Any, order: int) -> list[Any]:
+    """Return the parts of a scalar that are its derivatives of an order; 0: its value."""
+    if not isinstance(x, Dual):
+        return [] if order else [x]
+    return derivatives(x.value, order) + (derivatives(x.rate, order - 1) if order else [])
+
+
 def _part(array: Any, take: Callable[[Any], Any]) -> Any:
     source = np.asarray(array, dtype=object)
     result = np.empty(source.shape, dtype=object)

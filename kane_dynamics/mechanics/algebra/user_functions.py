@@ -15,7 +15,7 @@ import re
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError, KaneError
-from kane_dynamics.mechanics.algebra.dual import Dual, select
+from kane_dynamics.mechanics.algebra.dual import derivatives, select
 import numpy as np
 
 
@@ -271,25 +271,23 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
             raise ConstraintError(f'{what} uses {name}; expected {KNOWN}') from error
         raise ConstraintError(f'{what} raises {type(error).__name__}: {error}; expected a '
                               f'function of {KNOWN}') from error
-    numbers_only = [x for x in map(_value, result.ravel()) if isinstance(x, float)]
-    if not all(map(math.isfinite, numbers_only)):
-        shown = [_value(x) for x in result.ravel()]
-        raise ConstraintError(f'{what} returns {shown if result.shape else shown[0]} at '
-                              f'{_shown(arguments)}; expected finite numbers')
+    owner, colon, name = what.rpartition(': ')
+    for order, returned in enumerate((f'{name} returns', f'the first derivative of {name} is',
+                                      f'the second derivative of {name} is')):
+        for x in (x for entry in result.ravel() for x in derivatives(entry, order)):
+            if isinstance(x, float) and not math.isfinite(x):
+                raise ConstraintError(f'{owner}{colon}{returned} {x} at {_shown(arguments)}; '
+                                      'expected finite numbers')
     if all(isinstance(x, float) for x in result.ravel()):
         result = result.astype(np.float64)
     return result if result.shape else result[()]
 
 
-def _value(x: Any) -> Any:
-    """Return a scalar without what it carries besides."""
-    return x.value if isinstance(x, Dual) else x
-
-
 def _shown(arguments: tuple[Any, ...]) -> str:
-    """Return arguments for a message."""
-    return ', '.join(str([_value(y) for y in np.ravel(x)] if np.ndim(x) else _value(x))
-                     for x in arguments)
+    """Return arguments, (q, t) or (t,), for a message."""
+    shown = [[derivatives(y, 0)[0] for y in np.ravel(x)] for x in arguments]
+    configuration = [f'q = {x}, ' for x in shown[:-1]]
+    return f'{"".join(configuration)}t = {shown[-1][0]} s'
 
 
 def evaluated_scalar(function: Callable[..., Any], what: str, *arguments: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from threading import local
 from typing import Any
 
 from kane_dynamics.errors import CompileError
@@ -10,6 +11,7 @@ import llvmlite.binding as llvm
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
+_own = local()  # of each thread: code generators by level, each for one module at a time
 
 
 @cache
@@ -67,7 +69,10 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
         If LLVM rejects the text.
 
     """
-    return _assembled(text, _target_machine(level), optimise)
+    machines = vars(_own).setdefault('machines', {})
+    if level not in machines:
+        machines[level] = _target_machine(level)
+    return _assembled(text, machines[level], optimise)
 
 
 def code_size(text: str) -> int:

@@ -292,5 +292,6 @@ def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[in
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
-    return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, most, len(default_sizes) + 1, shape),
+    code = '\n'.join([entry_code(symbol, lengths, most, len(default_sizes) + 1, shape),
                       bound_code(symbol, [*lengths, *default_sizes], most, 1, shape)])
+    return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code

@@ -115,12 +115,13 @@ class Closure:
 
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the rows."""
-        (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
         moves, turns = ROWS[self.kind]
         side, up, axis = triad(self.axis)
         constant = {'side': side, 'up': up, 'axis': axis}
         seen_from = (here.carrier(self.first, self.second)
                      if moves in (CARRIED, ('distance',)) else self.second)
+        here = here.in_axes_of(seen_from)
+        (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
         d = p2 - p1
         # Relative to a body, joints that move both frames alike have zero columns.
         J = ((here.partial_velocities(self.second) - here.partial_velocities(seen_from, p2))

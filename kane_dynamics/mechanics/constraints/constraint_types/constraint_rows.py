@@ -20,6 +20,17 @@ class Geometry(Protocol):
     def carrier(self, first: str, second: str) -> Frame:
         """Return the axes of the last body that carries both frames, or of the world."""
 
+    def axle_carrier(self, frame: str, axis: Any) -> Frame:
+        """Return the axes of the body that carries a wheel's axle: the wheel's own, if none."""
+
+    def in_axes_of(self, frame: str | Frame) -> 'Geometry':
+        """
+        Return the same geometry with vectors in the axes of a frame's body, or in world axes.
+
+        Rows do not depend on these axes, but their arithmetic does: it is least where most
+        directions of a constraint are fixed.
+        """
+
     def pose(self, frame: str | Frame) -> tuple[Any, Any]:
         """Return axes (3, 3, columns) and origin (3,) of a frame, m."""
 

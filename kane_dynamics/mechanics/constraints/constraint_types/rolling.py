@@ -12,6 +12,7 @@ from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import
                                                                                   Geometry,
                                                                                   positive, triad,
                                                                                   unit)
+from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
 SURFACES = ('plane', 'cylinder', 'sphere')
@@ -110,19 +111,17 @@ class Rolling:
         """Return the names of the rows: two tangents of the surface, and its normal."""
         return tuple(f'{self.name}/{part}' for part in ('tangent_1', 'tangent_2', 'normal'))
 
+    @property
+    def _surface(self) -> str | Frame:
+        return Frame('', WORLD) if self.surface_frame is None else self.surface_frame
+
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the rows of zero velocity of the contact point relative to the surface."""
-        R, center = here.pose(self.frame)
-        Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
-                      here.pose(self.surface_frame))
-        r, normal, residual = self._contact(center - origin, Rs, None if self.axis is None else
-                                            R @ self.axis)
-        at = center + r
-        v = here.partial_velocities(self.frame, at)[:3]
-        if self.surface_frame is not None:
-            v = v - here.partial_velocities(self.surface_frame, at)[:3]
-        if self.axis is not None:
-            along = cross(r, R @ self.axis) * (1.0 / self.radius)  # a unit vector
+        here = here.in_axes_of(self._surface if self.axis is None else
+                               here.axle_carrier(self.frame, self.axis))
+        Rs, axle, r, normal, residual, v = self._at_contact(here)
+        if axle is not None:
+            along = cross(r, axle) * (1.0 / self.radius)  # a unit vector
         elif self.surface == 'plane':
             along = Rs @ triad(self.normal)[0]
         elif self.surface == 'cylinder':
@@ -134,6 +133,43 @@ class Rolling:
         return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
                               (None, None, residual))
 
+    @property
+    def has_surface_rows(self) -> bool:
+        """Return whether `surface_rows` differ from `rows`: of a wheel on a plane."""
+        return self.axis is not None and self.surface == 'plane'
+
+    def surface_rows(self, here: Geometry) -> tuple[ConstraintRows, Any]:
+        """
+        Return rows J_0 with tangents fixed in the plane, and B, (3, 3), with J = B J_0.
+
+        B is a rotation, so that both rows are equivalent where all three are kept; those fixed in
+        the plane take less arithmetic.
+        """
+        Rs, axle, r, normal, residual, v = self._at_contact(here.in_axes_of(self._surface))
+        first, second = (Rs @ e for e in triad(self.normal)[:2])
+        along = cross(r, axle) * (1.0 / self.radius)
+        x, y = along @ first, along @ second
+        return (ConstraintRows(np.array([d @ v for d in (first, second, normal)]), np.zeros(3),
+                               (None, None, residual)),
+                np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]]))
+
+    def _at_contact(self, here: Geometry) -> tuple[Any, ...]:
+        """
+        Return the geometry of the contact.
+
+        These are the axes of the surface's frame, the axle, center to contact point, the normal,
+        the residual, and the partial velocities of the wheel relative to the surface there.
+        """
+        R, center = here.pose(self.frame)
+        Rs, origin = here.pose(self._surface)
+        axle = None if self.axis is None else R @ self.axis
+        r, normal, residual = self._contact(center - origin, Rs, axle)
+        at = center + r
+        v = here.partial_velocities(self.frame, at)[:3]
+        if self.surface_frame is not None:
+            v = v - here.partial_velocities(self.surface_frame, at)[:3]
+        return Rs, axle, r, normal, residual, v
+
     def _contact(self, c: Any, Rs: Any, axle: Any) -> tuple[Any, Any, Any]:
         """
         Return center to contact point, (3,), surface normal there, (3,), and the distance, m.
@@ -143,7 +179,7 @@ class Rolling:
         if self.surface == 'plane':
             normal = Rs @ self.normal
             r = (-self.radius * normal if axle is None else
-                 -self.radius * _unit(normal - (normal @ axle) * axle))
+                 _unit(normal - (normal @ axle) * axle, -self.radius))
             return r, normal, normal @ (c + r) - self.height
         outward = -1.0 if self.inside else 1.0
         line = Rs @ self.surface_axis
@@ -177,6 +213,6 @@ def _length(x: Any) -> Any:
     return np.sqrt(x @ x)
 
 
-def _unit(x: Any) -> Any:
-    """Return a normalised vector, over any scalar."""
-    return x * (1.0 / np.sqrt(x @ x))
+def _unit(x: Any, length: float = 1.0) -> Any:
+    """Return a vector scaled to a length, over any scalar."""
+    return x * (length / np.sqrt(x @ x))
