@@ -41,7 +41,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     Raises
     ------
     InputError
-        The integrator is none, or none for this robot.
+        The integrator is unknown, or does not support this robot.
 
     """
     def step(feedback: bool) -> None:
@@ -80,7 +80,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     Raises
     ------
     InputError
-        The integrator is none, or none for this robot.
+        The integrator is unknown, or does not support this robot.
 
     """
     integrator_of(integrator, robot.equations)
@@ -117,11 +117,11 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
 
 
 class _RobotMotion:
-    """The motion of a robot during one traced step, as integrators take it (`System`)."""
+    """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
                  dual_to: tuple[str, ...] | None) -> None:
-        """Keep what the step has; `gains` is None where torques are held."""
+        """Store the arguments of the step; `gains` is None if torques are held."""
         self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._gains, self._parameters = inputs, gains, parameters
         kernels = robot.kernels
@@ -166,7 +166,7 @@ class _RobotMotion:
         return self._implicit[0].resistance(u)
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return nothing: q and u are all that is integrated."""
+        """Return an empty array, because only q and u are integrated."""
         return np.zeros(0)
 
 
@@ -196,7 +196,7 @@ def _wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
 
 
 def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
-    """Trace a method's rates of q, u, tau, resistance, g, wrench if there are any, parameters."""
+    """Trace `ImplicitStep.rates` with inputs q, u, tau, resistance, g, wrench and parameters."""
     wrench = _wrench_input(robot)
 
     def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any, *rest: Any) -> Any:
@@ -208,7 +208,7 @@ def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
-    """Trace udot or, where q' is not u, q' and udot."""
+    """Trace udot; with chosen speeds or constraints, q' and udot."""
     equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
         return robot.kernels.program('forward_dynamics')

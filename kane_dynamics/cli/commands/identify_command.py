@@ -44,14 +44,14 @@ def checked(options: Namespace, model: Model) -> Recording:
     try:
         found = refuse_unlike(model, recording, levels)
     except InputError as error:
-        raise InputError(f'{error}; or --as-recorded to fit it unchanged') from None
+        raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for finding in found:
         print(f'kane-dynamics: warning: {finding.words}', file=sys.stderr)
     return recording
 
 
 def identification(options: Namespace) -> None:
-    """Identify friction and inertials, base parameters or a payload; print, write on request."""
+    """Identify a model, base parameters or a payload; print it, or write it on request."""
     model, _ = load(options)
     run, printed = ((run_base, print_base) if options.base_parameters else
                     (run_payload, print_payload) if options.payload else (run_model, print_data))

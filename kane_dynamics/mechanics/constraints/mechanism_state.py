@@ -58,7 +58,7 @@ class MechanismState:
         return Frame('', at.body)
 
     def carrier(self, first: str, second: str) -> Frame:
-        """Return the axes of the last body that carries both frames, or of the world."""
+        """Return the axes of the outermost body that moves both frames, or of the world."""
         one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
         return Frame('', max(set(one) & set(other), default=WORLD))
 
@@ -108,7 +108,7 @@ class ReleasedJointState(MechanismState):
     """
 
     def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
-        """Release the joint of body number `body`; its origin is (3,), m."""
+        """Release the joint of the body with index `body`; its origin is (3,), m."""
         super().__init__(here.model, here._speeds, here.q, here.t, here._links)
         self._body, self._origin = body, origin
         self.width = 6
