@@ -58,16 +58,11 @@ class TrackingLog:
         return TrackingLog(**rows, latency=kept(self.latency, self.latency[:, 0]))
 
 
-def rms(error: Array) -> Array:
-    """Return the root mean square of each column."""
-    result: Array = np.sqrt(np.mean(error * error, axis=0))
-    return result
-
-
 def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
     """Return the RMS tracking error of every joint during the motion, (n,), rad."""
     run = run.within(0.0, DURATION)
-    return rms(run.q - motion.sample(run.t)[0])
+    error: Array = run.q - motion.sample(run.t)[0]
+    return np.asarray(np.sqrt(np.mean(error * error, axis=0)))
 
 
 def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> float:

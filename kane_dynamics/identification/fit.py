@@ -13,9 +13,9 @@ from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, factorized, fit_friction,
                                                      FRICTION, friction_speeds, full_regressor,
-                                                     LOWEST, RegressionRows, rows, settled_speeds,
-                                                     stacked, STANDSTILL, triangle, UNBOUNDED,
-                                                     weights)
+                                                     LOWEST, RegressionRows, rms, rows,
+                                                     settled_speeds, stacked, STANDSTILL, triangle,
+                                                     UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
 from kane_dynamics.model.model import Inertial, Model
@@ -162,8 +162,8 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         friction_statistics(A, model) if friction_only
         else statistics(A, model, x, speeds, weight))
     return Identification(
-        model, x, speeds, friction_only, _rms(recording_error(model, second.recording)),
-        _rms(_error(first, speeds, x)), _rms(_error(second, speeds, x)), deviations,
+        model, x, speeds, friction_only, rms(recording_error(model, second.recording)),
+        rms(_error(first, speeds, x)), rms(_error(second, speeds, x)), deviations,
         inertial_deviations, condition, float(weight))
 
 
@@ -266,8 +266,3 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
 def _error(data: RegressionRows, speeds: Array, x: Array) -> Array:
     """Return measured torque minus that of the values of the unknowns, (N, n)."""
     return np.asarray(data.recording.tau - data.rest - full_regressor(data, speeds) @ x)
-
-
-def _rms(error: Array) -> Array:
-    """Return the root of the mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

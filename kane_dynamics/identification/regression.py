@@ -265,6 +265,11 @@ def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array, x
     return np.asarray(np.sqrt(np.maximum(missed / counts, 1e-24)))
 
 
+def rms(values: Array) -> Array:
+    """Return the root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(values * values, axis=0)))
+
+
 def triangle(A: Array) -> Array:
     """Return R of A = Q R, which has the same normal equations and at most as many rows as A."""
     return np.asarray(np.linalg.qr(A, mode='r'))

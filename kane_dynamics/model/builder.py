@@ -106,7 +106,7 @@ class ModelBuilder(ModelAssembly):
         turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
         R, p = pose(at, rpy, what)
         singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
-                                           turns=turns), 0)
+                                           turns=turns))
         if properties and len(singles) > 1:
             names = ', '.join(single.name for single in singles)
             raise ModelError(f"{what}: {', '.join(properties)} of {len(singles)} degrees of "

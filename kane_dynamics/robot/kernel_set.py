@@ -176,7 +176,7 @@ class KernelSet:
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
         self._same[name, at] = same or (lambda other: other.quantity(name))
         return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size),
+                      self._parameters, size.shape(quantity.shape),
                       partial(self._another, (name, at)))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:

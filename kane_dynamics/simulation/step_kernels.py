@@ -189,26 +189,30 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
     return trace_program(name, step, _inputs(robot, feedback))
 
 
+def _wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
+    """Return the input of wrenches, if the robot declares frames for them."""
+    none = robot.kernels.no_wrench
+    return [('wrench', none.shape)] if len(none) else []
+
+
 def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
     """Trace `ImplicitStep.rates` with inputs q, u, tau, resistance, g, wrench and parameters."""
-    wrenches: list[tuple[str, Shape]] = [('wrench', robot.kernels.no_wrench.shape)] if len(
-        robot.kernels.no_wrench) else []
+    wrench = _wrench_input(robot)
 
     def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any, *rest: Any) -> Any:
-        return method.rates(q, u, tau, resistance, g[()], rest[0] if wrenches else None, rest[-1])
+        return method.rates(q, u, tau, resistance, g[()], rest[0] if wrench else None, rest[-1])
     vectors: list[tuple[str, Shape]] = [(name, (robot.n,))
                                         for name in ('q', 'u', 'tau', 'resistance')]
     return trace_program('implicit_rates', rates, [
-        *vectors, ('g', ()), *wrenches, ('parameters', robot.parameters.block.shape)])
+        *vectors, ('g', ()), *wrench, ('parameters', robot.parameters.block.shape)])
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
     """Trace udot; with chosen speeds or constraints, q' and udot."""
-    equations, kernels = robot.equations, robot.kernels
+    equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
-        return kernels.program('forward_dynamics')
-    wrench: list[tuple[str, Shape]] = (
-        [('wrench', kernels.no_wrench.shape)] if len(kernels.no_wrench) else [])
+        return robot.kernels.program('forward_dynamics')
+    wrench = _wrench_input(robot)
     time: list[tuple[str, Shape]] = [('t', ())] if equations.timed else []
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:

@@ -4,25 +4,37 @@ from argparse import Namespace
 import math
 from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.commands.identify_command import recorded
+from kane_dynamics.cli.shared import load, print_json, warn_degrees
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.diagnosis import refuse
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays
+from kane_dynamics.identification.regression import rms
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-def run(options: Namespace, robot: Robot, recording: Recording) -> dict[str, Any]:
-    """Compare the torques, write --out, and return the result as plain data."""
+def replay(options: Namespace) -> None:
+    """Compare the measured torques of a recording with those of the equations of motion."""
+    plot = pictures.plotter(options)  # errors early
+    model, robot = load(options)
+    recording = recorded(options, model)
+    warn_degrees(robot, recording.q, options.recording)
     data = compared(robot, recording)
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, recording.t, {
                 'q': recording.q, 'u': recording.u, 'udot': recording.udot,
                 'tau': data['computed']}, robot.joint_names)
-    return {**data, 'files': [path for path in (options.out, options.plot) if path]}
+    if plot is not None:
+        plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
+                         options.plot, prismatic=model.sliding, limits=robot.limits.effort,
+                         title=f'{model.name}: measured and computed torque')
+    data['files'] = [path for path in (options.out, options.plot) if path]
+    (print_json if options.json else print_comparison)(data)
 
 
 def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
@@ -50,14 +62,8 @@ def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
             'remarks': remarks}
 
 
-def rms(values: Array) -> Array:
-    """Return the root mean square of each column."""
-    result: Array = np.sqrt(np.mean(values * values, axis=0))
-    return result
-
-
 def print_comparison(data: dict[str, Any]) -> None:
-    """Print the result of `run`."""
+    """Print the result of `compared`, and the files."""
     print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
     inspect_command.print_table(
         ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],

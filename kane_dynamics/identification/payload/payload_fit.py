@@ -8,6 +8,7 @@ from kane_dynamics.identification.payload.payload_equations import PayloadEquati
 from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
                                                                prior_metric, pseudo_inertia_of)
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
 from kane_dynamics.model.model import Frame, Inertial, Model, WORLD
@@ -138,7 +139,7 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
             equations.add(equations.row(*row))
         found.append(equations.solve())
     (early, _), (x, information) = ((_physical(*each), each[0]) for each in found)
-    sigma = np.maximum(_rms(left - Y @ x), 1e-9)
+    sigma = np.maximum(rms(left - Y @ x), 1e-9)
     A = (Y / sigma[:, None]).reshape(-1, 10)
     covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
@@ -150,7 +151,7 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
                    _inertia_deviation(x, covariance), sigma,
-                   _rms(left[middle:] - Y[middle:] @ early), condition)
+                   rms(left[middle:] - Y[middle:] @ early), condition)
 
 
 def _physical(information: Array, weighted: Array) -> Array:
@@ -158,11 +159,6 @@ def _physical(information: Array, weighted: Array) -> Array:
     values, axes = np.linalg.eigh(information)
     root = np.sqrt(np.maximum(values, 1e-15 * values[-1]))
     return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START], 0, BELIEF)
-
-
-def _rms(error: Array) -> Array:
-    """Return the root of the mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
 def covariance_of(information: Array) -> Array:

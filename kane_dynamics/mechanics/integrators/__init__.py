@@ -19,11 +19,7 @@ def integrator_of(name: str, equations: object = None) -> Integrator:
     """
     Return the integrator with this name.
 
-    Raises
-    ------
-    InputError
-        The name is unknown, or the integrator does not support the equations of motion.
-
+    Raise InputError if the name is unknown, or the integrator does not support the equations.
     """
     if name not in INTEGRATORS:
         raise InputError(f'integrator: {name!r}; expected one of {", ".join(INTEGRATORS)}')

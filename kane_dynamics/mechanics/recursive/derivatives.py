@@ -112,17 +112,8 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     """
     Return dtau/dq, dtau/du and M of the links without friction and springs, (3, n, n).
 
-    Parameters
-    ----------
-    links : sequence of Link
-        Parents before children.
-    q, u, udot : (n,) arrays of scalars
-        Coordinates, speeds and their rates; rad or m, s.
-    gravity : (3,) array of scalars
-        m/s^2, world axes.
-    share : callable
-        Evaluates repeated parts, possibly as subroutines; see `subroutines`.
-
+    Arguments as `inverse_dynamics`; `share` evaluates repeated parts, possibly as subroutines (see
+    `subroutines`).
     """
     n = len(q)
     motion: list[LinkMotion] = []

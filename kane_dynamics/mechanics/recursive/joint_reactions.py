@@ -32,10 +32,8 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
     links : sequence of Link
         Links with their origins at the model's joints (`link_frames.linkage`) and with full
         inertial parameters.
-    q, u, udot : (n,) arrays of scalars
-        Coordinates, speeds and their rates; rad or m, s.
-    gravity : (3,) array of scalars
-        m/s^2, world axes.
+    q, u, udot, gravity
+        As `inverse_dynamics`.
     external : sequence of (Frame, (6,) array)
         External wrenches, force then moment at the frame's origin, world axes.
 

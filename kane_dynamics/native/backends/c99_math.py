@@ -8,7 +8,7 @@ multiply-add; larger angles than `MOST`, fast-math and x87 arithmetic go to libm
 from dataclasses import dataclass
 import math
 
-from kane_dynamics.native.backends.llvm_math import COS, EXP, SIN
+from kane_dynamics.native.backends.llvm_math import COS, EXP, LN2, SIN
 
 
 @dataclass(frozen=True)
@@ -190,14 +190,13 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
             text = f'({pairs.pop()}) + {square} * ({text})'
         return text
     sine, cosine, exp = (table[:count] for table, count in zip((SIN, COS, EXP), precision.terms))
-    high = 6.93147180369123816490e-01 if not precision.suffix else 0.693359375
+    high, low = (0.693359375, math.log(2.0) - 0.693359375) if precision.suffix else LN2
     numbers = {
         'most': precision.most, 'inverse': 2.0 / math.pi, 'round': precision.rounding,
         'quarter': 0.25, 'four': 4.0, 'one': 1.0, 'half': 0.5, 'zero': 0.0, 'two': 2.0,
         'part0': precision.parts[0], 'part1': precision.parts[1], 'part2': precision.parts[2],
         'saturated': precision.saturated, 'log2e': 1.0 / math.log(2.0), 'ln2high': high,
-        'ln2low': (1.90821492927058770002e-10 if not precision.suffix
-                   else math.log(2.0) - high)}
+        'ln2low': low}
     words = {'UPPER': upper, 'real': precision.c, 'f': precision.suffix,
              'integer': precision.integer, 'bias': str(precision.bias),
              'mantissa': str(precision.mantissa), 'sine': polynomial(sine, 'z', 'zz'),

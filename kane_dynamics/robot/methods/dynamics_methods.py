@@ -204,12 +204,8 @@ class DynamicsMethods(Dispatch):
         ----------
         joint : str
             A moving joint; fixed and locked joints are merged into bodies.
-        q, u, udot : (n,) or (N, n) arrays
-            Coordinates, speeds and their rates; rad or m, s.
-        wrench : (k, 6) or (N, k, 6) array, optional
+        q, u, udot, wrench, t
             As in `inverse_dynamics`.
-        t : float or (N,) array
-            Time, s.
 
         Raises
         ------

@@ -93,15 +93,11 @@ class FrameMethods(Dispatch):
 
         Parameters
         ----------
-        frame : str
-            One of `frame_names`.
-        q : (n_q,) or (N, n_q) array_like
-            Coordinates, rad or m.
+        frame, q, t
+            As in `jacobian`.
         directions : sequence of str
             The k directions, of 'x', 'y', 'z' (linear) and 'rx', 'ry', 'rz' (angular), world
             axes. All six by default, which needs at least six joints.
-        t : float or (N,) array_like
-            Time, s; ignored unless speeds or constraints depend on it.
 
         Raises
         ------

@@ -192,11 +192,7 @@ def wrenches_of_request(frames: WrenchFrames, q: Array,
     """
     Return the wrenches of a request, (k, 6) in world axes; None without any.
 
-    Raises
-    ------
-    InputError
-        A frame is unknown or used twice, or a number is not finite.
-
+    Raise InputError if a frame is unknown or used twice, or a number is not finite.
     """
     given: dict[int, Array] = {}
     for message in messages:
