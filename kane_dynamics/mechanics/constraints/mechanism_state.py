@@ -1,9 +1,9 @@
 """A mechanism at one configuration and time: poses, partial velocities, speeds."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
@@ -25,11 +25,11 @@ class MechanismState:
         self._speeds = speeds
         self._links = links
 
-    @cached_property
+    @lazy_property
     def _bodies(self) -> tuple[kinematics.Configuration, ...]:
         return kinematics.configurations(self.model, self.q)
 
-    @cached_property
+    @lazy_property
     def _link_poses(self) -> list[tuple[Any, Any]]:
         return frame_kinematics.link_poses(self._links or (), self.q)
 

@@ -1,7 +1,13 @@
-"""Compile LLVM IR to machine code with llvmlite; the only module that imports llvmlite."""
+"""
+Compile LLVM IR to machine code with llvmlite; the only module that imports llvmlite.
+
+A fork waits until no other thread is inside LLVM, so that LLVM and its lock are usable in the
+child.
+"""
 
 from collections.abc import Callable
 from functools import cache
+import os
 from typing import Any
 
 from kane_dynamics.errors import CompileError
@@ -10,6 +16,10 @@ import llvmlite.binding as llvm
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
+
+_lock = llvm.ffi.lib._lock  # llvmlite holds it in every call of LLVM
+os.register_at_fork(before=_lock.__enter__, after_in_parent=_lock.__exit__,
+                    after_in_child=_lock.__exit__)
 
 
 @cache

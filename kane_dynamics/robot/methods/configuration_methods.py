@@ -1,7 +1,7 @@
 """Neutral and random configurations of a robot, and its joint limits."""
 
-from functools import cached_property
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -40,7 +40,7 @@ def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
 class Configurations(ConstraintMethods, Dispatch):
     """The methods of `Robot` that return configurations."""
 
-    @cached_property
+    @lazy_property
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
         limits = [joint.limits for joint in self.equations.model.coordinate_joints]
