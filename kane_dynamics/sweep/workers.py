@@ -56,7 +56,9 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
         except BrokenProcessPool:
             finished = 0  # broken during submission
         finally:
-            pool.shutdown(cancel_futures=True)
+            workers = [*(pool._processes or {}).values()]
+            threads.uninterrupted(lambda: pool.shutdown(cancel_futures=True))
+            threads.uninterrupted(lambda: [worker.join() for worker in workers])
         deaths = 0 if finished else deaths + 1
         if waiting and deaths == MOST_DEATHS:
             raise SweepError(f'workers: {deaths} died before finishing a chunk; expected enough '

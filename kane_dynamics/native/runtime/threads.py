@@ -6,7 +6,7 @@ from contextlib import suppress
 from itertools import pairwise
 from operator import itemgetter
 import os
-from threading import Thread
+from threading import get_ident, Thread
 import time
 
 from kane_dynamics.errors import InputError
@@ -15,6 +15,7 @@ VARIABLE = 'KANE_DYNAMICS_THREADS'
 MAX_THREADS = 256
 THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of starting one
 LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
+POLL = 1e-3  # s
 Range = tuple[int, int]
 
 
@@ -62,7 +63,7 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         Bitwise or of all flags.
 
     """
-    most, flags, begin = thread_count(), 0, 0
+    most, flags, begin, longest = thread_count(), 0, 0, LONGEST / 8.0
     ranges = [(0, min(count, probe * quantum))]
     while begin < count:
         started = time.perf_counter()
@@ -75,7 +76,8 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         each = took * len(ranges) * quantum / (done - begin)  # s per quantum
         begin = done
         threads = max(1, min(most, int(each * blocks / THREAD_WORK) + 1, blocks))
-        blocks = min(blocks, max(1, int(LONGEST / max(each, 1e-12))) * threads)
+        blocks = min(blocks, max(1, int(longest / max(each, 1e-12))) * threads)
+        longest = LONGEST  # the first time was that of one thread alone
         cuts = [min(count, done + quantum * (blocks * k // threads)) for k in range(threads + 1)]
         ranges = [*pairwise(cuts)]
     return flags
@@ -90,31 +92,38 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
     the interpreter, the calling thread runs all jobs.
     """
     waiting = deque(enumerate(jobs))
+    running: set[int] = set()  # threads
     errors: list[tuple[int, BaseException]] = []
 
     def work() -> None:
-        while waiting:
-            try:
+        running.add(get_ident())
+        try:
+            while waiting:
                 place, job = waiting.popleft()
-            except IndexError:  # another thread was faster
-                return
-            try:
-                job()
-            except BaseException as error:
-                errors.append((place, error))
-                if not isinstance(error, Exception):
-                    waiting.clear()
+                try:
+                    job()
+                except BaseException as error:
+                    errors.append((place, error))
+                    if not isinstance(error, Exception):
+                        waiting.clear()
+        except IndexError:  # another thread was faster
+            pass
+        finally:
+            running.discard(get_ident())
+
+    def wait() -> None:
+        while running:  # an interrupted `Thread.join` may take a running thread for ended
+            time.sleep(POLL)
     count = thread_count()
-    helpers = [Thread(target=work, name='kane_dynamics_compile')
-               for _ in range(min(len(jobs), 2 * count) - 1 if count > 1 else 0)]
     try:
         with suppress(RuntimeError):  # no more threads: those that run suffice
-            for helper in helpers:
-                helper.start()
+            for _ in range(min(len(jobs), 2 * count) - 1 if count > 1 else 0):
+                Thread(target=work, name='kane_dynamics_compile').start()
         work()
     finally:
         waiting.clear()
-        uninterrupted(lambda: [helper.join() for helper in helpers if helper.is_alive()])
+        running.discard(get_ident())
+        uninterrupted(wait)
     if errors:
         raise min(errors, key=itemgetter(0))[1]
 

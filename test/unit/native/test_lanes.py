@@ -1,9 +1,6 @@
 """Batches: results equal those of single states for any batch, lanes and threads."""
 
-import os
 import re
-import subprocess
-import sys
 import threading
 import time
 
