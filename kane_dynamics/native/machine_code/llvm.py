@@ -9,9 +9,11 @@ from collections.abc import Callable
 from functools import cache
 import os
 from typing import Any
+from weakref import finalize
 
 from kane_dynamics.errors import CompileError
 import llvmlite.binding as llvm
+import numpy as np
 
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
@@ -120,14 +122,21 @@ def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
 
 
 class Code:
-    """Machine code in executable memory; must outlive every use of its addresses."""
+    """
+    Machine code in executable memory; must outlive every use of its addresses.
+
+    The code is unloaded when an array that only this object holds is freed. The garbage collector
+    does not track arrays. An engine that it could find would be finalized, hence unloaded, before
+    other finalizers of the same garbage, which may call the code.
+    """
 
     def __init__(self, objects: bytes) -> None:
         """Load an object file into memory."""
-        machine = _target_machine(1)
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), machine)
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), _target_machine(1))
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(objects))
         self._engine.finalize_object()
+        self._loaded = np.empty(0)
+        finalize(self._loaded, self._engine.close).atexit = False  # threads may still run it
 
     def address(self, name: str) -> Address:
         """Return the address of a function; raise CompileError if it does not exist."""
