@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry_table import refuse
+from kane_dynamics.native.python_call.entry_table import EntryTable, refuse
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import ALL, KernelSet
 from kane_dynamics.robot.quantities import FRAME_QUANTITIES
@@ -68,7 +68,7 @@ class Workspace(entry.NativeMethods):
     _kernels: KernelSet
     _states: dict[str, Array]
     _at: dict[tuple[str, str], Callable[[], Any]]
-    _owned: dict[str, entry.EntryTable]  # tables in use
+    _owned: dict[str, EntryTable]  # tables in use
 
     def __new__(cls, kernels: KernelSet) -> 'Workspace':
         """
@@ -144,10 +144,10 @@ class Workspace(entry.NativeMethods):
             self._at[name, ''] = self._bound(self._kernels.quantity(name), DOCS[name])
         return self._at[name, '']
 
-    def _table(self, name: str) -> entry.EntryTable:
+    def _table(self, name: str) -> EntryTable:
         """Return the entry table of a quantity on the memory of this workspace."""
         kernel = self._kernels.quantity(name)
-        table: entry.EntryTable = kernel.table(*self._memory(kernel))
+        table: EntryTable = kernel.table(*self._memory(kernel))
         table = self._owned.setdefault(name, table)  # another thread may have been faster
         self._tables[PLACES[name]] = id(table)
         return table

@@ -7,6 +7,32 @@ control loop passes. For any other argument it calls the Python fallback, which 
 raises an error. The machine code reads ndarray fields at their public offsets (numpy's ABI) and
 the object header of CPython builds with a GIL. A self-test verifies this on the running
 interpreter; if it fails, the fallback serves every call.
+
+Lifetime
+    A function's `self` is its table, which holds the code, the arrays, and the fallback
+    (`EntryTable`). A method's object holds the tables of its methods. So the code lives as long as
+    its callers. It is unloaded when the last reference is gone, after all finalizers of the same
+    garbage (`llvm.Code`). The definitions of functions lie in the tables; those of methods are
+    never freed.
+Reference counts
+    `bound` and methods return the array of the result, with one more reference. `entry` returns a
+    new reference; it reuses an array only while it holds the one reference to it and nothing
+    refers to it weakly. Before it releases an old array, whose finalization may run any code, it
+    has stored the new one and holds its own reference to it.
+GIL
+    A single call holds the GIL throughout, so nothing changes beside it. Batches release it
+    (`runtime.batch_loop`); their callers hold kernel and arrays until all threads have ended.
+Exceptions
+    The machine code raises nothing itself. It returns what the fallback returns or raises. An
+    object without tables (made by ``object.__new__``) is refused with TypeError.
+Shutdown
+    No code is unloaded once the functions of `atexit` have run, so that finalizers and other
+    threads may call until the end. A function that was not called before then may be unable to
+    load its code, as modules are gone.
+Not supported
+    Free-threaded builds and subinterpreters use the fallback. numpy refuses interpreters that have
+    a GIL of their own. A pickled function is the method of its pickled robot; one of fixed arrays
+    is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence

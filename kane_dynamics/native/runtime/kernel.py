@@ -13,7 +13,7 @@ from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry import EntryTable
+from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
 from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
                                                      Strided)
@@ -133,7 +133,7 @@ class Kernel:
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
         """Return the table of a native method that calls the kernel on fixed arrays."""
-        return entry.bound_table(self.code, [*arguments, self.parameters, result],
+        return bound_table(self.code, [*arguments, self.parameters, result],
                                  self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:

@@ -85,8 +85,8 @@ kernel(*STATE)
 """
 
 
-# A finalizer that calls what is collected with it: the code of a robot's function, of a workspace's
-# function and of a method must not be unloaded by a finalizer of its own.
+# A finalizer that calls what is collected with it: functions of a robot and of a workspace, and
+# methods, whose code must not be unloaded by a finalizer of its own.
 FINALIZERS = START + """
 called = []
 

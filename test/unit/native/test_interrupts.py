@@ -121,7 +121,8 @@ def test_interrupted_compiling_ends_when_its_threads_have_ended(monkeypatch):
     robot = Robot(MODEL)
     time_to_end(robot.compile, 0.1, 0.005)
     tasks()
-    assert not [t for t in threading.enumerate() if t.is_alive() and t.name.startswith('kane_dynamics')]
+    assert not [thread for thread in threading.enumerate()
+                if thread.is_alive() and thread.name.startswith('kane_dynamics')]
     assert robot.verify() < 1e-9
 
 
