@@ -4,7 +4,9 @@ import argparse
 from collections.abc import Sequence
 import difflib
 from importlib import import_module
+import os
 import re
+import signal
 import sys
 from typing import Any, NoReturn
 
@@ -63,7 +65,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         module, function = options.run.split('.')  # import only the chosen command
         commands = import_module(f'kane_dynamics.cli.commands.{module}')
-        return int(getattr(commands, function)(options) or 0)
+        code = int(getattr(commands, function)(options) or 0)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # such as `| head`: the reader has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE  # as of other programs
     except (KaneError, OSError) as error:
         print(f'kane-dynamics: error: {_with_option_names(parser, options.command, str(error))}',
               file=sys.stderr)
@@ -76,7 +83,7 @@ class _Parser(argparse.ArgumentParser):
     """Argument parser whose errors refer to --help instead of printing the whole usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and exit with 2."""
+        """Print the message and exit with code 2."""
         self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 

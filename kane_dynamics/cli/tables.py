@@ -196,7 +196,7 @@ def _is_yaml(path: str | Path) -> bool:
 
 
 def _column(header: list[str], quantity: str, joint: str) -> int | None:
-    """Return the column of a joint's quantity, or None."""
+    """Return the index of the column of a joint's quantity; None if there is none."""
     names = [f'{quantity}.{joint}', *([joint] if quantity == 'q' else [])]
     return next((header.index(name) for name in names if name in header), None)
 
@@ -242,7 +242,7 @@ def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],
 
 
 def _seconds(value: Any, what: str) -> float:
-    """Return a time that is a number or a builtin_interfaces/Duration in s."""
+    """Return a time in s, given as a number or a builtin_interfaces/Duration."""
     parts = (mapping(value, what, ('sec', 'nanosec'), InputError) if isinstance(value, Mapping)
              else {'sec': value})
     try:

@@ -77,7 +77,7 @@ def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> floa
 
 
 def lateness(run: TrackingLog) -> str | None:
-    """Return in words what was late in a run with feedforward; None if it ran in real time."""
+    """Describe what was late in a run with feedforward; return None if it ran in real time."""
     run = run.within(0.0, DURATION)
     longest = float(run.late.max(initial=0.0))
     if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):

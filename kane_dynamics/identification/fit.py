@@ -207,7 +207,7 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
     prior = [body.inertial for body in model.bodies]
 
     def rigid(speeds: Array) -> Array:
-        """Fit at given speeds; return the torque of the bodies."""
+        """Fit at given friction speeds; return the rigid-body torque."""
         nonlocal x
         equations = compressed(data, speeds)
         for _ in range(ROUNDS):
@@ -237,7 +237,7 @@ def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x
 def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
                    progress: Callable[[float], object]) -> float:
     """
-    Return the weight of the prior by cross-validation over stretches of rows.
+    Return the weight of the prior, by cross-validation over blocks of consecutive rows.
 
     It is the largest weight whose error is within one standard error of the smallest (Hastie,
     Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10). Errors are in units

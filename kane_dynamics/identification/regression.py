@@ -69,13 +69,13 @@ class RegressionRows:
         return self.part(slice(middle, None) if second else slice(0, middle))
 
     def part(self, chosen: slice) -> 'RegressionRows':
-        """Return some consecutive rows."""
+        """Return the rows of a slice."""
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
                               self.Y[chosen], self.moving[chosen])
 
     @lazy_property
     def stretches(self) -> list['RegressionRows']:
-        """Return the rows in consecutive stretches of equal length."""
+        """Return the rows as consecutive blocks of equal length."""
         ends = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
         return [self.part(slice(a, b)) for a, b in pairwise(ends)]
 
@@ -189,7 +189,7 @@ def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
 def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array], Array],
                    lowest: Array = LOWEST) -> Array:
     """
-    Return the friction speeds that fit best for unknown bodies.
+    Return the friction speeds that fit best for unknown inertial parameters.
 
     Bodies and speeds are fitted alternately until the speeds converge; each fit reduces the same
     sum of squares. Speeds fitted to wrong bodies compensate part of their error, and vice versa.

@@ -94,7 +94,7 @@ class Workspace(entry.NativeMethods):
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise InputError: the compiled calls read the existing memory."""
-        raise InputError(f"a workspace's {name} cannot be rebound; write into its arrays: "
+        raise InputError(f'workspace.{name}: assigned; expected a write into its array: '
                          f'workspace.{name}[:] = ...')
 
     def __delattr__(self, name: str) -> None:
@@ -104,7 +104,7 @@ class Workspace(entry.NativeMethods):
 
     def __reduce__(self) -> Any:
         """Raise TypeError: a workspace is bound to memory of this process."""
-        raise TypeError('a workspace cannot be copied or pickled; expected robot.bind() again')
+        raise TypeError('workspace: copied or pickled; expected robot.bind() again')
 
     def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
         """
@@ -125,12 +125,12 @@ class Workspace(entry.NativeMethods):
 
         """
         if name not in FRAME_QUANTITIES:
-            raise InputError(f"no quantity of a frame is called '{name}'; expected one of "
+            raise InputError(f"no frame quantity '{name}'; expected one of "
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
     def constraint_gap(self) -> Array:
-        """Compute `constraint_residual`, whose former name this is."""
+        """Compute `constraint_residual`; the former name of that quantity."""
         result: Array = self.constraint_residual()  # type: ignore[attr-defined]
         return result
 

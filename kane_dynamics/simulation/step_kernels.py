@@ -42,7 +42,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     Raises
     ------
     InputError
-        The integrator is none, or none for this robot.
+        The integrator is unknown, or does not support this robot.
 
     """
     def step(feedback: bool) -> None:
@@ -81,7 +81,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     Raises
     ------
     InputError
-        The integrator is none, or none for this robot.
+        The integrator is unknown, or does not support this robot.
 
     """
     integrator_of(integrator, robot.equations)
@@ -118,11 +118,11 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
 
 
 class _RobotMotion:
-    """The motion of a robot during one traced step, as integrators take it (`System`)."""
+    """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
                  dual_to: tuple[str, ...] | None) -> None:
-        """Keep what the step has; `gains` is None where torques are held."""
+        """Store the arguments of the step; `gains` is None if torques are held."""
         self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._gains, self._parameters = inputs, gains, parameters
         kernels = robot.kernels
@@ -167,7 +167,7 @@ class _RobotMotion:
         return self._implicit[0].resistance(u)
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return nothing: q and u are all that is integrated."""
+        """Return an empty array, because only q and u are integrated."""
         return np.zeros(0)
 
 
@@ -191,20 +191,20 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
 
 
 def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
-    """Trace a method's rates of q, u, tau, resistance, g, wrench if there are any, parameters."""
-    pushes: list[tuple[str, Shape]] = [('wrench', robot.kernels.no_wrench.shape)] if len(
+    """Trace `ImplicitStep.rates` with inputs q, u, tau, resistance, g, wrench and parameters."""
+    wrenches: list[tuple[str, Shape]] = [('wrench', robot.kernels.no_wrench.shape)] if len(
         robot.kernels.no_wrench) else []
 
     def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any, *rest: Any) -> Any:
-        return method.rates(q, u, tau, resistance, g[()], rest[0] if pushes else None, rest[-1])
+        return method.rates(q, u, tau, resistance, g[()], rest[0] if wrenches else None, rest[-1])
     vectors: list[tuple[str, Shape]] = [(name, (robot.n,))
                                         for name in ('q', 'u', 'tau', 'resistance')]
     return trace_program('implicit_rates', rates, [
-        *vectors, ('g', ()), *pushes, ('parameters', robot.parameters.block.shape)])
+        *vectors, ('g', ()), *wrenches, ('parameters', robot.parameters.block.shape)])
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
-    """Trace udot or, where q' is not u, q' and udot."""
+    """Trace udot; with chosen speeds or constraints, q' and udot."""
     equations, kernels = robot.equations, robot.kernels
     if not isinstance(equations, ConstrainedEquations):
         return kernels.program('forward_dynamics')

@@ -218,6 +218,6 @@ def _whole(name: str, value: Any, least: int, most: int) -> int:
     """Return an integer within bounds; raise InputError otherwise."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or (
             not least <= value <= most):
-        raise InputError(f'{name}: {SHORT.repr(value)}; expected a whole number from {least} to '
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected an integer from {least} to '
                          f'{most}')
     return int(value)

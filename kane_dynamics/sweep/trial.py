@@ -174,7 +174,7 @@ class Trial:
 
 
 class _TrialMotion:
-    """The motion of a trial during one traced step, as integrators take it (`System`)."""
+    """A trial during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, trial: Trial, controller: str, desired: Any, plant: Any,
                  shared: Any) -> None:
@@ -195,7 +195,7 @@ class _TrialMotion:
         return method, implicit_rates(self._trial.robot, method)
 
     def _net_torque(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the torque of the controller less the plant's own friction."""
+        """Return the torque of the controller minus the plant's friction."""
         return (self.law(q, u, self._desired[moment])
                 - self._factors * self.equations.friction_force(u))
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 import io
 from typing import Any
 
+from kane_dynamics._util.deferred_import import import_deferring
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.flexible_model import with_beam
@@ -65,7 +66,8 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
 
 def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
     """Parse XML with yourdfpy, reduced to the elements that `children` lists."""
-    import yourdfpy  # this also imports trimesh, scipy and networkx, for more than a second
+    # Only scenes need trimesh, which imports scipy and networkx: a second of processor time.
+    yourdfpy = import_deferring('yourdfpy', 'trimesh')
     clean = rebuilt(root, children)
     try:
         return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,

@@ -145,7 +145,7 @@ def _names(given: Any, argument: str) -> list[Any]:
 
 def _joints(joints: Any, candidates: list[str], singles: Mapping[str, SingleJoint],
             mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
-    """Return the checked names of `joints`."""
+    """Check the argument `joints` and return its names."""
     names = _names(joints, 'joints')
     if isinstance(joints, Set):
         raise InputError(f'joints: {joints!r}; expected a list or tuple, whose order is that of '
@@ -163,7 +163,7 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, SingleJoin
 
 def _locked(locked: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic],
             free: Collection[str]) -> dict[str, float]:
-    """Return the checked positions of `locked`."""
+    """Check the argument `locked` and return its positions by joint."""
     if not isinstance(locked, Mapping):
         raise InputError(f'locked: {locked!r}; expected a mapping of joint names to positions')
     positions = {}

@@ -276,7 +276,7 @@ def test_misuse_is_rejected_by_name(tmp_path):
         simulate(four_bar(), [0.8, 0.0, -1.5], [5.0], 0.1)
     with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
         four_bar().inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))
-    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' of this robot; expected"):
+    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' for this robot; expected"):
         four_bar().coriolis_matrix(np.zeros(3), np.ones(1))
     with pytest.raises(ConstraintError, match=r'.motor.; expected joints of crank, coupler'):
         Robot(model, constraints=[LOOP], actuated=['motor'])

@@ -84,7 +84,7 @@ def equations(options: Namespace) -> None:
 
 
 def identify(options: Namespace) -> None:
-    """Identify friction and inertials, base parameters or a payload; print, write on request."""
+    """Identify a model, base parameters or a payload; print it, or write it on request."""
     model, _ = load(options)
     if options.base_parameters:
         data, printed = identify_command.run_base(options, model), identify_command.print_base

@@ -38,7 +38,7 @@ def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any
 
 
 def hopeless(robot: Robot, motion: Motion, given: dict[str, Any]) -> str:
-    """Return the reason, as text, why a motion is feasible at no speed."""
+    """Return the reason why a motion is infeasible at every speed, as text."""
     still = demand(robot, motion, speed=LOWEST, **given)
     return (f'a limit is exceeded even at the lowest speed: {still.excesses[0]}' if still.excesses
             else 'at every speed some limit is exceeded')

@@ -45,7 +45,7 @@ def checked(options: Namespace, model: Model) -> Recording:
     try:
         found = refuse_unlike(model, recording, levels)
     except InputError as error:
-        raise InputError(f'{error}; or --as-recorded to fit it unchanged') from None
+        raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for finding in found:
         print(f'kane-dynamics: warning: {finding.words}', file=sys.stderr)
     return recording

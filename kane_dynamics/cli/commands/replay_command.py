@@ -1,6 +1,7 @@
 """The command `replay`: computed and measured torques of a recording."""
 
 from argparse import Namespace
+import math
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -8,6 +9,7 @@ from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.diagnosis import refuse
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.torque_delay import torque_delays
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -34,12 +36,17 @@ def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
 
     """
     remarks = [finding.words for finding in refuse(robot.model, recording, ('impossible',))]
+    delays = torque_delays(robot.model, recording)
     tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
     error = recording.tau - tau
     return {'joint_names': list(robot.joint_names), 'rows': len(recording), 't': recording.t,
             'computed': tau, 'measured': recording.tau, 'rms_measured': rms(recording.tau),
             'rms_error': rms(error), 'mean_error': error.mean(axis=0),
             'largest_error': np.abs(error).max(axis=0),
+            'torque_delay': np.where(delays.judged, delays.delay, np.nan).tolist(),
+            'torque_delay_deviation': np.where(delays.judged, delays.deviation, np.nan).tolist(),
+            'common_torque_delay': delays.common,
+            'common_torque_delay_deviation': delays.common_deviation,
             'remarks': remarks}
 
 
@@ -56,6 +63,12 @@ def print_comparison(data: dict[str, Any]) -> None:
         ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
         zip(data['joint_names'], data['rms_measured'], data['rms_error'], data['mean_error'],
             data['largest_error'], strict=True))
+    common, deviation = data['common_torque_delay'], data['common_torque_delay_deviation']
+    unknown = [name for name, delay in zip(data['joint_names'], data['torque_delay'], strict=True)
+               if math.isnan(delay)]
+    print('\ndelay of the torques after the motion: ' + (
+        'cannot be judged' if math.isnan(common) else f'{common:.4f} +- {deviation:.1g} s' + (
+            f'; cannot be judged: {", ".join(unknown)}' if unknown else '')))
     for remark in data['remarks']:
         print(f'\nremark: {remark}')
     for path in data['files']:

@@ -37,7 +37,7 @@ def run(options: Namespace) -> None:
 
 
 def _say(options: Namespace, key: str, value: str, words: str) -> None:
-    """Print where the page is."""
+    """Print the address or the file of the page."""
     if options.json:
         print_json({key: value})
     else:

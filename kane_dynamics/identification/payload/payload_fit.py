@@ -15,7 +15,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-# A ball of 1 kg around the frame: where the search starts, and what is hardly believed.
+# A ball of 1 kg around the frame: the initial guess of the search, and a weak prior.
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
 BELIEF = 1e-3
 TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief
@@ -81,8 +81,8 @@ class PayloadRegressor:
         """Find the body that carries the frame."""
         where: Frame = model.frame(frame)
         if where.body == WORLD:
-            raise InputError(f"frame '{frame}' is fixed in the world; a payload needs one that "
-                             'joints move')
+            raise InputError(f"frame '{frame}': fixed in the world; expected a frame that joints "
+                             'move')
         self.robot = Robot(model)
         self._columns = slice(10 * where.body, 10 * where.body + 10)
         T = np.block([[where.rotation, where.translation[:, None]], [np.zeros(3), np.ones(1)]])
@@ -98,7 +98,7 @@ class PayloadRegressor:
 @on_one_processor
 def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     """
-    Return the payload that explains what the model leaves of measured torques.
+    Estimate the payload from the difference between measured and computed torques.
 
     Parameters
     ----------
@@ -113,15 +113,15 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     ------
     InputError
         No such frame, the recording is not of the model's joints, it has too few rows, or its
-        motion does not tell the mass.
+        motion does not identify the mass.
 
     """
     if recording.tau.shape[1] != model.n:
-        raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
-                         f'{model.n}: {", ".join(model.joint_names)}')
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
+                         f'{", ".join(model.joint_names)}')
     if len(recording) < ROWS:
-        raise InputError(f'the recording has {len(recording)} rows; a payload needs {ROWS}: in '
-                         'each half as many as it has parameters')
+        raise InputError(f'recording: {len(recording)} rows; expected at least {ROWS}: in each '
+                         'half as many as a payload has parameters')
     regressor = PayloadRegressor(model, frame)
     state = recording.q, recording.u, recording.udot
     Y = regressor(*state)
@@ -143,9 +143,9 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
     if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
-        raise InputError(f"the recording does not tell the mass at '{frame}': its standard "
-                         f'deviation is {mass:.3g} kg; expected poses or motions in which the '
-                         'mass there asks torque of the joints')
+        raise InputError(f"recording: the mass at '{frame}' is not identifiable, its standard "
+                         f'deviation is {mass:.3g} kg; expected configurations or motions in '
+                         'which that mass causes joint torques')
     lengths = np.linalg.norm(A, axis=0)
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,

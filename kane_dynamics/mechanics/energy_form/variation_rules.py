@@ -19,6 +19,7 @@ variations, Journal of Robotic Systems 5 (1988) 553.
 
 from typing import Any
 
+from kane_dynamics.mechanics.algebra.vector import cross
 import numpy as np
 
 
@@ -35,8 +36,8 @@ def rotation_change(turn: Any, quantity: Any) -> Any:
 
     """
     if np.ndim(quantity) == 1:
-        return np.cross(turn, quantity)
-    return np.cross(turn, quantity.T).T - np.cross(quantity, turn)  # columns, then rows
+        return cross(turn, quantity)
+    return cross(turn, quantity) + cross(turn, quantity.T).T  # columns, then rows
 
 
 def absolute(relative_change: Any, turn: Any, quantity: Any) -> Any:

@@ -3,7 +3,7 @@ Joint reactions, and the joint torques due to each body.
 
 The reaction at a joint is the force and moment that the parent exerts on the child: the inertia
 and weight of the subtree minus the external wrenches on it. This is Kane's method of auxiliary
-speeds (Kane & Levinson, section 4.9): with six fictitious speeds of the joint along and about the
+speeds (Kane & Levinson, chapter 4): with six fictitious speeds of the joint along and about the
 world's axes, the partial velocities of the subtree are those of one rigid body.
 """
 

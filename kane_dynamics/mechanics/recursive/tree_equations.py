@@ -131,7 +131,7 @@ class TreeEquations(JointForces):
         return inverse(self.factors(q, parameters), self.order)
 
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
-        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL."""
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA."""
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
@@ -249,6 +249,5 @@ class TreeEquations(JointForces):
 
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        pushes = () if wrench is None else zip(self.wrench_frames, wrench)
-        return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
-                   self.zeros)
+        wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches), self.zeros)

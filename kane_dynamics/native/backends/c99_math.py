@@ -171,7 +171,7 @@ TEXTS = {'sin_cos': """\
 
 
 def literal(value: float, precision: Precision) -> str:
-    """Return a constant of a precision as C writes it."""
+    """Return a number as a C literal of a precision."""
     if precision.suffix:
         text = f'{value:.{precision.digits}g}'
         return (text if any(mark in text for mark in '.en') else f'{text}.0') + precision.suffix
@@ -179,9 +179,9 @@ def literal(value: float, precision: Precision) -> str:
 
 
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
-    """Return those C functions of sines, cosines and tanh; macros begin with `upper`."""
+    """Return the named C functions for sine, cosine and tanh; macros begin with `upper`."""
     def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
-        """Sum c_k x^k by pairs, which are shorter chains than Horner's."""
+        """Return C code for sum c_k x^k by pairs: shorter dependency chains than Horner's."""
         texts = [literal(c, precision) for c in coefficients]
         pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
         pairs += texts[-1:] if len(texts) % 2 else []

@@ -8,6 +8,7 @@ child.
 from collections.abc import Callable
 from functools import cache
 import os
+from threading import local
 from typing import Any
 from weakref import finalize
 
@@ -18,6 +19,7 @@ import numpy as np
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
+_own = local()  # of each thread: code generators by level, each for one module at a time
 
 _lock = llvm.ffi.lib._lock  # llvmlite holds it in every call of LLVM
 os.register_at_fork(before=_lock.__enter__, after_in_parent=_lock.__exit__,
@@ -79,7 +81,10 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
         If LLVM rejects the text.
 
     """
-    return _assembled(text, _target_machine(level), optimise)
+    machines = vars(_own).setdefault('machines', {})
+    if level not in machines:
+        machines[level] = _target_machine(level)
+    return _assembled(text, machines[level], optimise)
 
 
 def code_size(text: str) -> int:

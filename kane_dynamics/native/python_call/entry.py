@@ -62,13 +62,13 @@ def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray],
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
     words = {'RESULT_SHAPE': lengths.ctypes.data, 'RING': ring.ctypes.data}
     return built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
-                     new_table(words, fallback, code, defaults, (lengths, ring)))
+                    new_table(words, fallback, code, defaults, (lengths, ring)))
 
 
 def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
            fallback: Callable[..., Any]) -> Callable[..., Any]:
     return built_in(name, doc, code.address('bound'), METH_FASTCALL,
-                     bound_table(code, blocks, fallback))
+                    bound_table(code, blocks, fallback))
 
 
 class NativeMethods:
@@ -220,7 +220,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     unmade = []
     for place, (name, doc) in enumerate(docs.items()):
         definitions[place] = MethodDef(name.encode(), code.address(f'method{place}'),
-                                        METH_FASTCALL, doc.encode())
+                                       METH_FASTCALL, doc.encode())
         setattr(cls, name, new(cls, ctypes.addressof(definitions[place])))
 
         def first(owner: Any, name: str = name) -> EntryTable:
@@ -251,5 +251,6 @@ def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[in
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
-    return '\n'.join([ALL_FINITE, entry_code(symbol, lengths, most, len(default_sizes) + 1, shape),
+    code = '\n'.join([entry_code(symbol, lengths, most, len(default_sizes) + 1, shape),
                       bound_code(symbol, [*lengths, *default_sizes], most, 1, shape)])
+    return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code

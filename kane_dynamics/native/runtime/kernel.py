@@ -134,7 +134,7 @@ class Kernel:
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
         """Return the table of a native method that calls the kernel on fixed arrays."""
         return bound_table(self.code, [*arguments, self.parameters, result],
-                                 self._fallback(arguments, result))
+                           self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
         def call() -> Any:

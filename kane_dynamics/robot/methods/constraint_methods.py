@@ -94,7 +94,7 @@ class ConstraintMethods(Dispatch):
         """
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
 
-        These are the equations of auxiliary speeds (Kane & Levinson, section 4.9): a row's force
+        These are the equations of auxiliary speeds (Kane & Levinson, chapter 4): a row's force
         acts along the velocity that the row constrains, N or N m. With the tau of inverse dynamics
         they are the forces in that motion. The forces of redundant rows are not unique: the result
         has minimum norm, with moments divided by `mechanism.length` (or as `Robot(redundant=)`).
@@ -117,7 +117,7 @@ class ConstraintMethods(Dispatch):
 
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
-        """Return the residual of every row, (m,), m or rad; 0 for a row of velocities alone."""
+        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
         return self._special('constraint_residual', (q,), t, out)
 
     def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
@@ -151,7 +151,7 @@ class ConstraintMethods(Dispatch):
 
     def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
-        Return the configuration near q, (n_q,), at which all conditions on positions are met.
+        Return the configuration near q, (n_q,), that satisfies all position constraints.
 
         For a robot with a given `configuration`, and with fixed coordinates, it is on the branch
         of that configuration: the fixed coordinates move from there to their values in small

@@ -91,7 +91,7 @@ class DynamicsMethods(Dispatch):
 
     @compiled
     def friction_force(self, u: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return d u + mu tanh(u / u_s), (n,): the torque of damping and Coulomb friction."""
+        """Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction, N m or N."""
         return self._call('friction_force', (u,), out)
 
     @compiled

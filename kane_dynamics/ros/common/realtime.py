@@ -74,7 +74,7 @@ def lock_memory() -> None:
     """
     bound = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if bound != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
-        raise PermissionError(f'the limit is {bound} bytes')
+        raise PermissionError(f'RLIMIT_MEMLOCK: {bound} bytes; expected no limit')
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(MCL_CURRENT | MCL_FUTURE):
         number = ctypes.get_errno()

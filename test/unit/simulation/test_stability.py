@@ -49,6 +49,13 @@ def test_a_step_grows_beyond_the_longest_and_not_before(joint, rate):
     assert growth(rate * step * (1.0 + 1e-3)) > 1.0
 
 
+@pytest.mark.parametrize('q', ['x', [0.0, 0.0], [math.nan], None])
+def test_longest_step_refuses_what_is_no_configuration_with_and_without_friction(q):
+    for robot in (wheel(), wheel(**RUB)):
+        with pytest.raises(InputError, match=r'q: .*; expected'):
+            longest_step(robot, q)
+
+
 def test_nothing_but_weight_sets_no_step():
     assert longest_step(wheel(), [0.0]).step == math.inf
     assert longest_step(Robot(wheel(**RUB).model, friction=False), [0.0]).step == math.inf
