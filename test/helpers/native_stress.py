@@ -85,8 +85,8 @@ class Stress:
         for i in range(STATES):
             results.append(call(*self.states[k][:ARGUMENTS[name], i]))
             if rng.random() < 0.2 and name != 'kinetic_energy':
-                reference = weakref.ref(results[-1], self.called_back)
-                del results[-1], reference
+                references = [weakref.ref(results[-1], self.called_back)]
+                del results[-1], references[:]
                 results.append(call(*self.states[k][:ARGUMENTS[name], i]))
         self.same(k, name, results)
 
