@@ -7,11 +7,11 @@ Plain library code without ROS; the node converts messages.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
@@ -147,7 +147,7 @@ class Controller:
             rows |= {'inertia': True, 'friction': False}
             self._back = np.array(list(rows.values()), dtype=np.float64)
 
-    @cached_property
+    @lazy_property
     def _law(self) -> Callable[..., Array]:
         """Return the entry point of the computed-torque kernel, with all terms."""
         kernel = law_kernel(self.robot)

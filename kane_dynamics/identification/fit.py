@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 import warnings
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
@@ -73,7 +73,7 @@ class Identification:
     condition: float
     weight: float
 
-    @cached_property
+    @lazy_property
     def model(self) -> Model:
         """
         Return the identified model.

@@ -13,10 +13,10 @@ information on its parameters: its equations omit rows in which it is slower tha
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.qr_factor import Factor
@@ -73,13 +73,13 @@ class RegressionRows:
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
                               self.Y[chosen], self.moving[chosen])
 
-    @cached_property
+    @lazy_property
     def stretches(self) -> list['RegressionRows']:
         """Return the rows as consecutive blocks of equal length."""
         ends = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
         return [self.part(slice(a, b)) for a, b in pairwise(ends)]
 
-    @cached_property
+    @lazy_property
     def factors(self) -> list[Factor]:
         """Return for each joint the factorized columns that do not depend on friction speeds."""
         _, n, inertial = self.Y.shape

@@ -1,8 +1,9 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
@@ -136,7 +137,7 @@ class _RobotMotion:
         return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench,
                              self._parameters))
 
-    @cached_property
+    @lazy_property
     def _motion(self) -> Program:
         return _state_program(self._robot, self._dual_to)
 
@@ -150,7 +151,7 @@ class _RobotMotion:
         return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
                          *[0.0] * margins])
 
-    @cached_property
+    @lazy_property
     def _implicit(self) -> tuple[ImplicitStep, Program]:
         assert isinstance(self.equations, TreeEquations)
         method = ImplicitStep(self.equations)

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 import hashlib
 import json
 import math
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
@@ -124,7 +124,7 @@ class Sweep:
         """Return the indices of a chunk's trials."""
         return range(self.samples)[chunk * self.chunk:(chunk + 1) * self.chunk]
 
-    @cached_property
+    @lazy_property
     def desired(self) -> Array | None:
         """Return the desired q, u, udot at every half step, (2 steps + 1, 3 n); None at rest."""
         if self.motion is None:
@@ -132,7 +132,7 @@ class Sweep:
         halves: Array = np.arange(2 * self.steps + 1) * np.float64(0.5 * self.step)
         return np.concatenate(self.motion.sample(halves), axis=1)
 
-    @cached_property
+    @lazy_property
     def description(self) -> dict[str, Any]:
         """Return everything that the table depends on as plain data."""
         desired = self.desired

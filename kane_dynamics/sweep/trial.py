@@ -8,9 +8,10 @@ integrates q and u; the integrals then use the trapezoidal rule.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
@@ -184,11 +185,11 @@ class _TrialMotion:
         self._carried, assumed = trial.parameters(plant, shared)
         self.law = trial.law(controller, gains, assumed)
 
-    @cached_property
+    @lazy_property
     def _forward(self) -> Program:
         return self._trial.frictionless.kernels.program('forward_dynamics')
 
-    @cached_property
+    @lazy_property
     def _implicit(self) -> tuple[ImplicitStep, Program]:
         method = ImplicitStep(self.equations)
         return method, implicit_rates(self._trial.robot, method)

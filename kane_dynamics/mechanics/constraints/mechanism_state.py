@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from copy import copy
-from functools import cached_property
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
@@ -29,11 +29,11 @@ class MechanismState:
         self._links = links
         self._axes = WORLD
 
-    @cached_property
+    @lazy_property
     def _bodies(self) -> tuple[kinematics.Configuration, ...]:
         return kinematics.configurations(self.model, self.q)
 
-    @cached_property
+    @lazy_property
     def _link_poses(self) -> frame_kinematics.LinkPoses:
         return frame_kinematics.LinkPoses(self._links or (), self.q, self._axes)
 

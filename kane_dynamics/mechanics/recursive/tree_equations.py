@@ -7,9 +7,9 @@ functions; compilation traces them and tests run them on numbers.
 """
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
@@ -62,16 +62,16 @@ class TreeEquations(JointForces):
 
     timed = False  # no method depends on time
 
-    @cached_property
+    @lazy_property
     def _raw_links(self) -> tuple[Link, ...]:  # needed only for tracing
         return linkage(self.model)
 
-    @cached_property
+    @lazy_property
     def _links(self) -> tuple[Link, ...]:
         links = self._raw_links
         return denavit_hartenberg(links) if self.frame_reduction else links
 
-    @cached_property
+    @lazy_property
     def order(self) -> list[int]:
         """Return the coordinates, parents first: the order of the LTDL factorization."""
         return list(dict.fromkeys(k for link in self._raw_links for k in (

@@ -1,8 +1,8 @@
 """Neutral and random configurations of a robot, and its joint limits."""
 
-from functools import cached_property
 import warnings
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -48,7 +48,7 @@ def warn_of_degrees(robot: 'Configurations', q: Array, what: str, stacklevel: in
 class Configurations(ConstraintMethods, Dispatch):
     """The methods of `Robot` that return configurations."""
 
-    @cached_property
+    @lazy_property
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
         limits = [joint.limits for joint in self.equations.model.coordinate_joints]
