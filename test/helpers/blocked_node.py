@@ -3,11 +3,12 @@
 import sys
 import time
 
-from kane_dynamics.ros.dynamics_node import main
+from kane_dynamics.ros.dynamics_node import spinning
+from kane_dynamics.ros.dynamics_node.main import main
 from std_msgs.msg import Empty
 
 
-class BlockedNode(main.DynamicsNode):
+class BlockedNode(spinning.DynamicsNode):
     """The dynamics node with one more topic."""
 
     def __init__(self):
@@ -16,5 +17,5 @@ class BlockedNode(main.DynamicsNode):
 
 
 if __name__ == '__main__':
-    main.DynamicsNode = BlockedNode
-    sys.exit(main.main())
+    spinning.DynamicsNode = BlockedNode
+    sys.exit(main())

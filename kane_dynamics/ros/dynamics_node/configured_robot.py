@@ -16,10 +16,10 @@ from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
-from kane_dynamics.ros.services.payload_request import payload_from_request
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload, parameter_loads
+from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
+                                                           parameter_loads)
 from kane_dynamics.ros.torque_path.guard_link import GuardLink
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -211,7 +211,11 @@ class ConfiguredRobot:
             A field is invalid, or the node has no payload frame.
 
         """
-        payload = payload_from_request(request, self.robot.model, self.values)
+        given = request.payload
+        payload = checked_payload(
+            self.robot.model, self.values, request.frame, given.m,
+            (given.com.x, given.com.y, given.com.z),
+            (given.ixx, given.ixy, given.ixz, given.iyy, given.iyz, given.izz))
         self._payload_from_service = True
         self._change(payload=payload)
 
@@ -239,6 +243,5 @@ class ConfiguredRobot:
         if self.guard is not None:
             self.guard.publish_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
-        self._server.served = ServedRobot.from_values(self._for_requests, self._for_simulations,
-                                                      self.loads, self.values,
-                                                      self._request_frames)
+        self._server.served = ServedRobot(self._for_requests, self._for_simulations, self.loads,
+                                          self.values, self._request_frames)

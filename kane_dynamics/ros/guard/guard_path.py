@@ -143,7 +143,8 @@ class GuardPath(TorquePath):
         """Command zeros if states are stale and the node does not command them."""
         if self.watch.acting:
             super().check_timeout()
-        elif self.watch.armed and self.watch.known and self._now() - self._last_good > LATE * self._timeout:
+        elif self.watch.armed and self.watch.known and (
+                self._now() - self._last_good > LATE * self._timeout):
             self.watch.take_over(time.perf_counter())
             self._begun, self._began = self.watch.takeovers, self._now()
             self.commanding = True

@@ -156,8 +156,8 @@ SPECS = (
          low=0.0, high=100.0),
     Spec('guard.enabled', 'flag', False, 'work with torque_guard, which holds the arm when this '
          'node dies or hangs; the launch file sets it'),
-    Spec('guard.lease', 'number', 0.012, 'time without a command, s, after which torque_guard takes '
-         'over; also the lease of liveliness of `commands` and ~/joint_torques', low=2e-3,
+    Spec('guard.lease', 'number', 0.012, 'time without a command, s, after which torque_guard '
+         'takes over; also the lease of liveliness of `commands` and ~/joint_torques', low=2e-3,
          high=10.0),
     Spec('guard.deadline', 'number', 0.012, 'largest time between two messages, s, that '
          '`commands` and ~/joint_torques offer as DDS deadline; torque_guard counts those missed',
@@ -192,8 +192,8 @@ SPECS = (
          'compute torques; 0: ordinary scheduling', low=0.0, high=99.0),
     Spec('realtime.cpus', 'numbers', [], 'processors of the threads that compute torques; '
          'empty: all', low=0.0),
-    Spec('realtime.lock_memory', 'flag', False, 'keep the memory of the process in RAM (mlockall), '
-         'so that no torque waits for the disk'),
+    Spec('realtime.lock_memory', 'flag', False, 'keep the memory of the process in RAM '
+         '(mlockall), so that no torque waits for the disk'),
     Spec('realtime.collect_rarely', 'flag', False, 'run the garbage collector of Python only when '
          'diagnostics are published, so that it delays no torque'),
 )

@@ -1,0 +1,22 @@
+"""Run torque_guard: executor, shutdown."""
+
+from kane_dynamics.ros.common.process import make_executor, SPIN_TIMEOUT
+from kane_dynamics.ros.guard.guard_node import GuardNode
+from rclpy.task import Future
+
+
+def run(stop: Future) -> int:
+    """Run the guard until `stop`; return the exit code."""
+    node = GuardNode()
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        while not stop.done():
+            try:
+                executor.spin_until_future_complete(stop, SPIN_TIMEOUT)
+            except Exception as error:
+                node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
+    finally:
+        node.close()
+        executor.shutdown()
+    return 0
