@@ -57,7 +57,7 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
 def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str]) -> tuple[bytes, str]:
     """Return level and message of an active node: what is wrong, and what to do."""
     level, message = OK, f'active, {rate:.0f} commands/s'
-    warnings = [f'collision at joint \'{arm.optional_topics.collision}\': check the arm'
+    warnings = [f"collision at joint '{arm.optional_topics.collision}': check the arm"
                 ] if arm.optional_topics.collision is not None else []
     if arm.path.timed_out:
         level = DiagnosticStatus.ERROR

@@ -45,8 +45,8 @@ class GuardNode(Node):
         answer_service_errors(self)
         self.target = str(self.declare_parameter('node', 'kane_dynamics').value)
         self.guard: ConfiguredGuard | None = None
-        self.reason = f'no message on {self.target}/{LOADS}; expected a configured node with ' \
-            'guard.enabled true'
+        self.reason = (f'no message on {self.target}/{LOADS}; expected a configured node with '
+                       'guard.enabled true')
         self._warn = ThrottledWarning(self.get_logger())
         self._description = ''
         self._configuration = 0.0
