@@ -290,4 +290,3 @@ def turns(commands):
     ordered = sorted(commands, key=lambda each: each.stamp)
     return [each.source for k, each in enumerate(ordered)
             if k == 0 or ordered[k - 1].source != each.source]
-

@@ -16,9 +16,11 @@ SERVICES = QoSProfile(depth=1000)
 EXAMINED_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def watched(lease: float, deadline: float) -> QoSProfile:
+def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProfile:
     """
-    Return `RELIABLE` for a topic whose publisher is watched.
+    Return the profile of a topic whose publisher is watched, or of the subscription that does it.
+
+    The subscription is best effort, so that the publisher handles no acknowledgements.
 
     Liveliness is asserted by each message, so that a process that hangs loses it too.
 
@@ -26,8 +28,13 @@ def watched(lease: float, deadline: float) -> QoSProfile:
     ----------
     lease, deadline : float
         Offered or requested lease of liveliness and deadline of messages, s.
+    watching : bool
+        Whether the profile is that of the subscription.
 
     """
-    return QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+    return QoSProfile(depth=BEST_EFFORT.depth if watching else 1,
+                      reliability=(ReliabilityPolicy.BEST_EFFORT if watching
+                                   else ReliabilityPolicy.RELIABLE),
+                      liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                       liveliness_lease_duration=Duration(seconds=lease),
                       deadline=Duration(seconds=deadline))

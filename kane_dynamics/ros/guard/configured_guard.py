@@ -11,7 +11,7 @@ from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import FIELDS, REQUEST, STATE
+from kane_dynamics.ros.torque_path.guard_messages import FIELDS, REQUEST, STATE, STOPPED
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -89,7 +89,7 @@ class ConfiguredGuard:
         opened.callback(node.destroy_timer, timer)
         subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
         subscribe(JointState, f'{target}/joint_torques', self.path.on_torques,
-                  watched(values['guard.lease'], values['guard.deadline']),
+                  watched(values['guard.lease'], values['guard.deadline'], watching=True),
                   event_callbacks=SubscriptionEventCallbacks(
                       deadline=self._on_deadline, liveliness=self._on_liveliness))
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
@@ -126,6 +126,9 @@ class ConfiguredGuard:
     def _on_request(self, data: bytes) -> None:
         """Hand the topic over to the dynamics node, and answer."""
         if not self._request.read(data):
+            return
+        if self._request.numbers[0] == STOPPED:
+            self.path.on_stopped()
             return
         acted = self.path.hand_over()
         self._send(float(self._request.numbers[0]), acted)

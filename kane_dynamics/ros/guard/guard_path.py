@@ -125,13 +125,20 @@ class GuardPath(TorquePath):
         if self.watch.acting:
             if 0 < sec * NANO + nanosec <= self._began:  # computed before the node hung
                 return
-            if torque.any():
-                self._say('the dynamics node commands without a request; watching it')
-            else:
-                self.command_zeros()
-                self._say('the dynamics node commands zeros; watching it')
+            if not torque.any():
+                self.on_stopped()
+                return
+            self._say('the dynamics node commands without a request; watching it')
         self.commanding = False
         self.watch.hear(torque, now)
+
+    def on_stopped(self) -> None:
+        """Note that the node commanded zeros; that message itself may be lost."""
+        if self.watch.acting:
+            self.command_zeros()
+            self._say('the dynamics node commands zeros; watching it')
+        self.commanding = False
+        self.watch.hear(np.zeros(len(self._offset)), time.perf_counter())
 
     def hand_over(self) -> bool:
         """Stop commanding; return whether the guard commanded."""

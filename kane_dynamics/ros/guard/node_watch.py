@@ -87,6 +87,9 @@ class NodeWatch:
         """Return whether the guard commands."""
         return self.acting
 
+    def note_zeros(self) -> None:
+        """Do nothing: the guard knows its own commands."""
+
     def confirm(self, now: float) -> bool:
         """Return whether the guard still commands."""
         return self.acting and now - self._alive < OWN_STALL

@@ -7,7 +7,7 @@ from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.guard_messages import (FIELDS, LOADS, loads_to_numbers, LOST,
-                                                          REQUEST, STATE)
+                                                          REQUEST, STATE, STOPPED)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
@@ -117,6 +117,11 @@ class GuardLink:
             self._ask(now)
             return False
         return True
+
+    def note_zeros(self) -> None:
+        """Tell the guard that this node commanded zeros."""
+        self._request.numbers[0] = STOPPED
+        self._requests.publish(self._request.serialized())
 
     def confirm(self, now: float) -> bool:
         """Return whether the computation of the command was not interrupted for too long."""

@@ -7,7 +7,6 @@ built once, and each cycle writes numbers and stamp.
 
 from collections.abc import Callable
 import time
-from typing import Protocol
 
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.torque_limiter import Command
@@ -16,6 +15,7 @@ from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
+from kane_dynamics.ros.torque_path.arbiter import Arbiter
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array, joint_state_of_efforts
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
@@ -25,22 +25,6 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
 NO_TORQUE = 'no finite torque'
-
-
-class Arbiter(Protocol):
-    """Decides which of two processes publishes on `commands`; times are of `perf_counter`."""
-
-    def start(self) -> None:
-        """Start, with the torque path."""
-
-    def may_command(self, now: float) -> bool:
-        """Return whether this process may command; called once for each valid state."""
-
-    def may_stop(self, now: float) -> bool:
-        """Return whether this process may command zeros because states are stale."""
-
-    def confirm(self, now: float) -> bool:
-        """Return whether this process may still command, immediately before it does."""
 
 
 class TorquePath:
@@ -140,6 +124,8 @@ class TorquePath:
         self.commanding = False
         self._torque_message.stamp(*divmod(max(self._now(), 0), NANO))
         self._publish(self.controller.stop().tau)
+        if self.arbiter is not None:
+            self.arbiter.note_zeros()
 
     def check_timeout(self) -> None:
         """Command zeros, once, if the last valid state has timed out."""

@@ -96,7 +96,7 @@ def test_topics_are_remapped_and_namespaced(launch_file):
 def test_the_state_publisher_gets_the_same_urdf(launch_file):
     urdf = ROOT / 'urdf' / 'two_link.urdf'
     _, _, publisher = start(launch_file, urdf=str(urdf), state_publisher='true', namespace='left',
-                         joint_states='arm/joint_states')
+                            joint_states='arm/joint_states')
     assert publisher.package == 'robot_state_publisher'
     assert publisher.parameters == [{'robot_description': urdf.read_text()}]
     assert publisher.namespace == 'left'
@@ -106,7 +106,7 @@ def test_the_state_publisher_gets_the_same_urdf(launch_file):
 @pytest.mark.parametrize('sim_time', ['true', 'false'])
 def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file, sim_time):
     node, _, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml', namespace='left',
-                        commands='effort/commands', use_sim_time=sim_time, prefix='left_')
+                           commands='effort/commands', use_sim_time=sim_time, prefix='left_')
     assert (plant.executable, plant.name, plant.namespace) == ('plant_node', 'plant', 'left')
     assert plant.remappings == node.remappings == [('commands', 'effort/commands')]
     path, prefix, clock = plant.parameters
@@ -118,8 +118,8 @@ def test_the_plant_shares_names_and_publishes_the_clock_if_requested(launch_file
 
 def test_defaults_do_not_override_parameter_files(launch_file):
     node, _, plant, publisher = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
-                                   urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
-                                   state_publisher='true')
+                                      urdf=str(ROOT / 'urdf' / 'two_link.urdf'),
+                                      state_publisher='true')
     for started in (node, plant, publisher):
         assert not any('clock' in name or 'use_sim_time' in name
                        for given in started.parameters if isinstance(given, dict)

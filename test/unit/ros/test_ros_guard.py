@@ -5,6 +5,7 @@ Both sides are the ones of the real processes; a stopped process receives and se
 """
 
 from collections import defaultdict, deque
+from contextlib import ExitStack
 import time
 from types import SimpleNamespace
 
@@ -13,8 +14,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from contextlib import ExitStack  # noqa: E402, I100
-from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
