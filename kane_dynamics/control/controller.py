@@ -5,7 +5,7 @@ Plain library code without ROS; the node converts messages.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 import math
@@ -39,6 +39,24 @@ class Terms:
     coriolis: bool = True
     inertia: bool = True
     friction: bool = True
+
+    @cached_property
+    def weights(self) -> Array:
+        """Return one weight for each row of `torque_terms`; the springs have no switch."""
+        return np.array([getattr(self, name, True) for name in TORQUE_TERMS], dtype=np.float64)
+
+    @cached_property
+    def complete(self) -> bool:
+        """Return whether no term is switched off."""
+        return bool(self.weights.all())
+
+    def inverse_dynamics(self, source: Robot | QuasiStatic, q: Array, u: Array,
+                         udot: Array) -> Array:
+        """Return the torque of a motion without the terms that are switched off, (..., n)."""
+        if self.complete:
+            return source.inverse_dynamics(q, u, udot)
+        tau: Array = self.weights @ source.torque_terms(q, u, udot)
+        return tau
 
 
 class Controller:
@@ -136,13 +154,8 @@ class Controller:
             self.mode, self._pose = Mode(mode), None
         if compensate is not None:
             self.compensate = compensate
-            # One weight a row of torque_terms; the springs have no switch.
-            rows = {name: getattr(compensate, name, True) for name in TORQUE_TERMS}
-            self._all = all(rows.values())
-            self._forward = np.array(list(rows.values()), dtype=np.float64)
             # Feedback acts through M in any case; friction is added at the desired speed.
-            rows |= {'inertia': True, 'friction': False}
-            self._back = np.array(list(rows.values()), dtype=np.float64)
+            self._back = replace(compensate, inertia=True, friction=False).weights
 
     @cached_property
     def _law(self) -> Callable[..., Array]:
@@ -235,9 +248,7 @@ class Controller:
         if self.mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment)
         elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
-            q_d, u_d, udot_d = motion.sample(moment)
-            tau = (self._source.inverse_dynamics(q_d, u_d, udot_d) if self._all
-                   else self._forward @ self._source.torque_terms(q_d, u_d, udot_d))
+            tau = self.compensate.inverse_dynamics(self._source, *motion.sample(moment))
         else:
             tau = self._source.gravity_force(q) if self.compensate.gravity else self._zero.copy()
         if external is not None and self.mode is not Mode.GRAVITY_COMPENSATION:
@@ -259,7 +270,7 @@ class Controller:
         else:
             self._pose = None  # the pose at the end of the motion is held next
             q_d, u_d, udot_d = motion.sample(moment)
-        if self._all and self.bending is None:
+        if self.compensate.complete and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
         with np.errstate(over='ignore', invalid='ignore'):  # the kernel raises an error
