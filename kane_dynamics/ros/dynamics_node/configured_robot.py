@@ -20,7 +20,7 @@ from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
 from kane_dynamics.ros.services.payload_request import payload_from_request
-from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.served_robot import FillSettings, ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload, parameter_loads
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -88,8 +88,13 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
+        if not self.robot.constraint_names:  # for filled trajectories
+            for robot in (self.robot, *([bending.robot] if bending else [])):
+                robot.compile('inverse_dynamics', 'torque_terms', batches=True)
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
         self._request_frames = WrenchFrames(self._for_requests)
+        self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
+        FillSettings.from_values(values, self.robot.joint_names)
         self.verified = max(robot.verify() for robot in (
             self.robot, *([bending.robot] if bending else [])))
         controller = Controller(self.robot, bending=bending,
@@ -160,6 +165,7 @@ class ConfiguredRobot:
     def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         """Raise InputError unless new parameters, of which `given` are set, fit the robot."""
         controller_settings(values, self.robot.joint_names)
+        FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)
         check_optional_topics(values, self.robot)
         if self.gravity_source is not None and (
@@ -229,4 +235,6 @@ class ConfiguredRobot:
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot.from_values(self._for_requests, self._for_simulations,
                                                       self.loads, self.values,
-                                                      self._request_frames)
+                                                      self._request_frames,
+                                                      self._bending_for_requests,
+                                                      self.path.measured)

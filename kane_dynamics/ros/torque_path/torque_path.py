@@ -83,6 +83,11 @@ class TorquePath:
             state = q, 0.0 * q, 0.0 * q
         return state
 
+    def measured(self) -> Array | None:
+        """Return the last measured positions, (n,); None if states are missing."""
+        valid = self.running and self.last_update and not self.timed_out
+        return self._reader.q.copy() if valid else None
+
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
         foreign, self._reader.foreign_joints = self._reader.foreign_joints, set()
