@@ -12,8 +12,8 @@ with the code that it tests.
 """
 
 from dataclasses import dataclass
+import json
 import sys
-import time
 
 import numpy as np
 from scipy.interpolate import BPoly
@@ -62,6 +62,11 @@ class EffortLoop:
         self.gains, self._ahead = gains, ahead
         self._spline, self._sum, self._start = None, 0.0, 0.0
 
+    @property
+    def end(self):
+        """Return the time of the last point."""
+        return self._start + self._spline.t[-1]
+
     def accept(self, start, q, t, points, u=None, udot=None, effort=None):
         """Execute a trajectory from `start`, s; q is the measured position."""
         if t[0] > 0.0:  # from the measured state, at rest; the first segment has no effort
@@ -86,3 +91,61 @@ class EffortLoop:
         self._sum = self._sum + error * period
         return (effort + self.gains.ff_velocity_scale * ahead + self.gains.p * error
                 + self.gains.i * self._sum + self.gains.d * (u_d - u))
+
+
+def drive(joints, gains, hold):
+    """
+    Execute the trajectories on /jtc/joint_trajectory at the rate of the joint states.
+
+    Each starts at the next joint state. `hold` s after its end, print the RMS error of position of
+    each joint, and stop commanding.
+    """
+    import rclpy
+    from rclpy.experimental.events_executor import EventsExecutor
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray
+    from trajectory_msgs.msg import JointTrajectory
+    rclpy.init()
+    node = rclpy.create_node('jtc')
+    commands = node.create_publisher(Float64MultiArray, 'commands', 1)
+    waiting, errors = [], []
+    loop, before = None, 0.0
+
+    def on_state(message):
+        nonlocal loop, before
+        now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        index = [list(message.name).index(name) for name in joints]
+        q, u = (np.array(values)[index] for values in (message.position, message.velocity))
+        if waiting:
+            loop, before = EffortLoop(gains), now
+            loop.accept(now, q, *fields(waiting.pop()))
+            errors.clear()
+        if loop is None:
+            return
+        commands.publish(Float64MultiArray(
+            data=loop.update(now, now - before, q, u).tolist()))
+        before = now
+        errors.append(q - loop.desired(now))
+        if now > loop.end + hold:
+            loop = None
+            print(json.dumps(np.sqrt(np.mean(np.square(errors), axis=0)).tolist()), flush=True)
+
+    def fields(message):
+        index = [list(message.joint_names).index(name) for name in joints]
+        yield np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
+                        for p in message.points])
+        for name in ('positions', 'velocities', 'accelerations', 'effort'):
+            rows = [getattr(point, name) for point in message.points]
+            yield np.array(rows)[:, index] if len(rows[0]) else None
+
+    node.create_subscription(JointState, 'joint_states', on_state, 1)
+    node.create_subscription(JointTrajectory, '/jtc/joint_trajectory', waiting.append, 1)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    print('ready', flush=True)
+    executor.spin()
+
+
+if __name__ == '__main__':
+    drive(sys.argv[1].split(','), Gains(p=float(sys.argv[2]), d=float(sys.argv[3])),
+          float(sys.argv[4]))

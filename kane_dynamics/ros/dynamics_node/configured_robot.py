@@ -17,7 +17,8 @@ from kane_dynamics.ros.common.configuration_files import robot_options
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
-from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
+from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
+                                                        joint_command_type, OptionalTopics)
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
 from kane_dynamics.ros.services.payload_request import payload_from_request
 from kane_dynamics.ros.services.served_robot import FillSettings, ServedRobot
@@ -115,10 +116,12 @@ class ConfiguredRobot:
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
         self._commands = publisher(Float64MultiArray, 'commands', RELIABLE)
+        stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE) if (
+            values['stamped_commands']) else None
         self.path = TorquePath(
             controller, self._commands, publisher(JointState, '~/joint_torques', RELIABLE),
             self._now, values['state_timeout'], self._statistics,
-            lambda reason, detail: warn(f'joint states: {reason}', detail))
+            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped)
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self._distribute()

@@ -1,0 +1,161 @@
+"""Filled trajectories over DDS, and a loop like joint_trajectory_controller that executes them."""
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+from graph import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
+from jtc import Gains  # noqa: F401  the program that this file starts
+from kane_dynamics import Robot
+from kane_dynamics.control.trajectory_feedforward import fill_trajectory
+from kane_dynamics_interfaces.srv import FillTrajectory
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+HELPERS = Path(__file__).resolve().parents[1] / 'helpers'
+START = np.array([0.3, -0.4, 0.2])
+TIMES = np.array([0.0, 0.4, 0.8, 1.2, 1.6])
+POINTS = START + np.array([[0.0, 0.0, 0.0], [0.4, 0.3, 0.1], [0.0, 0.6, 0.2], [-0.3, 0.4, 0.1],
+                           [0.0, 0.1, 0.0]])
+FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
+
+
+@pytest.fixture(scope='module')
+def robot():
+    return Robot(model())
+
+
+@pytest.fixture(scope='module')
+def module_node():
+    process = Process('-r', '~/trajectory_with_effort:=/jtc/joint_trajectory',
+                      robot_description=f"'{URDF}'", diagnostics_rate=20)
+    process.wait_for('active, mode')
+    yield process
+    assert process.end()[0] == 0
+    assert 'Traceback' not in process.log
+
+
+class Filler:
+    """A client of the topics of trajectories."""
+
+    def __init__(self, client):
+        self.client, self.filled = client, []
+        self.publisher = client.create_publisher(JointTrajectory, f'{NAME}/trajectory', 1)
+        self.direct = client.create_publisher(JointTrajectory, '/jtc/joint_trajectory', 1)
+        self._subscription = client.create_subscription(
+            JointTrajectory, '/jtc/joint_trajectory', self.filled.append, DEEP)
+        assert wait_until(lambda: self.publisher.get_subscription_count()
+                          and self._subscription.get_publisher_count() >= 2)
+
+    def close(self):
+        self.client.destroy_subscription(self._subscription)
+        for publisher in (self.publisher, self.direct):
+            self.client.destroy_publisher(publisher)
+
+    def ask(self, message):
+        """Publish a trajectory; return the filled one as arrays of its fields."""
+        self.filled.clear()
+        self.publisher.publish(message)
+        assert wait_until(lambda: self.filled), 'no filled trajectory'
+        return [np.array([getattr(point, name) for point in self.filled[0].points])
+                for name in FIELDS]
+
+
+@pytest.fixture
+def filler(module_node, client):
+    filler = Filler(client)
+    yield filler
+    filler.close()
+
+
+def trajectory(times=TIMES, points=POINTS, names=JOINTS):
+    message = JointTrajectory(joint_names=list(names))
+    message.header.stamp.sec, message.header.frame_id = 12, 'world'
+    for t, positions in zip(times, points, strict=True):
+        point = JointTrajectoryPoint(positions=np.asarray(positions).tolist())
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9), 10**9)
+        message.points.append(point)
+    return message
+
+
+def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
+    order = [2, 0, 1]
+    names = [JOINTS[k] for k in order]
+    expected = fill_trajectory(robot, TIMES, POINTS[:, order], joint_names=names)
+    arrays = [expected.positions, expected.velocities, expected.accelerations, expected.efforts]
+    for got, array in zip(filler.ask(trajectory(points=POINTS[:, order], names=names)), arrays,
+                          strict=True):
+        np.testing.assert_allclose(got, array, rtol=0, atol=1e-12)
+    filled = filler.filled[0]
+    assert list(filled.joint_names) == names
+    assert (filled.header.stamp.sec, filled.header.frame_id) == (12, 'world')
+    assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
+            for p in filled.points] == pytest.approx(TIMES.tolist(), abs=1e-12)
+    answer = filler.client.call(
+        FillTrajectory, 'fill_trajectory', joint_names=names, time_from_start=TIMES.tolist(),
+        positions=POINTS[:, order].ravel().tolist(), tolerance=[0.05])
+    assert answer.success, answer.message
+    expected = fill_trajectory(robot, TIMES, POINTS[:, order], joint_names=names, tolerance=0.05)
+    assert answer.inserted == expected.inserted > 0
+    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(), rtol=0, atol=1e-12)
+    assert max(answer.effort_error) <= 0.05
+
+
+def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(filler, robot):
+    pose = np.array([0.2, 0.4, -0.1])
+    assert filler.client.ask(pose, np.zeros(3)) is not None
+    q, u, _, effort = filler.ask(trajectory([1.0], [[0.5]], ['lift']))
+    np.testing.assert_allclose(q.ravel(), [0.4, 0.5], atol=1e-12)
+    assert not u.any()
+    held = robot.gravity_force(np.array([[0.2, 0.4, -0.1], [0.2, 0.5, -0.1]]))[:, 1:2]
+    np.testing.assert_allclose(effort, held, atol=1e-12)
+
+
+@pytest.mark.parametrize(('message', 'reason'), [
+    (trajectory(names=('turn', 'lift', 'gripper')), "'gripper' is not a joint"),
+    (trajectory(points=8.0 * POINTS), "joint 'lift': position .* expected"),
+    (trajectory(0.01 * TIMES), "joint 'turn': velocity .* expected at most 5"),
+    (trajectory([0.0, 0.6], [[0.0, 0.0, 0.0], [0.0, 1.5, 0.0]]), "joint 'lift': effort")])
+def test_what_cannot_be_filled_is_rejected_with_the_reason(filler, module_node, message, reason):
+    import re
+    before = len(module_node.log)
+    filler.filled.clear()
+    filler.client.diagnostics.clear()
+    filler.publisher.publish(message)
+    assert wait_until(lambda: re.search(f'trajectory rejected: .*{reason}',
+                                        module_node.log[before:])), module_node.log[before:]
+    assert wait_until(lambda: any('rejected: trajectory' in values
+                                  for _, _, values in filler.client.diagnostics))
+    assert not filler.filled
+
+
+def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(filler):
+    plant = Process(module='kane_dynamics.ros.plant.plant_main', robot_description=f"'{URDF}'",
+                    rate=200, publish_clock='true', rate_factor=0.5,
+                    initial__position=START.tolist())
+    loop = subprocess.Popen(
+        [sys.executable, str(HELPERS / 'jtc.py'), ','.join(JOINTS), '100', '10', '0.2'],
+        stdout=subprocess.PIPE, text=True,
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(HELPERS.parents[1])])))
+    try:
+        plant.wait_for('200 joint states/s')
+        assert loop.stdout.readline() == 'ready\n'
+        time.sleep(1.0)  # until the loop has found the plant
+
+        def error(publisher):
+            assert filler.client.call(Trigger, '/plant/reset').success
+            publisher.publish(trajectory())
+            return np.array(json.loads(loop.stdout.readline()))
+        alone, helped = error(filler.direct), error(filler.publisher)
+        print(alone, helped)
+        assert np.linalg.norm(alone) > 20.0 * np.linalg.norm(helped), (alone, helped)
+    finally:
+        loop.terminate()
+        loop.wait(5.0)
+        loop.stdout.close()
+        plant.end()
