@@ -1,14 +1,12 @@
 """Filled trajectories over DDS, and a loop like joint_trajectory_controller that executes them."""
 
 import json
-import os
 from pathlib import Path
-import subprocess
-import sys
+import re
+import signal
 import time
 
 from graph import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
-from jtc import Gains  # noqa: F401  the program that this file starts
 from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics_interfaces.srv import FillTrajectory
@@ -33,10 +31,13 @@ def robot():
 @pytest.fixture(scope='module')
 def module_node():
     process = Process('-r', '~/trajectory_with_effort:=/jtc/joint_trajectory',
-                      robot_description=f"'{URDF}'", diagnostics_rate=20)
-    process.wait_for('active, mode')
-    yield process
-    assert process.end()[0] == 0
+                      robot_description=f"'{URDF}'", diagnostics_rate=20, state_timeout=30.0)
+    try:
+        process.wait_for('active, mode', 120.0)
+        yield process
+    finally:
+        code = process.end()[0]
+    assert code == 0
     assert 'Traceback' not in process.log
 
 
@@ -75,7 +76,7 @@ def filler(module_node, client):
 
 def trajectory(times=TIMES, points=POINTS, names=JOINTS):
     message = JointTrajectory(joint_names=list(names))
-    message.header.stamp.sec, message.header.frame_id = 12, 'world'
+    message.header.frame_id = 'world'
     for t, positions in zip(times, points, strict=True):
         point = JointTrajectoryPoint(positions=np.asarray(positions).tolist())
         point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9), 10**9)
@@ -93,7 +94,7 @@ def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
         np.testing.assert_allclose(got, array, rtol=0, atol=1e-12)
     filled = filler.filled[0]
     assert list(filled.joint_names) == names
-    assert (filled.header.stamp.sec, filled.header.frame_id) == (12, 'world')
+    assert filled.header.frame_id == 'world'
     assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
             for p in filled.points] == pytest.approx(TIMES.tolist(), abs=1e-12)
     answer = filler.client.call(
@@ -116,46 +117,67 @@ def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(
     np.testing.assert_allclose(effort, held, atol=1e-12)
 
 
-@pytest.mark.parametrize(('message', 'reason'), [
-    (trajectory(names=('turn', 'lift', 'gripper')), "'gripper' is not a joint"),
-    (trajectory(points=8.0 * POINTS), "joint 'lift': position .* expected"),
-    (trajectory(0.01 * TIMES), "joint 'turn': velocity .* expected at most 5"),
-    (trajectory([0.0, 0.6], [[0.0, 0.0, 0.0], [0.0, 1.5, 0.0]]), "joint 'lift': effort")])
-def test_what_cannot_be_filled_is_rejected_with_the_reason(filler, module_node, message, reason):
-    import re
-    before = len(module_node.log)
+def rejected(filler, node, message, reason):
+    """Publish a trajectory; wait until log and diagnostics contain the reason."""
+    before = len(node.log)
     filler.filled.clear()
     filler.client.diagnostics.clear()
     filler.publisher.publish(message)
-    assert wait_until(lambda: re.search(f'trajectory rejected: .*{reason}',
-                                        module_node.log[before:])), module_node.log[before:]
+    assert wait_until(lambda: re.search(f'trajectory rejected: {reason}', node.log[before:])), (
+        node.log[before:])
     assert wait_until(lambda: any('rejected: trajectory' in values
                                   for _, _, values in filler.client.diagnostics))
     assert not filler.filled
 
 
-def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(filler):
+@pytest.mark.parametrize(('message', 'reason'), [
+    (trajectory(names=('turn', 'lift', 'gripper')), ".*'gripper' is not a joint"),
+    (trajectory(points=8.0 * POINTS), "joint 'turn': position 5.6 at point 1 .* at most 3"),
+    (trajectory(0.3 * TIMES), "joint 'turn': velocity 5.49.* after point 0 .* at most 5")])
+def test_what_cannot_be_filled_is_rejected_with_the_reason(filler, module_node, message, reason):
+    rejected(filler, module_node, message, reason)
+
+
+def test_efforts_beyond_the_limits_are_rejected_or_clamped(filler, module_node):
+    client = filler.client
+    free = filler.ask(trajectory())[3]
+    assert client.adjust(limits__effort=5.0).successful
+    try:
+        rejected(filler, module_node, trajectory(), "joint 'lift': effort -?10.* at point")
+        assert client.adjust(feedforward__clip=True).successful
+        np.testing.assert_allclose(filler.ask(trajectory())[3], np.clip(free, -5.0, 5.0))
+        assert not client.adjust(feedforward__tolerance=[1.0, 2.0]).successful
+    finally:
+        assert client.adjust(limits__effort=1e3, feedforward__clip=False).successful
+
+
+@pytest.fixture
+def errors(filler):
+    """Return a function: the RMS errors of the loop for a trajectory that a publisher sends."""
     plant = Process(module='kane_dynamics.ros.plant.plant_main', robot_description=f"'{URDF}'",
                     rate=200, publish_clock='true', rate_factor=0.5,
                     initial__position=START.tolist())
-    loop = subprocess.Popen(
-        [sys.executable, str(HELPERS / 'jtc.py'), ','.join(JOINTS), '100', '10', '0.2'],
-        stdout=subprocess.PIPE, text=True,
-        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(HELPERS.parents[1])])))
-    try:
-        plant.wait_for('200 joint states/s')
-        assert loop.stdout.readline() == 'ready\n'
-        time.sleep(1.0)  # until the loop has found the plant
+    loop = Process(program=[str(HELPERS / 'jtc.py'), ','.join(JOINTS), '100', '10', '0.2'])
 
-        def error(publisher):
-            assert filler.client.call(Trigger, '/plant/reset').success
-            publisher.publish(trajectory())
-            return np.array(json.loads(loop.stdout.readline()))
-        alone, helped = error(filler.direct), error(filler.publisher)
-        print(alone, helped)
-        assert np.linalg.norm(alone) > 20.0 * np.linalg.norm(helped), (alone, helped)
+    def errors(publisher):
+        assert filler.client.call(Trigger, '/plant/reset').success
+        before = len(loop.log)
+        publisher.publish(trajectory())
+        assert wait_until(lambda: ']' in loop.log[before:], 60.0), loop.log
+        return np.array(json.loads(loop.log[before:]))
+    try:
+        plant.wait_for('200 joint states/s', 120.0)
+        loop.wait_for('ready')
+        assert wait_until(lambda: filler.direct.get_subscription_count() >= 2)
+        time.sleep(1.0)  # until loop and plant have found each other
+        yield errors
     finally:
-        loop.terminate()
-        loop.wait(5.0)
-        loop.stdout.close()
+        loop.end(signal.SIGTERM)
         plant.end()
+
+
+def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(filler, errors):
+    assert filler.client.adjust(feedforward__tolerance=0.02).successful
+    alone, helped = errors(filler.direct), errors(filler.publisher)
+    print(f'RMS errors {alone} and {helped}: {np.linalg.norm(alone) / np.linalg.norm(helped):.0f}')
+    assert np.linalg.norm(alone) > 20.0 * np.linalg.norm(helped), (alone, helped)

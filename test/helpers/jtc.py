@@ -101,6 +101,7 @@ def drive(joints, gains, hold):
     each joint, and stop commanding.
     """
     import rclpy
+    from rclpy.executors import ExternalShutdownException
     from rclpy.experimental.events_executor import EventsExecutor
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
@@ -143,7 +144,11 @@ def drive(joints, gains, hold):
     executor = EventsExecutor()
     executor.add_node(node)
     print('ready', flush=True)
-    executor.spin()
+    try:
+        while True:
+            executor.spin_once(0.5)
+    except ExternalShutdownException:
+        pass
 
 
 if __name__ == '__main__':
