@@ -27,6 +27,7 @@ COMMANDS = {
     'excite': ('A motion to record for identify', 'commands.excite'),
     'replay': ('Computed and measured torques of a recording', 'commands.replay'),
     'feasible': ('Check of a motion against the limits of the joints', 'commands.feasible'),
+    'fill': ('Efforts for a trajectory of joint_trajectory_controller', 'fill_command.fill'),
     'doctor': ('Problems of a URDF, its node and its ROS graph', 'commands.doctor'),
     'view': ('The robot, its motion and its loads in the browser', 'commands.view'),
     'demo': ('Feedforward on a simulated arm, live', 'commands.demo'),
