@@ -13,7 +13,6 @@ import numpy as np
 import yaml
 
 JOINT_TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
-FIELDS = ('positions', 'velocities', 'accelerations')
 
 
 class Points(NamedTuple):
@@ -51,7 +50,7 @@ def read_points(path: str, joint_names: Sequence[str], topic: str | None) -> lis
         return [Points(tuple(saved.joint_names), saved.t, (saved.q, saved.u, saved.udot))]
     if Path(path).suffix in ('.yaml', '.yml'):
         given, times, rows = read_yaml_points(path)
-        return [Points(tuple(given), times, tuple(rows))]
+        return [Points(tuple(given), times, (rows[0], rows[1], rows[2]))]
     states = read_states(path, names)
     if states.t is None or states.q is None:
         raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a motion")
@@ -63,8 +62,8 @@ def _bag_points(path: Path, topic: str | None) -> list[Points]:
     found = [Points(tuple(message.joint_names),
                     [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
                      for p in message.points],
-                    tuple([getattr(p, field) for p in message.points] for field in FIELDS),
-                    name, logged, message)
+                    ([p.positions for p in message.points], [p.velocities for p in message.points],
+                     [p.accelerations for p in message.points]), name, logged, message)
              for name, logged, message in bag_messages(path, JOINT_TRAJECTORY, topic)]
     if not found:
         raise InputError(f'{path}: no trajectory; expected one or more messages of type '

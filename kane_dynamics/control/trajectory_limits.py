@@ -80,7 +80,7 @@ def _check(what: str, t: Array, values: Array, low: Array, high: Array, names: S
     if not wrong.any():
         return
     beyond = np.maximum(low - values, values - high)
-    k, j = np.unravel_index(np.argmax(np.where(wrong, beyond, -np.inf)), values.shape)
+    k, j = divmod(int(np.argmax(np.where(wrong, beyond, -np.inf))), values.shape[1])
     value, least, most = (float(x) for x in (values[k, j], low[j], high[j]))
     expected = f'at most {most:.6g}' if value > most else f'at least {least:.6g}'
     raise InputError(f"joint '{names[j]}': {what} {value:.6g} {place(float(t[k]), given)}; "

@@ -13,6 +13,9 @@ from kane_dynamics.mechanics.algebra.spline import (inside_segments, segment_end
                                                     spline_velocities)
 from kane_dynamics.motion.points import State
 import numpy as np
+from numpy.typing import NDArray
+
+Segments = NDArray[np.intp]  # numbers of segments
 
 AT_REST = 1e-6  # rad/s or m/s: the controller refuses trajectories that end faster
 
@@ -21,7 +24,7 @@ class ControllerPoints(NamedTuple):
     """
     Points of a trajectory: times (K,), s; positions, velocities, accelerations (K, n).
 
-    `select` and `insert` refer to the segments between the points by number.
+    The segments between the points have the numbers 0 to K - 2.
     """
 
     t: Array
@@ -29,12 +32,12 @@ class ControllerPoints(NamedTuple):
     u: Array
     udot: Array
 
-    def inside(self, segments: Array, x: Array) -> State:
+    def inside(self, segments: Segments, x: Array) -> State:
         """Return q, u, udot, (m, S, n), at the fractions x, (m,), of some segments, (S,)."""
         ends = segment_ends(self.t, self.q, self.u, self.udot)
         return inside_segments(ends[:, segments], np.diff(self.t)[segments], x)
 
-    def halved(self, segments: Array) -> 'ControllerPoints':
+    def halved(self, segments: Segments) -> 'ControllerPoints':
         """
         Return the points with one more in the middle of each of some segments, (S,).
 

@@ -116,9 +116,9 @@ class Motion:
         if lacking:
             raise InputError(f'motion: joints {list(given)}; expected {lacking} too')
         columns = [given.index(name) for name in names]
-        t, *tables = trajectory_points(times, positions, velocities, accelerations, given)
-        q = tables[0][:, columns]
-        u, udot = (None if table is None else table[:, columns] for table in tables[1:])
+        t, q, *derivatives = trajectory_points(times, positions, velocities, accelerations, given)
+        q = q[:, columns]
+        u, udot = (None if table is None else table[:, columns] for table in derivatives)
         rest = np.zeros(len(names))
         if start is not None and t[0] > 0.0:
             first = start_state(start, names)

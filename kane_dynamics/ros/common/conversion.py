@@ -122,8 +122,8 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_poi
         times that do not increase, or non-finite numbers.
 
     """
-    times, *columns = point_columns(message, joints, max_points)
-    return Motion.from_points(times, *columns, joint_names=joints, start=start)
+    times, q, u, udot = point_columns(message, joints, max_points)
+    return Motion.from_points(times, q, u, udot, joint_names=joints, start=start)
 
 
 def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: int

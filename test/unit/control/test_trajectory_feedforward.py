@@ -120,7 +120,7 @@ def test_an_infinite_tolerance_reports_the_error_and_inserts_nothing():
 
 
 def test_insertion_is_bounded():
-    with pytest.raises(InputError, match='tolerance: [0-9]+ points or more; expected at most 50'):
+    with pytest.raises(InputError, match=r'tolerance: [0-9]+ points or more; expected at most 50'):
         fill_trajectory(arm(), TIMES, POINTS, tolerance=1e-6, max_points=50)
     with pytest.raises(InputError, match='trajectory: 5 points or more; expected at most 4'):
         fill_trajectory(arm(), TIMES, POINTS, max_points=4)
@@ -174,7 +174,7 @@ def test_some_joints_in_any_order_with_the_others_at_rest():
         whole[:, [4, 3]] = part
     np.testing.assert_allclose(filled.efforts, arm().inverse_dynamics(q, u, udot)[:, [4, 3]],
                                atol=1e-12)
-    with pytest.raises(InputError, match='joint_names: without fr3_joint1, .*; expected these'):
+    with pytest.raises(InputError, match=r'joint_names: without fr3_joint1, .*; expected these'):
         fill_trajectory(arm(), TIMES, POINTS[:, [4, 3]], joint_names=names)
     with pytest.raises(InputError, match="joint_names: 'gripper' is not a joint of the robot"):
         fill_trajectory(arm(), TIMES, POINTS[:, [4, 3]], joint_names=('fr3_joint1', 'gripper'))
