@@ -6,9 +6,10 @@ from functools import partial
 import sys
 import time
 
-from kane_dynamics import (absolute_rates, Closure, Coupling, FlexibleLink, knife_edge, Model,
-                           ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod, simulate)
-from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
+from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink, knife_edge,
+                           Model, ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod,
+                           Rolling, simulate)
+from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing, TURNS
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.torque_input import torque_input
@@ -16,6 +17,7 @@ from native_loop import kernel_loop, Race, shipped_arm, STATES
 import numpy as np
 
 PLAIN, CLOCK = 'the plain arm', 'the clock'
+NEAR = {'four-bar': (0.8, 0.0, -1.5), 'rolling disc': (0.0, 0.0, 0.0, 0.3, 0.2, 0.1)}
 
 
 def choices(model: Model) -> dict[str, dict[str, object]]:
@@ -55,20 +57,20 @@ def unwatched(robot: Robot) -> Robot:
                   independent=robot.speed_names)
     equations = copy(other.equations)
     equations.watched = False
-    other.equations = equations
-    other.kernels = KernelSet(equations, None, other.parameters.block)
+    vars(other).update(equations=equations,  # robots refuse assignments
+                       kernels=KernelSet(equations, None, other.parameters.block))
     return other
 
 
 def watch_costs() -> list[Race]:
-    """Race steps and forward dynamics with their watch against the same without it."""
+    """Race steps and forward dynamics (native loop, calls) with their watch to those without."""
     model = shipped_arm('ur10e')
-    robots = {'four-bar': four_bar(),
+    robots = {'four-bar': four_bar(), 'rolling disc': rolling_disc(),
               **{what: Robot(model, **given) for what, given in choices(model).items()
                  if 'constraints' in given}}
     rng, result = np.random.default_rng(0), []
     for name, robot in robots.items():
-        q = robot.closed_posture((0.8, 0.0, -1.5) if name == 'four-bar' else
+        q = robot.closed_posture(NEAR[name] if name in NEAR else
                                  rng.uniform(-1.0, 1.0, robot.n_q))
         u = rng.uniform(-0.1, 0.1, robot.n)
         loops: dict[str, Callable[[], object]] = {}
@@ -81,13 +83,21 @@ def watch_costs() -> list[Race]:
                 one.kernels.quantity('forward_dynamics'),
                 {'q': np.tile(q, (STATES, 1)), 'u': np.tile(u, (STATES, 1)),
                  'tau': np.tile(u, (STATES, 1))})
-        timing = interleaved(loops)
+            loops[f'calls {what}'] = partial(call_each, one, q, u)
+        timing = interleaved(loops, 4 * TURNS, time.process_time)
         result += [Race(name, robot.n, f'{what} with the watch of constraints', 'without it',
                         timing.median(f'{what} watched') / STATES,
                         timing.median(f'{what} not') / STATES,
                         timing.ratio(f'{what} not', f'{what} watched'))
-                   for what in ('step', 'dynamics')]
+                   for what in ('step', 'dynamics', 'calls')]
     return result
+
+
+def call_each(robot: Robot, q: np.ndarray, u: np.ndarray) -> None:
+    """Call forward dynamics from Python once for each of `STATES`."""
+    call = robot.forward_dynamics
+    for _ in range(STATES):
+        call(q, u, u)
 
 
 def four_bar() -> Robot:
@@ -102,6 +112,14 @@ def four_bar() -> Robot:
     b.frame('ground', 'world', at=(1, 0, 0))
     return Robot(b.model(), constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))],
                  independent=['crank'])
+
+
+def rolling_disc() -> Robot:
+    """Return a thin disc that rolls on a plane."""
+    b = ModelBuilder('rolling disc')
+    b.body('disc', kind='floating', turns='zxy', at=(0, 0, 0.5),
+           matter=disc(1.0, 0.5, axis=(0, 1, 0)))
+    return Robot(b.model(), constraints=[Rolling('disc', 0.5, axis=(0, 1, 0))])
 
 
 def flexible_arm(modes: tuple[int, int], **joint: object) -> Robot:

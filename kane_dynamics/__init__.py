@@ -8,9 +8,10 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.analysis.vibration import natural_vibration
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
-    from kane_dynamics.control.controller import Controller, Mode, Terms
+    from kane_dynamics.control.controller import Controller, Mode
     from kane_dynamics.control.momentum_observer import MomentumObserver
     from kane_dynamics.control.quasi_static import QuasiStatic
+    from kane_dynamics.control.terms import Terms
     from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
                                                               FilledTrajectory)
     from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
@@ -53,9 +54,10 @@ _NAMES_BY_MODULE = {
     'analysis.vibration': 'natural_vibration',
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
-    'control.controller': 'Controller Mode Terms',
+    'control.controller': 'Controller Mode',
     'control.momentum_observer': 'MomentumObserver',
     'control.quasi_static': 'QuasiStatic',
+    'control.terms': 'Terms',
     'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',
     'errors':
         'CompileError ConstraintError InputError KaneError ModelError ModelWarning SweepError '
@@ -102,5 +104,5 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
 
 
 def __dir__() -> list[str]:
-    """Return what there is, public names that were not used yet included."""
+    """Return all names, including public names that are not imported yet."""
     return sorted({*globals(), *__all__})

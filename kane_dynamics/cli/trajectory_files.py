@@ -1,4 +1,4 @@
-"""Joint trajectories in files: points from YAML, CSV, npz and bags; filled ones to YAML and bags."""
+"""Joint trajectories in files: reads YAML, CSV, npz and bags, writes YAML and bags."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -12,8 +12,8 @@ import math
 
 from kane_dynamics._util.checks import finite_row, per_joint
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.controller import Terms
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.control.trajectory_limits import check_efforts, check_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -71,7 +71,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
                     velocities: ArrayLike | None = None, accelerations: ArrayLike | None = None,
                     *, joint_names: Sequence[str] | None = None, rest: ArrayLike | None = None,
                     start: Start | None = None, tolerance: ArrayLike | None = None,
-                    compensate: Terms = Terms(), effort_limit: ArrayLike = math.inf,
+                    compensate: Terms = EVERY_TERM, effort_limit: ArrayLike = math.inf,
                     clip: bool = False, max_points: int = MOST_POINTS,
                     bending: QuasiStatic | None = None) -> FilledTrajectory:
     """

@@ -23,9 +23,11 @@ def check_motion(points: ControllerPoints, limits: JointLimits, names: Sequence[
     Parameters
     ----------
     points : ControllerPoints
+        The motion.
     limits : JointLimits
         Of the same joints.
     names : sequence of str
+        Names of the joints.
     given : (K,) array
         Times of the points as they were given, s, for messages.
 

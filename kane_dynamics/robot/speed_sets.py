@@ -5,6 +5,7 @@ from functools import partial
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.dual import moving
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
                                                               figure, scaled_rows, SHARE,
                                                               SINGULAR, singular_error, Stack,
@@ -77,14 +78,17 @@ class SpeedSets:
         Raises
         ------
         ConstraintError
-            The independent speeds do not determine the motion there, a loop is open, or rows
-            that were left out are not redundant there.
+            A user-defined function or its derivative is not finite, the independent speeds do
+            not determine the motion there, a loop is open, or rows that were left out are not
+            redundant there.
 
         """
         q = state.get('q')
         if q is None:
             return None
         t = float(state.get('t', np.zeros(())))
+        for of_state in (False, True):  # a function that is not finite is refused by name
+            own.functions(own.state(moving(q, np.ones(len(q))), moving(t, 1.0)), of_state)
         stack = stacked(own, q, t)
         choice = best_choice(own, stack, own.free)
         if not choice.figure < SINGULAR:
@@ -143,7 +147,7 @@ def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most:
     if off.max() > most:
         k = others[int(np.argmax(off))]
         raise ConstraintError(f"{where}constraint '{mechanism.labels[k]}' contradicts the others "
-                              f'{at}: its velocity is off by {off.max():.3g}')
+                              f'{at}: its velocity residual is {off.max():.3g}; expected 0')
 
 
 def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:

@@ -15,8 +15,10 @@ import warnings
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.simulation_arguments import (
@@ -60,7 +62,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     step : float
         s.
     torque : None, array, callable or ComputedTorque
-        None: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
+        None: zero torque. (n,): constant. (K, n) with at least one row per step: row k is held
         during step k. (N, K, n): a table for each of N initial states (other forms apply to all).
         ``torque(t, q, u)``: evaluated once a step and held; for a single initial state only,
         because Python would be called N times a step. `ComputedTorque`: evaluated continuously,
@@ -93,12 +95,14 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         finite), with the time and the joint.
     ConstraintError
         The motion comes to a kinematic singularity (a dead point); independent speeds that the
-        user named become singular; constraints contradict each other; or a loop's residual after
-        one step is too large. Names the time, the configuration and the constraint.
+        user named become singular; constraints contradict each other; a loop's residual after
+        one step is too large; or a user-defined function jumps or is not finite. Names the time,
+        the constraint, and the configuration or the size of the jump.
 
     Warns
     -----
     ModelWarning
+        An initial position looks like degrees (see the page on limits).
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
         at the (first) initial configuration: the motion near rest is inaccurate (`longest_step`).
         The error of the energy balance is above that expected of the step: names the time of its
@@ -110,6 +114,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
+    warn_of_degrees(robot, starts[:, :robot.n_q], 'q0')
+    jumps = JumpWatch(robot, starts, t0, step, count, single)
     step_text = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=2)
@@ -125,10 +131,10 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         source = SwitchingInput(source, N, integrator, single)
     if callable(torque):
         kept, states, tau, events, balance = _run_callable(source, starts[0], count, every, torque,
-                                                           progress, t0, integrator)
+                                                           progress, t0, integrator, jumps)
     else:
         kept, states, events, balance = _run_native(source, starts, single, count, every,
-                                                    progress, t0, integrator)
+                                                    progress, t0, integrator, jumps)
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
@@ -146,7 +152,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
 
 
 def _run_native(source: Any, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None, t0: float, integrator: str
+                progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch
                 ) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
     """Step in native chunks; return the kept steps, their states, events, energy balance."""
     robot, (N, size) = source.robot, starts.shape
@@ -162,10 +168,12 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
         chunk = min(chunk, most, count - done)
         buffer = np.empty((N, chunk + 1, size))
         buffer[:, 0] = starts
+        jumps.look_ahead(done, chunk)
         started = time.perf_counter()
         extremes = source.advance(buffer, done, single)
         took = time.perf_counter() - started
         _finite(robot, buffer, done, source.step, single)
+        jumps.look_back(buffer, done)
         watch.look(buffer[:, 1:],
                    t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step),
                    extremes)
@@ -181,7 +189,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
-    """Return steps and states up to the end of a simulation, its last state included."""
+    """Return steps and states up to the end of a simulation, including its last state."""
     rows = int(np.searchsorted(kept, done, side='right'))
     if kept[rows - 1] < done:
         kept[rows], states[:, rows], rows = done, last, rows + 1
@@ -189,7 +197,7 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 
 def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
-                  progress: Progress | None, t0: float, integrator: str
+                  progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch
                   ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
     """Step with a Python torque function, evaluated before every step."""
     robot, step = source.robot, source.step
@@ -203,6 +211,8 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
     reported = time.perf_counter()
     for k in range(count + 1):
         j = k % FIRST_CHUNK
+        if j == 0 and k < count:
+            jumps.look_ahead(k, min(FIRST_CHUNK, count - k))
         state = buffer[0, j].copy()
         t = t0 + k * step
         seen = (source.user_state(0, state, k) if isinstance(source, SwitchingInput) else
@@ -227,6 +237,7 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
             if progress(t0 + (k + 1) * step) is False:
                 count = k + 1
         if j + 1 == FIRST_CHUNK or k + 1 == count:
+            jumps.look_back(buffer[:, :j + 2], k - j)
             watch.look(buffer[:, 1:j + 2],
                        t0 + np.arange(k - j + 1, k + 2) * np.float64(step))
             balance.look(source.in_own_speeds(buffer[:, :j + 2], k - j), k - j,

@@ -36,17 +36,25 @@ MOST_CHANGES = 20  # at one state
 
 @dataclass(frozen=True)
 class Phase:
-    """The current choice of a simulation: its robot, and the largest figure allowed."""
+    """Current speeds of a simulation: its robot, and the largest conditioning figure allowed."""
 
     robot: Robot
     limit: float
 
 
 def trusted(states: Array) -> Any:
-    """Return which states, (..., size), are finite with a positive margin; first always true."""
-    good = np.isfinite(states).all(axis=-1) & (states[..., -1] > 0.0)
-    good[..., 0] = True
+    """Return which states, (K, size), are finite with a positive margin; first always true."""
+    good = np.isfinite(states).all(axis=-1) & (states[:, -1] > 0.0)
+    good[0] = True
     return good
+
+
+def all_trusted(buffer: Array) -> Any:
+    """Return for which simulations, (N, K, size), every state is `trusted`."""
+    with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
+        whole = np.isfinite(buffer.sum(axis=(1, 2))) & (buffer[:, 1:, -1] > 0.0).all(axis=1)
+    whole[~whole] = [trusted(states).all() for states in buffer[~whole]]
+    return whole
 
 
 class SwitchingInput:
@@ -87,12 +95,11 @@ class SwitchingInput:
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """Compute the states after each step; as `TorqueInput.advance`."""
-        every = list(range(len(buffer)))
         groups: dict[tuple[int, float], list[int]] = {}
-        for i in every if self._elsewhere else []:
+        for i in range(len(buffer)) if self._elsewhere else ():
             groups.setdefault((id(self._phases[i].robot), self._phases[i].limit), []).append(i)
         extremes = None
-        for places in list(groups.values()) or [every]:
+        for places in list(groups.values()) or [list(range(len(buffer)))]:
             source = self._source_of(places)
             if len(places) == len(buffer):
                 extremes = source.advance(buffer, done, single)
@@ -100,13 +107,12 @@ class SwitchingInput:
                 part = np.ascontiguousarray(buffer[places])
                 source.advance(part, done, False)
                 buffer[places] = part
-        good = trusted(buffer)
-        whole = good.all(axis=1)
+        whole = all_trusted(buffer)
         for i in sorted(self._elsewhere):
             if whole[i]:
                 self._look_closely(i, buffer[i], done)
         for i in np.flatnonzero(~whole).tolist():
-            self._resume(i, buffer[i], int(np.argmin(good[i])), done)
+            self._resume(i, buffer[i], int(np.argmin(trusted(buffer[i]))), done)
         if single:
             return None
         if extremes is None or not whole.all():
@@ -205,7 +211,7 @@ class SwitchingInput:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
                 f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
-                f'{abs(stack.residual[worst]):.3g} (m or rad) where they hold')
+                f'{abs(stack.residual[worst]):.3g} (m or rad) where the others hold; expected 0')
         raise self._diverged(i, done + 1)
 
     def _preferred(self, stack: Any) -> Any:
@@ -290,5 +296,5 @@ class SwitchingInput:
         return f'{which}, {self._time(done):.6g} s: '
 
     def _diverged(self, i: int, done: int) -> InputError:
-        which = 'the simulation' if self._single else f'simulation {i}'
-        return diverged_error(which, self._time(done), self.step)
+        return diverged_error('the simulation' if self._single else f'simulation {i}',
+                              self._time(done), self.step)

@@ -25,6 +25,12 @@ FORMS = {'Passerello and Huston': PasserelloHuston(), 'vector variations': Hamil
 SCLERONOMIC = ('a point in the world', 'a point seen from a body', 'a knife edge', 'a coupling')
 
 
+def shortly(kinds, *always):
+    """Return the kinds, all but a few marked as slow: fifteen coordinates take seconds each."""
+    return [kind if kind in always else pytest.param(kind, marks=pytest.mark.slow)
+            for kind in kinds]
+
+
 def close(value, expected, size=None):
     """Assert agreement to 1e-9 of the size, by default that of the second array."""
     size = 1.0 + np.abs(expected).max() if size is None else size
@@ -177,14 +183,14 @@ def test_singular_speeds_and_constraints_are_named():
         admissible(rates, np.zeros(2), np.ones(1), np.ones(1))
 
 
-@pytest.mark.parametrize('kind', CLOSURES)
+@pytest.mark.parametrize('kind', shortly(CLOSURES, 'universal', 'distance'))
 def test_energy_road_is_kanes_under_every_closure(kind):
     mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
     powers, size = check(mechanism, 3)
     assert powers.max() < 1e-9 * size
 
 
-@pytest.mark.parametrize('kind', ROLLING_TESTED)
+@pytest.mark.parametrize('kind', shortly(ROLLING_TESTED, 'ball on plane', 'wheel on sphere'))
 def test_energy_road_is_kanes_in_rolling_on_what_moves(kind):
     powers, size = check(rolling_pair(kind), 4)
     assert powers.max() < 1e-9 * size

@@ -6,7 +6,7 @@ from typing import Any
 
 from kane_dynamics.cli.commands.inspect_command import print_table
 from kane_dynamics.cli.shared import load, print_json, warn_degrees
-from kane_dynamics.control.controller import Terms
+from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -60,7 +60,7 @@ def _filled(options: Namespace, robot: Robot, points: Any) -> FilledTrajectory:
     return fill_trajectory(
         robot, points.times, *points.rows, joint_names=points.joint_names, rest=options.pose,
         tolerance=tolerance[0] if tolerance and len(tolerance) == 1 else tolerance,
-        compensate=Terms(**{name: False for name in options.without}), clip=options.clip)
+        compensate=Terms(**dict.fromkeys(options.without, False)), clip=options.clip)
 
 
 def _print(filled: FilledTrajectory, robot: Robot) -> None:

@@ -30,35 +30,42 @@ class Timing:
 
 
 Contender = Callable[[], object] | Timer  # a Timer avoids the cost of a function call
+Clock = Callable[[], float]
 
 
-def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS) -> Timing:
-    """Time contenders alternately in shuffled order, each for about `TURN_SECONDS` per turn."""
-    counts = {name: _calls_a_turn(call) for name, call in contenders.items()}
+def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS,
+                clock: Clock = time.perf_counter) -> Timing:
+    """
+    Time contenders alternately in shuffled order, each for about `TURN_SECONDS` per turn.
+
+    `clock` returns s; `time.process_time` excludes other processes, for single-threaded contenders
+    whose small difference matters.
+    """
+    counts = {name: _calls_a_turn(call, clock) for name, call in contenders.items()}
     seconds: dict[str, list[float]] = {name: [] for name in contenders}
     order = list(contenders)
     shuffle = random.Random(0).shuffle
     for _ in range(turns):
         shuffle(order)
         for name in order:
-            seconds[name].append(_time(contenders[name], counts[name]) / counts[name])
+            seconds[name].append(_time(contenders[name], counts[name], clock) / counts[name])
     return Timing({name: np.array(values) for name, values in seconds.items()})
 
 
-def _time(call: Contender, count: int) -> float:
+def _time(call: Contender, count: int, clock: Clock) -> float:
     if isinstance(call, Timer):
         return call.timeit(count)
     loop = range(count)
-    start = time.perf_counter()
+    start = clock()
     for _ in loop:
         call()
-    return time.perf_counter() - start
+    return clock() - start
 
 
-def _calls_a_turn(call: Contender) -> int:
-    """Return the number of calls that fill a turn."""
-    _time(call, 1)  # the first call may compile
+def _calls_a_turn(call: Contender, clock: Clock) -> int:
+    """Return the number of calls in a turn of about `TURN_SECONDS`."""
+    _time(call, 1, clock)  # the first call may compile
     count = 1
-    while (took := _time(call, count)) < 0.2 * TURN_SECONDS:
+    while (took := _time(call, count, clock)) < 0.2 * TURN_SECONDS:
         count *= 4
     return max(1, round(count * TURN_SECONDS / took))

@@ -30,7 +30,7 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     if small.size and np.abs(stack.residual).max(initial=0.0) < OPEN:
         figure = 2.0 * max(float(small.max()), float(np.abs(stack.residual).max(initial=0.0)))
         words.append(f'if {small.max():.3g} is rounding of the description, rank_tolerance='
-                     f'{figure:.1g} takes it for zero')
+                     f'{figure:.1g} treats it as zero')
     words += _kinds(mechanism, q)
     return '; '.join(words)
 

@@ -2,9 +2,10 @@
 Conditioning of the system of independent speeds and constraint rows, and its best choice.
 
 The system of a mechanism, S q' = s with S = [Y_I; J_kept], is ill-conditioned where its rows are
-nearly dependent. The figure (of conditioning) is the Frobenius norm of S^-1 in scaled units: rates
-of sliding joints relative to the mechanism's length, each row relative to its size at the sample
-configurations. Every kernel computes S^-1, so the figure only adds a sum of squares.
+nearly dependent. The conditioning figure (`figure` below, similar to a condition number) is the
+Frobenius norm of S^-1 in scaled units: rates of sliding joints relative to the mechanism's length,
+each row relative to its size at the sample configurations. Every kernel computes S^-1, so the
+figure only adds a sum of squares.
 
 `margin` is traced into the kernels of constrained robots. The other functions are numeric: they
 choose speeds and rows, and write the errors for a state without a positive margin.
@@ -16,6 +17,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
@@ -29,15 +31,17 @@ SHARE = 0.5  # of a limit: above it, that limit is the reason for a negative mar
 
 
 def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
-    """Return the squared figure of a system, (n_q, n_q), from its inverse, over any scalar."""
-    reciprocal = 1.0 / mechanism.units
-    total: Any = 0.0
+    """Return the squared conditioning figure of S, (n_q, n_q), from its inverse."""
+    alike: dict[Any, Any] = {}  # sums of squares of entries with the same weight
     n = mechanism.n
     for r in range(len(S)):  # a speed is scaled by its own norm
         size_2 = (_square(S[r] * mechanism.units) if r < n else
                   mechanism.sizes[mechanism.kept[r - n]]**2)
-        total = total + size_2 * _square(inverse[:, r] * reciprocal)
-    return total
+        for unit, x in zip(mechanism.units, inverse[:, r]):
+            if not is_zero(x):
+                weight = size_2 * (1.0 / unit**2)
+                alike[weight] = alike.get(weight, 0.0) + x * x
+    return sum((weight * total for weight, total in alike.items()), start=0.0)
 
 
 def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None) -> Any:
@@ -79,7 +83,10 @@ def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any
     n = mechanism.n
     at_zero = inverse @ s
     for k in mechanism.left_out:
-        row, weight = rows.J[k], 1.0 / mechanism.sizes[k]**2
+        row = rows.J[k]
+        if any(_identical([*row, rows.b[k]], [*rows.J[j], rows.b[j]]) for j in mechanism.kept):
+            continue  # for example the second wheel on an axle, across it
+        weight = 1.0 / mechanism.sizes[k]**2
         through = [_dot(row, inverse[:, r]) for r in range(n)]
         moved = sum((x * x * _square(S[r] * mechanism.units) for r, x in enumerate(through)
                      if not is_zero(x)), start=0.0)
@@ -89,20 +96,19 @@ def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any
 
 
 def guarded(values: Any, condition: Any) -> Any:
-    """
-    Return values with NaN as the first entry unless a condition is positive.
-
-    Arithmetic only, because a traced program does not branch: the square root r of a negative
-    number is NaN, and r / r is 1 otherwise.
-    """
+    """Return values with NaN as the first entry unless a condition is positive."""
     result = np.array(values, dtype=object)
     if isinstance(condition, float) or not result.size:
         return values
-    root = np.sqrt(condition)
-    one = root / root
     first = (0,) * result.ndim
-    result[first] = one - 1.0 if is_zero(result[first]) else result[first] * one
+    result[first] = select(condition > 0.0, result[first], np.nan)
     return result
+
+
+def _identical(a: Any, b: Any) -> bool:
+    """Return whether two vectors have the same entries: equal traced values are one object."""
+    return all(x is y or (isinstance(x, float) and isinstance(y, float) and x == y)
+               for x, y in zip(a, b))
 
 
 def _square(vector: Any) -> Any:
@@ -138,7 +144,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class Choice:
-    """Numbers of the independent speeds and of the rows kept, and the figure of their system."""
+    """Indices of the independent speeds and of the kept rows, with their conditioning figure."""
 
     free: tuple[int, ...]
     kept: tuple[int, ...]
@@ -168,7 +174,7 @@ def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
 
 
 def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequence[int]) -> float:
-    """Return the figure of a choice; infinite for a singular system."""
+    """Return the conditioning figure of a choice; infinite for a singular system."""
     Y, J = scaled_rows(mechanism, stack)
     S = np.concatenate([Y[list(free)], J[list(kept)]])
     if not np.isfinite(S).all():

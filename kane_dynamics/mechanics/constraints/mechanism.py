@@ -10,7 +10,7 @@ and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns o
 joint rates of the independent speeds (nonholonomic under constraints), so a generalized force is
 T^T times the joint forces. The columns of N are those of the auxiliary speeds J q' - b, which are
 zero in every motion: N^T times the joint forces are the constraint forces (Kane & Levinson,
-section 4.9).
+chapter 4).
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,8 @@ from typing import Any
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.constraints import Constraint, ConstraintRows
+from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, DependentSpeeds,
+                                                 PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen
@@ -65,8 +66,8 @@ class Mechanism:
         See `speeds.chosen`; joint rates by default.
     constraints : sequence of constraints
     free, kept : sequences of int
-        Numbers of the independent speeds, and of the rows that are independent of each other;
-        `structured` finds them.
+        Indices of the independent speeds and of linearly independent rows, from
+        `independent_speeds.choose_independent`.
     sizes : sequence of float, optional
         Approximate size of each row, in `units`; 1 by default.
     rank_tolerance : float
@@ -94,6 +95,8 @@ class Mechanism:
         self.kept = list(range(len(self.labels))) if kept is None else list(kept)
         self.owners = tuple(c.name for c in self.constraints for _ in c.labels)
         self.sizes = (1.0,) * len(self.labels) if sizes is None else tuple(sizes)
+        self._rolling = [c for c in self.constraints if isinstance(c, Rolling) and (
+            c.has_surface_rows and sum(self.owners[k] == c.name for k in self.kept) == 3)]
         self.rank_tolerance = rank_tolerance
         self.length = length_of(model)
         self.units = np.array([self.length if name in model.sliding else 1.0
@@ -121,7 +124,7 @@ class Mechanism:
 
     @property
     def left_out(self) -> list[int]:
-        """Return the numbers of the rows that follow from those kept."""
+        """Return the indices of the rows that are redundant."""
         return [k for k in range(len(self.labels)) if k not in self.kept]
 
     @property
@@ -151,12 +154,45 @@ class Mechanism:
         b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
         return ConstraintRows(J, b, tuple(x for part in parts for x in part.residual))
 
+    def functions(self, here: MechanismState, of_state: bool) -> dict[tuple[str, str], Any]:
+        """
+        Return the user-defined functions that must be continuous, by name and unit.
+
+        They are those of t alone or, with `of_state`, those of q and t.
+        """
+        units = {'position(t)': ' (m or rad)', 'the velocity of position(t)': ' (m/s or rad/s)',
+                 'value(t)': ' (m/s or rad/s)'}
+        found = {} if self.speeds.key or not of_state else {
+            (f'speeds: {name}(q, t)', ''): x
+            for name, x in zip('YZ', self.speeds.of(here.q, here.t))}
+        for constraint in self.constraints:
+            if isinstance(constraint, DependentSpeeds if of_state else
+                          Prescribed | PointVelocity):
+                found |= {(f"constraint '{constraint.name}': {name}", units.get(name, '')): x
+                          for name, x in constraint.functions(here).items()}
+        return found
+
     def system(self, here: MechanismState) -> tuple[Any, Any]:
-        """Return S, (n_q, n_q), and s at u_I = 0, (n_q,)."""
+        """
+        Return S, (n_q, n_q), and s at u_I = 0, (n_q,).
+
+        Rows of wheels with all rows kept are `Rolling.surface_rows`.
+        """
         Y, Z = here.speed_rows(self.speed_names)
-        rows = self.rows(here)
-        return (np.concatenate([Y, rows.J[self.kept]]),
-                np.concatenate([-Z, rows.b[self.kept]]))
+        parts = [constraint.surface_rows(here)[0] if constraint in self._rolling
+                 else constraint.rows(here) for constraint in self.constraints]
+        J = np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)])
+        b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
+        return np.concatenate([Y, J[self.kept]]), np.concatenate([-Z, b[self.kept]])
+
+    def _of_rows(self, here: MechanismState, N: Any) -> Any:
+        """Return joint rates per unit of the auxiliary speeds of `rows`, from those of S."""
+        result = np.array(N, dtype=object)
+        for constraint in self._rolling:
+            places = [k for k, row in enumerate(self.kept)
+                      if self.owners[row] == constraint.name]
+            result[:, places] = N[:, places] @ constraint.surface_rows(here)[1].T
+        return result if self._rolling else N
 
     def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0,
                      links: Sequence[Link] | None = None) -> JointMotion:
@@ -180,7 +216,8 @@ class Mechanism:
             S is singular in every configuration.
 
         """
-        S, s = self.system(self.state(q, t, links))
+        here = self.state(q, t, links)
+        S, s = self.system(here)
         inverse = self.solved(S, np.eye(len(S)))
         none = np.zeros(len(self.kept)).astype(object)
         qdot = inverse @ (np.concatenate([u, none]) + s)
@@ -189,7 +226,8 @@ class Mechanism:
         S_rate = rates(S_moving)
         qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
         T = inverse[:, :self.n]
-        return JointMotion(qdot, qddot, T, inverse[:, self.n:], -(inverse @ (S_rate @ T)))
+        return JointMotion(qdot, qddot, T, self._of_rows(here, inverse[:, self.n:]),
+                           -(inverse @ (S_rate @ T)))
 
     def solved(self, S: Any, right: Any) -> Any:
         """Return S^-1 times a vector or a matrix; ConstraintError if S is always singular."""

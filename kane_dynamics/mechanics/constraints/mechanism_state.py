@@ -1,9 +1,10 @@
 """A mechanism at one configuration and time: poses, partial velocities, speeds."""
 
 from collections.abc import Sequence
-from functools import cached_property
+from copy import copy
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
@@ -12,6 +13,8 @@ from kane_dynamics.mechanics.recursive import frame_kinematics
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
+
+PARALLEL = 1e-12  # 1 - cos(angle) below which a joint turns a wheel about its axle
 
 
 class MechanismState:
@@ -24,17 +27,38 @@ class MechanismState:
         self.width = model.n  # of rows
         self._speeds = speeds
         self._links = links
+        self._axes = WORLD
 
-    @cached_property
+    @lazy_property
     def _bodies(self) -> tuple[kinematics.Configuration, ...]:
         return kinematics.configurations(self.model, self.q)
 
-    @cached_property
-    def _link_poses(self) -> list[tuple[Any, Any]]:
-        return frame_kinematics.link_poses(self._links or (), self.q)
+    @lazy_property
+    def _link_poses(self) -> frame_kinematics.LinkPoses:
+        return frame_kinematics.LinkPoses(self._links or (), self.q, self._axes)
+
+    def in_axes_of(self, frame: str | Frame) -> 'MechanismState':
+        """Return this state with vectors in the axes of a body; the definition's stay as is."""
+        body = self._frame(frame).body
+        if self._links is None or body == self._axes:
+            return self
+        other = copy(self)
+        other.__dict__.pop('_link_poses', None)
+        other._axes = body
+        return other
+
+    def axle_carrier(self, frame: str, axis: Any) -> Frame:
+        """Return the axes of the body that carries a wheel's axle: the wheel's own, if none."""
+        at = self.model.frame(frame)
+        if at.body != WORLD:
+            body = self.model.bodies[at.body]
+            along = abs(body.joint.axis @ at.rotation @ axis)
+            if body.joint.kind == 'revolute' and along > 1.0 - PARALLEL:
+                return Frame('', body.parent)
+        return Frame('', at.body)
 
     def carrier(self, first: str, second: str) -> Frame:
-        """Return the axes of the last body that carries both frames, or of the world."""
+        """Return the axes of the outermost body that moves both frames, or of the world."""
         one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
         return Frame('', max(set(one) & set(other), default=WORLD))
 
@@ -84,7 +108,7 @@ class ReleasedJointState(MechanismState):
     """
 
     def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
-        """Release the joint of body number `body`; its origin is (3,), m."""
+        """Release the joint of the body with index `body`; its origin is (3,), m."""
         super().__init__(here.model, here._speeds, here.q, here.t, here._links)
         self._body, self._origin = body, origin
         self.width = 6
@@ -94,11 +118,11 @@ class ReleasedJointState(MechanismState):
         of = self._frame(frame)
         if of.body == WORLD or self._body not in self.model.path(of.body):
             return np.zeros((6, 6)).astype(object)
-        r = (self.pose(frame)[1] if at is None else at) - self._origin
-        unit = np.eye(3).astype(object)
-        turned = np.array([cross(axis, r) for axis in unit]).T
-        return np.concatenate([np.concatenate([unit, turned], axis=1),
-                               np.concatenate([0.0 * unit, unit], axis=1)])
+        world, start = self.pose(Frame('', WORLD))
+        r = (self.pose(frame)[1] if at is None else at) - (world @ self._origin + start)
+        turned = np.array([cross(axis, r) for axis in world.T]).T
+        return np.concatenate([np.concatenate([world, turned], axis=1),
+                               np.concatenate([0.0 * world, world], axis=1)])
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a zero row, (6,), and the coordinate's value."""

@@ -19,6 +19,7 @@ variations, Journal of Robotic Systems 5 (1988) 553.
 
 from typing import Any
 
+from kane_dynamics.mechanics.algebra.vector import cross
 import numpy as np
 
 
@@ -35,8 +36,8 @@ def rotation_change(turn: Any, quantity: Any) -> Any:
 
     """
     if np.ndim(quantity) == 1:
-        return np.cross(turn, quantity)
-    return np.cross(turn, quantity.T).T - np.cross(quantity, turn)  # columns, then rows
+        return cross(turn, quantity)
+    return cross(turn, quantity) + cross(turn, quantity.T).T  # columns, then rows
 
 
 def absolute(relative_change: Any, turn: Any, quantity: Any) -> Any:
@@ -60,15 +61,7 @@ def relative(absolute_change: Any, turn: Any, quantity: Any) -> Any:
     """
     Return the change of a vector or dyadic in frame B from its change in frame A.
 
-    Parameters
-    ----------
-    absolute_change : (3,) or (3, 3) array of scalars
-        Variation or time derivative in A.
-    turn : (3,) array of scalars
-        Possible rotation or angular velocity of B in A.
-    quantity : (3,) or (3, 3) array of scalars
-        The changing quantity.
-
+    Arguments as `absolute`, which it inverts.
     """
     return absolute_change - rotation_change(turn, quantity)
 

@@ -13,15 +13,59 @@ import numpy as np
 
 def link_poses(links: Sequence[Link], q: Any) -> list[tuple[Any, Any]]:
     """Return the axes (3, 3, columns) and the origin (3,) of all links in the world, m."""
-    result: list[tuple[Any, Any]] = []
-    for link in links:
-        step = JointStep(link, q)
-        R, p = (np.eye(3), np.zeros(3)) if link.parent == WORLD else result[link.parent]
-        ahead = R @ step.rotation
-        x, y, z = ahead.T
+    poses = LinkPoses(links, q)
+    return [poses[k] for k in range(len(links))]
+
+
+class LinkPoses:
+    """
+    Poses of links, as `link_poses`, each computed at its first use.
+
+    Parameters
+    ----------
+    links : sequence of Link
+    q : (n,) array
+        rad or m.
+    axes : int
+        The link in whose axes, and from whose origin, the poses are; WORLD by default. Then
+        `poses[WORLD]` is the pose of the world.
+
+    """
+
+    def __init__(self, links: Sequence[Link], q: Any, axes: int = WORLD) -> None:
+        """Store the links and the coordinates."""
+        self._links, self._q = links, q
+        self._found: dict[int, tuple[Any, Any]] = {axes: (np.eye(3), np.zeros(3))}
+        self._inward: dict[int, int] = {}  # of links and the world: the next link towards `axes`
+        while axes != WORLD:
+            self._inward[links[axes].parent] = axes
+            axes = links[axes].parent
+
+    def __getitem__(self, k: int) -> tuple[Any, Any]:
+        """Return the axes (3, 3, columns) and the origin (3,) of a link or of the world, m."""
+        if k not in self._found:
+            if k in self._inward:
+                self._found[k] = self._of_parent(self._inward[k])
+            else:
+                self._found[k] = self._of_child(k)
+        return self._found[k]
+
+    def _of_child(self, k: int) -> tuple[Any, Any]:
+        """Return the pose of link k from that of its parent."""
+        step = JointStep(self._links[k], self._q)
+        R, p = self[self._links[k].parent]
+        x, y, z = (R @ step.rotation).T
         turned = np.stack([step.c * x + step.s * y, step.c * y - step.s * x, z], axis=1)
-        result.append((turned, R @ step.offset + p))
-    return result
+        return turned, R @ step.offset + p
+
+    def _of_parent(self, k: int) -> tuple[Any, Any]:
+        """Return the pose of the parent of link k from that of link k."""
+        step = JointStep(self._links[k], self._q)
+        R, p = self[k]
+        x, y, z = R.T
+        R = np.stack([step.c * x - step.s * y, step.s * x + step.c * y, z],
+                     axis=1) @ step.rotation.T
+        return R, p - R @ step.offset
 
 
 def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
@@ -34,35 +78,33 @@ def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
 
 
 def frame_axes(links: Sequence[Link], frame: Frame,
-               poses: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
-    """Return axes (3, 3, columns) and origin (3,) of a frame in the world, m, by `link_poses`."""
+               poses: LinkPoses) -> tuple[Any, Any]:
+    """Return axes (3, 3, columns) and origin (3,) of a frame, m, in the axes of the poses."""
     R, p = frame_in_link(links, frame)
-    if frame.body == WORLD:
-        return R, p
     R_wl, p_wl = poses[frame.body]
     return R_wl @ R, R_wl @ p + p_wl
 
 
 def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
     """Return the pose of a frame in the world, (4, 4)."""
-    R, p = frame_axes(links, frame, link_poses(links, q))
+    R, p = frame_axes(links, frame, LinkPoses(links, q))
     return np.concatenate([np.concatenate([R, p[:, None]], axis=1),
                            np.array([[0.0, 0.0, 0.0, 1.0]])])
 
 
 def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None,
-                       poses: Sequence[tuple[Any, Any]] | None = None) -> Any:
+                       poses: LinkPoses | None = None) -> Any:
     """
     Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular.
 
-    With `at`, (3,), m, it is that of the point of the frame's body at this place. `poses` are the
-    `link_poses`, if they are known already.
+    With `at`, (3,), m, it is that of the point of the frame's body at this place. Vectors are in
+    world axes, or in those of `poses`.
 
     With s_r the axis and p_r the origin of a joint between the base and the frame, its column is
     s_r x (p - p_r), s_r if revolute and s_r, 0 if prismatic. All other columns are zero.
     """
     columns: list[Any] = [np.zeros(6)] * len(q)
-    poses = poses or link_poses(links, q)
+    poses = poses or LinkPoses(links, q)
     _, p_f = frame_in_link(links, frame)
     k = frame.body
     if k != WORLD:

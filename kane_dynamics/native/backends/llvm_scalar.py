@@ -114,17 +114,22 @@ class Function:
                          splat(0.0, self.lanes))
         elif node.op == 'select':
             chosen, a, b = (self.value(arg) for arg in node.args)
-            self._choice(name, f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}', a, b)
+            # Of a comparison, take its truth: not the number made of it, compared again.
+            self._choice(name, f'{chosen}.if' if node.args[0].op == 'less' else
+                         f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}', a, b)
         else:
             a, b = (self.value(arg) for arg in node.args)
             self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
         self.names[node.index] = name
 
     def _choice(self, name: str, comparison: str, a: str, b: str) -> None:
-        """Write a where a comparison holds, else b."""
+        """Emit a selection: a if a comparison (instruction or name) holds, else b."""
         truth = 'i1' if self.lanes == 1 else f'<{self.lanes} x i1>'
-        self.lines += [f'  {name}.if = {comparison}',
-                       f'  {name} = select {truth} {name}.if, {self.type} {a}, {self.type} {b}']
+        if not comparison.startswith('%'):
+            self.lines.append(f'  {name}.if = {comparison}')
+            comparison = f'{name}.if'
+        self.lines.append(
+            f'  {name} = select {truth} {comparison}, {self.type} {a}, {self.type} {b}')
 
     def _call(self, node: Expr) -> None:
         """Store the arguments, call the subroutine; its results stay in memory."""

@@ -121,9 +121,9 @@ SPECS = (
          infinite=True, low=0.0),
     live('limits.rate', 'per_joint', [], 'limit of the rate of effort, N m/s or N/s; empty: none',
          positive=True, infinite=True, low=0.0),
-    Spec('stamped_commands', 'flag', False, 'also publish the commands as control_msgs/JointCommand '
-         'on topic stamped_commands, with joint names and the stamp of the joint state; needs the '
-         'package control_msgs with that message'),
+    Spec('stamped_commands', 'flag', False, 'also publish the commands as '
+         'control_msgs/JointCommand on topic stamped_commands, with joint names and the stamp of '
+         'the joint state; needs the package control_msgs with that message'),
     live('feedforward.tolerance', 'per_joint', [], 'largest error of the effort that is '
          'interpolated between the points of ~/trajectory_with_effort, N m or N; points are '
          'inserted where it is larger; empty: none are', positive=True, infinite=True, low=0.0),

@@ -1,11 +1,15 @@
 """Fill in trajectories for joint_trajectory_controller: the topic and the service."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
 from typing import Any
 
+from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import Array, check_points, doubles, point_columns
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.trajectory_cdr import serialized_trajectory
 from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
@@ -14,13 +18,47 @@ import numpy as np
 FIELDS = ('positions', 'velocities', 'accelerations')
 
 
+@dataclass(frozen=True)
+class FillSettings:
+    """
+    Settings of filled trajectories: parameters feedforward.*, compensate.* and limits.effort.
+
+    Attributes
+    ----------
+    compensate : Terms
+    effort_limit : (n,) array
+        N m or N, in addition to that of the robot.
+    tolerance, rest : (n,) arrays or None
+        Largest error of the interpolated effort, N m or N, and positions of the joints that a
+        trajectory lacks, rad or m; None if not set.
+    clip : bool
+        Clamp efforts instead of rejecting a trajectory.
+
+    """
+
+    compensate: Terms
+    effort_limit: Array
+    tolerance: Array | None
+    rest: Array | None
+    clip: bool
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any], joints: Sequence[str]) -> 'FillSettings':
+        """Return the settings of the parameters; raise InputError if one does not fit."""
+        def if_set(name: str) -> Array | None:
+            return per_joint(values, name, joints, 0.0) if values[name].shape != (0,) else None
+        return cls(terms(values), per_joint(values, 'limits.effort', joints, math.inf),
+                   if_set('feedforward.tolerance'), if_set('feedforward.rest'),
+                   values['feedforward.clip'])
+
+
 def filled_message(served: ServedRobot, data: bytes) -> bytes:
     """
     Return a serialized JointTrajectory with all fields filled in; raise InputError if invalid.
 
     An empty trajectory, which ends the motion of the controller, is returned unchanged.
     """
-    most = served.bounds.max_reference
+    most = served.values['trajectory.max_points']
     message = read_trajectory(data, most)
     if not message.points:
         return data
@@ -33,7 +71,7 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
     """Fill in the response to a FillTrajectory request."""
     names = list(request.joint_names) or list(served.robot.joint_names)
     times = np.array(request.time_from_start)
-    check_points(len(times), served.bounds.max_reference)
+    check_points(len(times), served.values['trajectory.max_points'])
     columns = [_table(request, field, len(times), len(names)) for field in FIELDS]
     tolerance = np.array(request.tolerance)
     filled = _filled(served, names, (times, *columns), (
@@ -56,6 +94,7 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
     Parameters
     ----------
     served : ServedRobot
+        The robot, its loads, and the parameters.
     names : sequence of m str
         The joints of the columns.
     points : (K,) and three (K, m) arrays
@@ -64,7 +103,8 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         Default: parameter feedforward.tolerance.
 
     """
-    settings, joints = served.fill, served.robot.joint_names
+    joints = served.robot.joint_names
+    settings = FillSettings.from_values(served.values, joints)
     index = [joints.index(name) for name in names if name in joints]
     if tolerance is None and settings.tolerance is not None and len(index) == len(names):
         tolerance = settings.tolerance[index]
@@ -83,7 +123,7 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
     return fill_trajectory(
         served.robot, *points, joint_names=names, rest=rest, start=start, tolerance=tolerance,
         compensate=settings.compensate, effort_limit=settings.effort_limit, clip=settings.clip,
-        max_points=served.bounds.max_reference, bending=served.bending)
+        max_points=served.values['trajectory.max_points'], bending=served.bending)
 
 
 def _table(request: Any, field: str, points: int, joints: int) -> Array | None:

@@ -235,7 +235,7 @@ def test_efforts_are_clamped_where_that_is_asked_for():
         free.efforts, -np.minimum(bound, arm().limits.effort),
         np.minimum(bound, arm().limits.effort)))
     with pytest.raises(InputError, match=r"joint 'fr3_joint2': effort -\S+ at point \d "
-                       r"\(\S+ s\); expected at least -20$"):
+                       r'\(\S+ s\); expected at least -20$'):
         fill_trajectory(arm(), TIMES, POINTS, effort_limit=bound)
 
 

@@ -119,11 +119,11 @@ def test_forces_of_a_planar_loop_do_not_depend_on_the_heading_of_its_base(kind, 
 
 
 @pytest.mark.parametrize(('make', 'words'), [
-    (lambda: Closure('a', 'b', 'distance'), 'length is missing'),
-    (lambda: Closure('a', 'b', 'distance', length=-1.0), 'length is -1.0; expected a positive'),
-    (lambda: Closure('a', 'b', 'weld', length=1.0), "length is given with kind 'weld'"),
-    (lambda: Closure('a', 'b', 'weld', second_axis=(1, 0, 0)), 'second_axis is given with kind'),
-    (lambda: Closure('a', 'b', 'universal', second_axis=(0, 0, 0)), 'second_axis is')])
+    (lambda: Closure('a', 'b', 'distance'), 'length: missing'),
+    (lambda: Closure('a', 'b', 'distance', length=-1.0), 'length: -1.0; expected a positive'),
+    (lambda: Closure('a', 'b', 'weld', length=1.0), "length, given with kind 'weld'"),
+    (lambda: Closure('a', 'b', 'weld', second_axis=(1, 0, 0)), 'second_axis, given with kind'),
+    (lambda: Closure('a', 'b', 'universal', second_axis=(0, 0, 0)), 'second_axis: ')])
 def test_parameters_that_a_kind_has_not_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()
@@ -149,7 +149,7 @@ def test_a_rounded_loop_is_refused_with_the_figure_and_what_would_fit():
         rounded('spherical')
     text = str(told.value)
     assert 'leave no degree of freedom' in text and 'singular values' in text
-    assert "rank_tolerance=5e-06 takes it for zero; 'pin' as kind 'inline' would leave 1" in text
+    assert "rank_tolerance=5e-06 treats it as zero; 'pin' as kind 'inline' would leave 1" in text
 
 
 def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advised():

@@ -86,6 +86,21 @@ def test_every_regular_choice_of_speeds_gives_the_same_motion(named):
     np.testing.assert_allclose(run.q, expected.q, atol=1e-6)
 
 
+@pytest.mark.parametrize('named', [('crank',), ('coupler',), ('rocker',), ()])
+def test_the_four_bar_of_the_readme_makes_a_full_revolution_with_every_choice_or_says_why(named):
+    q0 = at_angle(0.8)
+    rates = four_bar('crank').joint_rates(q0, [5.0])
+    robot = four_bar(*named)
+    u0 = robot.mechanism.state(q0).speed_rows(robot.speed_names)[0] @ rates
+    if named == ('rocker',):  # it stands still at its ends, where the crank does not
+        with pytest.raises(ConstraintError, match=r"speeds rocker become singular .*'pin'"):
+            simulate(robot, q0, u0, 2.0, step=1e-3)
+        return
+    run = simulate(robot, q0, u0, 2.0, step=1e-3)
+    assert np.ptp(run.q[:, 0]) > 2.0 * np.pi
+    assert np.ptp(run.energy.sum(axis=1)) < 1e-7 * run.energy[:, 0].max()
+
+
 def test_a_dead_point_is_an_error_that_says_so():
     # A parallelogram passes its flat configuration, from where two motions are possible.
     model = four_bar_model(bars=(0.5, 1.0, 0.5))

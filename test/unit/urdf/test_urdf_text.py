@@ -113,25 +113,26 @@ def test_meshes_are_never_opened():
     load(robot(f'<link name="a"><visual>{mesh}</visual><collision>{mesh}</collision></link>'))
 
 
-@pytest.mark.parametrize(('kind', 'n'), [('revolute', 10_000), ('fixed', 0)])
-def test_chain_of_ten_thousand_links_loads_in_seconds(kind, n):
-    start = time.monotonic()
-    model = load(chain(10_000, kind))
-    assert (model.n, len(model.frames)) == (n, 10_001)
-    assert time.monotonic() - start < 30.0
+@pytest.mark.parametrize('links', [1000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('kind', ['revolute', 'fixed'])
+def test_long_chain_loads_in_milliseconds_a_link(kind, links):
+    start = time.process_time()
+    model = load(chain(links, kind))
+    assert (model.n, len(model.frames)) == (links if kind == 'revolute' else 0, links + 1)
+    assert time.process_time() - start < 3e-3 * links
 
 
 def test_long_chain_of_mimics_resolves_in_seconds():
-    n = 2000
+    n = 1000
     follow = [joint(f'j{i}', f'l{i - 1}', f'l{i}', limit='',
                     more=f'<mimic joint="j{i + 1}" offset="1"/>') for i in range(1, n)]
     source = robot(*(link(f'l{i}') for i in range(n + 1)), *follow,
                    joint(f'j{n}', f'l{n - 1}', f'l{n}'))
-    start = time.monotonic()
+    start = time.process_time()
     model = load(source)
     assert model.joint_names == (f'j{n}',)
     assert model.bodies[0].joint.offset == n - 1
-    assert time.monotonic() - start < 10.0
+    assert time.process_time() - start < 10.0
 
 
 DEEP = {
@@ -146,10 +147,10 @@ DEEP = {
 
 @pytest.mark.parametrize('name', DEEP)
 def test_deep_xml_loads(name):
-    start = time.monotonic()
+    start = time.process_time()
     model, _ = load_with_warnings(DEEP[name])
     assert [frame.name for frame in model.frames] == ['a']
-    assert time.monotonic() - start < 5.0
+    assert time.process_time() - start < 5.0
 
 
 @pytest.mark.parametrize('source', [
@@ -161,8 +162,8 @@ def test_deep_xml_loads(name):
     '<robot name="' + 'n' * 11_000_000 + '"><link name="a"/></robot>',
 ], ids=['deep root', 'unclosed', 'comments', 'roots', 'duplicates', 'name'])
 def test_absurd_input_is_rejected_quickly_with_its_reason(source):
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(KaneError) as caught:
         load_urdf(source)
     assert len(str(caught.value)) < 1000
-    assert time.monotonic() - start < 5.0
+    assert time.process_time() - start < 5.0

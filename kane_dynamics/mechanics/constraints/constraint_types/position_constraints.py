@@ -73,7 +73,7 @@ class Prescribed:
     -----
     The constraint force of its row is the force or torque of the prescribed motion. The velocity
     must be continuous: a jump (abs, minimum, a branch of where) needs an impulse, which the
-    equations of motion do not model.
+    equations of motion do not model. `simulate` refuses it. The acceleration may jump.
 
     """
 
@@ -93,7 +93,7 @@ class Prescribed:
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
         if not callable(self.position):
-            raise ConstraintError(f'{what}: position is a {type(self.position).__name__}; '
+            raise ConstraintError(f'{what}: position: a {type(self.position).__name__}; '
                                   'expected a function of t, a Motion, or a table (times, '
                                   'positions)')
 
@@ -105,7 +105,12 @@ class Prescribed:
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the row: the joint rate equals the time derivative of the function."""
         row, value = here.coordinate(self.joint, self.name)
+        position, velocity = self.functions(here).values()
+        return ConstraintRows(row[None, :], np.array([velocity]), (value - position,))
+
+    def functions(self, here: Geometry) -> dict[str, Any]:
+        """Return what must be continuous in time, by name: the position and the velocity."""
         what = f"constraint '{self.name}': position(t)"
         moved = evaluated_scalar(self.position, what, moving(here.t, 1.0))
-        return ConstraintRows(row[None, :], rates(np.array([moved], dtype=object)),
-                              (value - values(np.array([moved], dtype=object))[0],))
+        pair = np.array([moved], dtype=object)
+        return {'position(t)': values(pair)[0], 'the velocity of position(t)': rates(pair)[0]}

@@ -12,6 +12,7 @@ from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import
                                                                                   Geometry,
                                                                                   positive, triad,
                                                                                   unit)
+from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
 SURFACES = ('plane', 'cylinder', 'sphere')
@@ -30,7 +31,7 @@ class Rolling:
     radius : float
         m, positive.
     axis : (3,) array, optional
-        The wheel's axle in the frame's axes; a ball without.
+        The wheel's axle in the frame's axes; None for a ball.
     normal : (3,) array
         Of the plane, in the axes of the surface's frame.
     height : float
@@ -58,11 +59,10 @@ class Rolling:
     normal of the contact (undefined where the two are opposite). The residual of `normal` is the
     distance between the bodies, m; the tangents have none.
 
-    The point of a rim that touches a cylinder is found by Newton's method from the direction of
-    the cylinder's axis, exact to rounding on the outer side for any axle that is not across the
-    cylinder's axis by more than 60 degrees; on the inner side for an axle about parallel to the
-    axis, since a tilted rim touches there at two points. Where the method fails the residual of
-    `normal` is not zero.
+    The contact point of a rim on a cylinder is found by Newton's method. On the outer side it is
+    exact to rounding if the angle between axle and cylinder axis is at most 60 degrees; on the
+    inner side the axle must be nearly parallel to that axis, since a tilted rim touches at two
+    points. If the method fails, the residual of `normal` is not zero.
 
     """
 
@@ -89,14 +89,14 @@ class Rolling:
         if self.axis is not None:
             freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
         if self.surface not in SURFACES:
-            raise ConstraintError(f'{what}: surface is {self.surface!r}; expected one of '
+            raise ConstraintError(f'{what}: surface: {self.surface!r}; expected one of '
                                   f'{", ".join(SURFACES)}')
         curved = self.surface != 'plane'
         if curved != (self.surface_radius is not None):
-            raise ConstraintError(f'{what}: surface_radius is {self.surface_radius} of a '
-                                  f'{self.surface}; expected it for a cylinder or sphere alone')
+            raise ConstraintError(f'{what}: surface_radius: {self.surface_radius}, of a '
+                                  f'{self.surface}; expected it for a cylinder or sphere only')
         if self.inside and not curved:
-            raise ConstraintError(f'{what}: inside is true of a plane; expected it for a cylinder '
+            raise ConstraintError(f'{what}: inside: true, of a plane; expected it for a cylinder '
                                   'or sphere alone')
         if self.surface_radius is not None:
             freeze(self, 'surface_radius', positive(self.surface_radius,
@@ -110,19 +110,17 @@ class Rolling:
         """Return the names of the rows: two tangents of the surface, and its normal."""
         return tuple(f'{self.name}/{part}' for part in ('tangent_1', 'tangent_2', 'normal'))
 
+    @property
+    def _surface(self) -> str | Frame:
+        return Frame('', WORLD) if self.surface_frame is None else self.surface_frame
+
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the rows of zero velocity of the contact point relative to the surface."""
-        R, center = here.pose(self.frame)
-        Rs, origin = ((np.eye(3), np.zeros(3)) if self.surface_frame is None else
-                      here.pose(self.surface_frame))
-        r, normal, residual = self._contact(center - origin, Rs, None if self.axis is None else
-                                            R @ self.axis)
-        at = center + r
-        v = here.partial_velocities(self.frame, at)[:3]
-        if self.surface_frame is not None:
-            v = v - here.partial_velocities(self.surface_frame, at)[:3]
-        if self.axis is not None:
-            along = cross(r, R @ self.axis) * (1.0 / self.radius)  # a unit vector
+        here = here.in_axes_of(self._surface if self.axis is None else
+                               here.axle_carrier(self.frame, self.axis))
+        Rs, axle, r, normal, residual, v = self._at_contact(here)
+        if axle is not None:
+            along = cross(r, axle) * (1.0 / self.radius)  # a unit vector
         elif self.surface == 'plane':
             along = Rs @ triad(self.normal)[0]
         elif self.surface == 'cylinder':
@@ -134,6 +132,43 @@ class Rolling:
         return ConstraintRows(np.array([d @ v for d in directions]), np.zeros(3),
                               (None, None, residual))
 
+    @property
+    def has_surface_rows(self) -> bool:
+        """Return whether `surface_rows` differ from `rows`: of a wheel on a plane."""
+        return self.axis is not None and self.surface == 'plane'
+
+    def surface_rows(self, here: Geometry) -> tuple[ConstraintRows, Any]:
+        """
+        Return rows J_0 with tangents fixed in the plane, and B, (3, 3), with J = B J_0.
+
+        B is a rotation, so that both rows are equivalent where all three are kept; those fixed in
+        the plane take less arithmetic.
+        """
+        Rs, axle, r, normal, residual, v = self._at_contact(here.in_axes_of(self._surface))
+        first, second = (Rs @ e for e in triad(self.normal)[:2])
+        along = cross(r, axle) * (1.0 / self.radius)
+        x, y = along @ first, along @ second
+        return (ConstraintRows(np.array([d @ v for d in (first, second, normal)]), np.zeros(3),
+                               (None, None, residual)),
+                np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]]))
+
+    def _at_contact(self, here: Geometry) -> tuple[Any, ...]:
+        """
+        Return the geometry of the contact.
+
+        These are the axes of the surface's frame, the axle, center to contact point, the normal,
+        the residual, and the partial velocities of the wheel relative to the surface there.
+        """
+        R, center = here.pose(self.frame)
+        Rs, origin = here.pose(self._surface)
+        axle = None if self.axis is None else R @ self.axis
+        r, normal, residual = self._contact(center - origin, Rs, axle)
+        at = center + r
+        v = here.partial_velocities(self.frame, at)[:3]
+        if self.surface_frame is not None:
+            v = v - here.partial_velocities(self.surface_frame, at)[:3]
+        return Rs, axle, r, normal, residual, v
+
     def _contact(self, c: Any, Rs: Any, axle: Any) -> tuple[Any, Any, Any]:
         """
         Return center to contact point, (3,), surface normal there, (3,), and the distance, m.
@@ -143,7 +178,7 @@ class Rolling:
         if self.surface == 'plane':
             normal = Rs @ self.normal
             r = (-self.radius * normal if axle is None else
-                 -self.radius * _unit(normal - (normal @ axle) * axle))
+                 _unit(normal - (normal @ axle) * axle, -self.radius))
             return r, normal, normal @ (c + r) - self.height
         outward = -1.0 if self.inside else 1.0
         line = Rs @ self.surface_axis
@@ -177,6 +212,6 @@ def _length(x: Any) -> Any:
     return np.sqrt(x @ x)
 
 
-def _unit(x: Any) -> Any:
-    """Return a normalised vector, over any scalar."""
-    return x * (1.0 / np.sqrt(x @ x))
+def _unit(x: Any, length: float = 1.0) -> Any:
+    """Return a vector scaled to a length, over any scalar."""
+    return x * (length / np.sqrt(x @ x))

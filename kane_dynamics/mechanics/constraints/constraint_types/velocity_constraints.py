@@ -56,12 +56,21 @@ class PointVelocity:
 
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the row: the component of the partial velocities."""
-        d = self.direction if self.axes is None else here.pose(self.axes)[0] @ self.direction
+        d = self.direction
+        if self.axes is not None:
+            here = here.in_axes_of(self.axes)
+            d = here.pose(self.axes)[0] @ d
         J = relative_partials(here, self.frame, self.relative_to)
-        b = evaluated_scalar(self.value, f"constraint '{self.name}': value(t)", here.t) if (
-            callable(self.value)) else self.value
+        b = self.functions(here).get('value(t)', self.value)
         row = d @ (J[3:] if self.angular else J[:3])
         return ConstraintRows(np.array([row]), np.array([b]), (None,))
+
+    def functions(self, here: Geometry) -> dict[str, Any]:
+        """Return what must be continuous in time, by name: the value, if it is a function."""
+        if not callable(self.value):
+            return {}
+        return {'value(t)': evaluated_scalar(self.value, f"constraint '{self.name}': value(t)",
+                                             here.t)}
 
 
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
@@ -72,7 +81,7 @@ def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
 @dataclass(frozen=True, eq=False)
 class DependentSpeeds:
     """
-    The general form: u_D = A(q, t) u_I + B(q, t).
+    General linear constraint on the speeds: u_D = A(q, t) u_I + B(q, t).
 
     Parameters
     ----------
@@ -98,16 +107,22 @@ class DependentSpeeds:
         freeze(self, 'labels', tuple(f'{self.name}/{speed}' for speed in self.dependent))
 
     def rows(self, here: Geometry) -> ConstraintRows:
-        """Return Y_D - A Y_I and B - Z_D + A Z_I; ConstraintError where a shape is wrong."""
+        """Return Y_D - A Y_I and B - Z_D + A Z_I; ConstraintError for a wrong shape."""
         Y_D, Z_D = here.speed_rows(self.dependent)
         Y_I, Z_I = here.speed_rows(here.other_speeds(self.dependent))
+        A, B = self.functions(here).values()
+        return ConstraintRows(Y_D - A @ Y_I, B - Z_D + A @ Z_I, (None,) * len(self.dependent))
+
+    def functions(self, here: Geometry) -> dict[str, Any]:
+        """Return what must be continuous in time, by name: A and B."""
         m = len(self.dependent)
         what = f"constraint '{self.name}'"
         A = np.asarray(evaluated(self.A, f'{what}: A(q, t)', here.q, here.t))
         B = np.zeros(m) if self.B is None else np.asarray(
             evaluated(self.B, f'{what}: B(q, t)', here.q, here.t))
-        for name, value, shape in (('A', A, (m, len(Y_I))), ('B', B, (m,))):
+        others = len(here.other_speeds(self.dependent))
+        for name, value, shape in (('A', A, (m, others)), ('B', B, (m,))):
             if value.shape != shape:
                 raise ConstraintError(f"constraint '{self.name}': {name}(q, t) returns shape "
                                       f'{value.shape}; expected {shape}')
-        return ConstraintRows(Y_D - A @ Y_I, B - Z_D + A @ Z_I, (None,) * m)
+        return {'A(q, t)': A, 'B(q, t)': B}
