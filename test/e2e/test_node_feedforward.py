@@ -1,6 +1,9 @@
 """Filled trajectories over DDS, and a loop like joint_trajectory_controller that executes them."""
 
+import ast
+import importlib.util
 import json
+import os
 from pathlib import Path
 import re
 import signal
@@ -10,6 +13,7 @@ from graph import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics_interfaces.srv import FillTrajectory
+from message_package import build_message
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -181,3 +185,52 @@ def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(f
     alone, helped = errors(filler.direct), errors(filler.publisher)
     print(f'RMS errors {alone} and {helped}: {np.linalg.norm(alone) / np.linalg.norm(helped):.0f}')
     assert np.linalg.norm(alone) > 20.0 * np.linalg.norm(helped), (alone, helped)
+
+
+COMMAND = """std_msgs/Header header
+string[] joint_names
+string interface_name
+float64[] values
+"""
+
+
+def test_stamped_commands_without_their_message_are_an_error_at_configure(start):
+    if importlib.util.find_spec('control_msgs') is not None:
+        pytest.skip('control_msgs is installed')
+    node = start(stamped_commands='true')
+    node.wait_for("not configured: parameter 'stamped_commands': true without "
+                  'control_msgs/JointCommand', 120.0)
+    assert "(No module named 'control_msgs'); expected false, or an installed" in node.log
+
+
+@pytest.mark.slow  # builds the message, which takes a minute of processor time
+@pytest.mark.timeout(1200)
+def test_stamped_commands_are_the_commands_with_names_and_stamp(tmp_path, monkeypatch, client):
+    packages, prefix = build_message(tmp_path, 'control_msgs', 'JointCommand', COMMAND)
+    monkeypatch.setenv('PYTHONPATH', str(packages))
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}')
+    monkeypatch.setenv('LD_LIBRARY_PATH', f'{prefix}/lib')
+    node = Process(robot_description=f"'{URDF}'", stamped_commands='true')
+    received = []
+    code = ('import rclpy, sys\nfrom control_msgs.msg import JointCommand\nrclpy.init()\n'
+            "node = rclpy.create_node('listener')\n"
+            "node.create_subscription(JointCommand, 'stamped_commands', lambda m: print(\n"
+            '    m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, list(m.joint_names),\n'
+            "    m.interface_name, list(m.values), sep='|', flush=True), 10)\n"
+            "print('ready', flush=True)\nrclpy.spin(node)\n")
+    listener = Process(program=['-c', code])
+    try:
+        node.wait_for('active, mode', 120.0)
+        listener.wait_for('ready')
+        q = np.array([0.1, 0.2, 0.05])
+        assert wait_until(lambda: (client.ask(q, np.zeros(3)) is not None
+                                   and '|' in listener.log), 60.0), listener.log + node.log
+        for line in listener.log.splitlines()[1:]:
+            stamp, names, interface, values = line.split('|')
+            received.append(int(stamp))
+            assert (names, interface) == (str(list(JOINTS)), 'effort')
+            assert ast.literal_eval(values) in client.commands
+        assert set(received) <= set(client.torques)
+    finally:
+        listener.end(signal.SIGTERM)
+        node.end()
