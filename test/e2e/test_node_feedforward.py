@@ -209,7 +209,7 @@ def test_stamped_commands_are_the_commands_with_names_and_stamp(tmp_path, monkey
     packages, prefix = build_message(tmp_path, 'control_msgs', 'JointCommand', COMMAND)
     monkeypatch.setenv('PYTHONPATH', str(packages))
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}')
-    monkeypatch.setenv('LD_LIBRARY_PATH', f'{prefix}/lib')
+    monkeypatch.setenv('LD_LIBRARY_PATH', f'{os.environ.get("LD_LIBRARY_PATH", "")}:{prefix}/lib')
     node = Process(robot_description=f"'{URDF}'", stamped_commands='true')
     received = []
     code = ('import rclpy, sys\nfrom control_msgs.msg import JointCommand\nrclpy.init()\n'
