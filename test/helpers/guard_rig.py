@@ -154,8 +154,9 @@ class Rig:
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
             'guard__damping': DAMPING, **parameters}
         self.recorder = Recorder()
-        self.plant = Process(str(urdf), str(folder / 'record.npz'), ros=False,
-                             module='kane_dynamics.demo.mujoco_plant') if mujoco else Process(
+        self.plant = Process(program=[
+            '-m', 'kane_dynamics.demo.mujoco_plant', str(urdf),
+            str(folder / 'record.npz')]) if mujoco else Process(
             module='kane_dynamics.ros.plant.plant_main', **self.urdf, command_timeout=100.0,
             after_timeout='hold')
         self.start_node()

@@ -110,7 +110,7 @@ class ConfiguredGuard:
         self.path.set_loads(loads)
 
     def send_sign_of_life(self) -> None:
-        """Tell the dynamics node that the guard lives."""
+        """Send the state of the guard to the dynamics node."""
         self._send(0.0, self.path.watch.acting)
         # A node that does not know of the guard would not ask it.
         self._signs += self._state.get_subscription_count() > 0

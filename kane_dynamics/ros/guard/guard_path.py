@@ -162,8 +162,8 @@ class GuardPath(TorquePath):
         super().command_zeros()
         self._offset = np.zeros(len(self._offset))
 
-    def _publish(self, tau: Array) -> None:
-        super()._publish(tau)
+    def _publish(self, tau: Array, sec: int, nanosec: int) -> None:
+        super()._publish(tau, sec, nanosec)
         self.watch.note(tau, True)
 
     def on_clock_jump(self) -> None:

@@ -96,7 +96,7 @@ class NodeWatch:
 
     def check(self, now: float, lost: bool = False) -> None:
         """
-        Take over if the lease has expired while states are not answered and torques act.
+        Start to command if the lease has expired, states are not answered and torques act.
 
         `lost` says that DDS reports the loss of liveliness, with its own measure of the lease.
         """

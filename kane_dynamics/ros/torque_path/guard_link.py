@@ -119,7 +119,7 @@ class GuardLink:
         return True
 
     def note_zeros(self) -> None:
-        """Tell the guard that this node commanded zeros."""
+        """Report to the guard that this node commanded zeros."""
         self._request.numbers[0] = STOPPED
         self._requests.publish(self._request.serialized())
 
