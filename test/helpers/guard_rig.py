@@ -195,9 +195,9 @@ class Rig:
         names = recorder.names
         q0 = recorder.states[-1][1][[names.index(joint) for joint in arm.joints]]
         message = JointTrajectory(joint_names=list(arm.joints))
-        for k in range(121):
-            t = 0.25 * k
-            grow = min(t, 1.0)
+        for k in range(301):
+            t = 0.1 * k
+            grow = np.sin(0.5 * np.pi * min(t, 1.0)) ** 2
             q = q0 + grow * (arm.home - q0 + arm.amplitude * np.sin(
                 2.0 * t + np.arange(len(q0))))
             point = JointTrajectoryPoint(positions=q.tolist())
