@@ -63,8 +63,6 @@ class Reference:
             J.append(rows)
             gaps += gap
             rates.append(rate)
-        if not J:
-            return np.zeros((*q.shape[:-1], 0, q.shape[-1])), [], np.zeros((*q.shape[:-1], 0))
         return np.concatenate(J, axis=-2), gaps, np.concatenate(rates, axis=-1)
 
     def _of_other(self, constraint, q, v):

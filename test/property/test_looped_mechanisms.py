@@ -1,9 +1,9 @@
 """Random looped mechanisms in free motion: right, or refused for a true reason; nothing else."""
 
-from kane_dynamics import ConstraintError, Robot, simulate
+from kane_dynamics import ConstraintError, Coupling, disc, ModelBuilder, Robot, rod, simulate
 import numpy as np
 import pytest
-from random_loops import FAMILIES, random_loops, turned
+from random_loops import FAMILIES, Loops, random_loops, turned
 from reference_dae import Reference
 
 DURATION = 2.0  # s
@@ -129,6 +129,18 @@ def forces_at(robot, q, rates):
     """Return the forces of constraints in free motion, (1, m)."""
     u = np.array(robot.mechanism.state(q).speed_rows(robot.speed_names)[0] @ rates, dtype=float)
     return robot.constraint_forces(q, u, np.zeros_like(u))[None]
+
+
+def test_the_reference_measures_the_growth_of_perturbations():
+    b = ModelBuilder('inverted')
+    b.body('pendulum', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, 0.6)))
+    b.body('wheel', axis=(0, 0, 1), matter=disc(1.0, 0.1))
+    coupling = Coupling('wheel', {'pendulum': 2.0}, 0.0)
+    reference = Reference(Loops('inverted', b.model(), (coupling,), np.zeros(2)))
+    early, late = reference.growth(np.zeros(2), np.zeros(2), [1.5, 2.0], seed=0)
+    inertia = 0.6**2 / 3.0 + 2.0**2 * 0.5 * 0.1**2
+    rate = np.sqrt(9.81 * 0.3 / inertia)
+    assert late / early == pytest.approx(np.exp(0.5 * rate), rel=1e-3)
 
 
 @pytest.mark.parametrize('seed', FEW)

@@ -1,5 +1,6 @@
 """Closures of every kind: what they hold, at the right orientation alone, in axes that turn."""
 
+from functools import cache
 import re
 
 from constrained_trees import AXIS, closure, CLOSURES, two_bodies_on_a_base
@@ -147,6 +148,15 @@ def rounded(kind, tolerance=1e-9, digits=4):
                  independent=['crank'], rank_tolerance=tolerance)
 
 
+@cache
+def motion_of_a_rounded_loop(kind, tolerance, digits):
+    """Return the torque at the crank, and where it is after a third of a turn."""
+    robot = rounded(kind, tolerance, digits)
+    q = robot.closed_posture((0.8, 1.0, 1.5), fixed=['crank'])
+    run = simulate(robot, q, [5.0], 0.5)
+    return [*robot.inverse_dynamics(q, [5.0], [0.0]), *run.q[-1]]
+
+
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
 @pytest.mark.parametrize('digits', [4, 2])
 def test_a_rounded_loop_is_refused_and_moves_with_the_tolerance_and_the_kind_advised(kind, digits):
@@ -155,11 +165,5 @@ def test_a_rounded_loop_is_refused_and_moves_with_the_tolerance_and_the_kind_adv
     tolerance = float(re.search(r'rank_tolerance=(\S+) takes them for zero', str(told.value))[1])
     assert tolerance < 10.0**-digits
     assert "'pin' as kind 'inline' would leave 1" in str(told.value)
-    robots = [rounded('inline', digits=digits), rounded(kind, tolerance, digits)]
-    assert [robot.speed_names for robot in robots] == [('crank',)] * 2
-    found = []
-    for robot in robots:
-        q = robot.closed_posture((0.8, 1.0, 1.5), fixed=['crank'])
-        found.append([*robot.inverse_dynamics(q, [5.0], [0.0]),
-                      *simulate(robot, q, [5.0], 0.5).q[-1]])  # more than a turn of the crank
-    np.testing.assert_allclose(found[1], found[0], rtol=tolerance)
+    np.testing.assert_allclose(motion_of_a_rounded_loop(kind, tolerance, digits),
+                               motion_of_a_rounded_loop('inline', 1e-9, digits), rtol=tolerance)
