@@ -27,6 +27,7 @@ from kane_dynamics.native.machine_code import llvm
 FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
 PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop', 'sweep')
 PYTHON, CPP, MUJOCO, START = 'Pinocchio from Python', 'Pinocchio C++', 'MuJoCo', 'start'
+UNCHECKED = 'simulate without the energy balance'
 PLAIN, CLOCK = 'the plain arm', 'the clock'
 UNDER = ('absolute rates', 'momenta', 'a knife edge at the tip', 'the tip on a plane',
          'a coupling')
@@ -66,6 +67,8 @@ def gates() -> list[Gate]:
         Gate('batch of 100000, one thread', CPP, *((40.0, 60.0) if wide else (25.0, 40.0))),
         Gate('RK4 simulation, a step', CPP, 8.0, 12.0),
         Gate('RK4 simulation, a step', MUJOCO, 10.0, 20.0),
+        # The check of the energy balance costs at most two thirds of the steps' own time.
+        Gate('RK4 simulation, a step', UNCHECKED, 0.6, 0.85),
         Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
         Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE),

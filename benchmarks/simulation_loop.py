@@ -1,18 +1,25 @@
-"""Runge-Kutta at 1 ms under constant torque: simulate, Pinocchio's C++ and MuJoCo, interleaved."""
+"""
+Runge-Kutta at 1 ms under constant torque: simulate, Pinocchio's C++ and MuJoCo, interleaved.
+
+`simulate` without the check of its energy balance is raced too: the share of the check.
+"""
 
 import sys
+from unittest.mock import patch
 import warnings
 
 from kane_dynamics import Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli.commands.interleaved_timing import interleaved
 from kane_dynamics.model.model import Model
+from kane_dynamics.simulation.energy_balance import EnergyBalance
 import mujoco
 from native_loop import ARMS, Race, race
 import numpy as np
 from pinocchio_native import Pinocchio, Unavailable
 
 STEP, STEPS = 1e-3, 10_000
+UNCHECKED = 'simulate without the energy balance'
 CHECKED_STEPS, TOLERANCE = 100, 1e-8  # rad, m or s: one method, three implementations
 
 
@@ -54,7 +61,11 @@ def simulation_races(name: str, model: Model) -> list[Race]:
         mujoco.mj_step(plant, data, nstep=steps)
         return np.concatenate([data.qpos, data.qvel])
 
-    contenders = {'ours': ours, 'MuJoCo': of_mujoco}
+    def unchecked(steps: int = STEPS) -> np.ndarray:
+        with patch.object(EnergyBalance, 'look'):
+            return ours(steps)
+
+    contenders = {'ours': ours, 'MuJoCo': of_mujoco, UNCHECKED: unchecked}
     try:
         peer = Pinocchio(robot)
     except Unavailable as error:

@@ -99,5 +99,5 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
 
 
 def __dir__() -> list[str]:
-    """Return what there is, public names that were not used yet included."""
+    """Return all names, including public names that are not imported yet."""
     return sorted({*globals(), *__all__})

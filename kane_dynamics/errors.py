@@ -26,7 +26,7 @@ class CompileError(KaneError, RuntimeError):
 
 
 class SweepError(KaneError, RuntimeError):
-    """A sweep cannot go on: its workers die, or its folder is another's."""
+    """A sweep cannot continue: its workers died, or its folder belongs to another sweep."""
 
 
 class ModelWarning(UserWarning):
@@ -34,4 +34,4 @@ class ModelWarning(UserWarning):
 
 
 class UnusedWarning(ModelWarning):
-    """A file states what no dynamics of this package reads: transmissions, for example."""
+    """A file contains data that this package does not use, such as transmissions."""

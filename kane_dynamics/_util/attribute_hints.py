@@ -1,6 +1,13 @@
-"""Error messages of `Robot` for unknown attributes and for refused assignments."""
+"""Errors for unknown attributes and for refused assignments, with the name that is meant."""
 
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError
 import difflib
+from functools import wraps
+from inspect import signature
+from typing import Any, TypeVar
+
+Class = TypeVar('Class', bound=type)
 
 # Names in Pinocchio, Drake, MuJoCo and RBDL, in lower case without underscores.
 COUNTERPARTS = {
@@ -45,6 +52,57 @@ COUNTERPARTS = {
     'model.name': 'name',
 }
 _BY_NAME = {name: ours for ours, names in COUNTERPARTS.items() for name in names.split()}
+# Of other classes, where they have these attributes.
+SHORT_NAMES = {name: ours for ours, names in {
+    'tau': 'torque torques effort efforts', 'q': 'position positions configuration qpos',
+    'u': 'velocity velocities speed speeds qd dq qdot v qvel',
+    'udot': 'acceleration accelerations qdd ddq qddot a qacc', 't': 'time times', 'times': 't',
+    'com': 'centerofmass'}.items() for name in names.split()}
+
+
+def guarded(cls: Class) -> Class:
+    """
+    Decorate a class: assigning an unknown attribute, or reading one, raises with a hint.
+
+    Attributes that `__init__` made can be replaced later; of a frozen dataclass none can.
+    """
+    return _guarded(cls, lambda self, name: name not in self.__dict__)
+
+
+def fixed(cls: Class) -> Class:
+    """Decorate a class as `guarded` does; no public attribute can be assigned."""
+    return _guarded(cls, lambda self, name: True)
+
+
+def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
+    """Give a class the methods of the decorators."""
+    def refuse(self: Any, name: str, value: Any = None) -> None:
+        raise FrozenInstanceError(refused(self, name))
+
+    def assign(self: Any, name: str, value: Any) -> None:
+        if name[0] != '_' and '_made' in self.__dict__ and refuses(self, name):
+            settable = getattr(type(self), name, None)
+            if not (isinstance(settable, property) and settable.fset):
+                raise AttributeError(refused(self, name))
+        object.__setattr__(self, name, value)
+
+    def read(self: Any, name: str) -> Any:
+        raise AttributeError(missing(self, name))
+    methods: dict[str, Any] = {'__getattr__': read}
+    if '__dataclass_fields__' in vars(cls):
+        methods.update(__setattr__=refuse, __delattr__=refuse)
+    else:
+        construct = vars(cls)['__init__']
+
+        @wraps(construct)
+        def make(self: Any, *values: Any, **named: Any) -> None:
+            construct(self, *values, **named)
+            if type(self) is cls:  # a subclass goes on
+                self.__dict__['_made'] = True
+        methods.update(__setattr__=assign, __init__=make)
+    for name, method in methods.items():
+        setattr(cls, name, method)
+    return cls
 
 
 def missing(owner: object, name: str) -> str:
@@ -52,21 +110,39 @@ def missing(owner: object, name: str) -> str:
     return f"'{type(owner).__name__}' object has no attribute '{name}'{_hint(owner, name)}"
 
 
-def refused(owner: object, name: str, options: tuple[str, ...]) -> str:
+def refused(owner: object, name: str, options: tuple[str, ...] = ()) -> str:
     """Return the message for an attribute that must not be assigned."""
+    ways = [way for way in ('update', 'tune') if hasattr(type(owner), way)
+            and name in signature(getattr(type(owner), way)).parameters]
+    known = hasattr(type(owner), name) or name in getattr(owner, '__dict__', ())
+    why = 'it is not to be replaced' if known else 'no such attribute'
     if name in options:
         why = f'it is fixed at construction; expected {type(owner).__name__}(..., {name}=...)'
-    elif hasattr(type(owner), name) or name in vars(owner):
-        why = 'it is not to be replaced'
-    else:
-        why = f'no such attribute{_hint(owner, name)}'
+    elif ways:
+        why += f'; expected {ways[0]}({name}=...)'
+    elif not known:
+        why += _hint(owner, name)
+    elif hasattr(type(owner), '__dataclass_fields__'):
+        why += f'; expected dataclasses.replace(..., {name}=...)'
     return f"'{type(owner).__name__}' attribute '{name}' cannot be assigned: {why}"
 
 
 def _hint(owner: object, name: str) -> str:
     """Return a hint to the attribute that a name probably means, or an empty text."""
-    ours = _BY_NAME.get(name.lower().replace('_', ''))
+    if name.startswith('_'):
+        return ''
+    of_robot = hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind')
+    plain = name.lower().replace('_', '')
+    own = [known for known in dir(owner) if known[0] != '_']
+    if of_robot:
+        names = {known: known for known in own} | {
+            known.partition('(')[0].rpartition('.')[2]: known for known in COUNTERPARTS}
+        ours = _BY_NAME.get(plain)
+    else:
+        names = {known: known for known in own}
+        names |= {other: ours for other, ours in SHORT_NAMES.items() if ours in own}
+        ours = names.get(plain)
     if ours is None:
-        near = difflib.get_close_matches(name, [x for x in dir(type(owner)) if x[0] != '_'], 1)
-        ours = near[0] if near else None
-    return '' if ours is None else f'; expected robot.{ours}'
+        near = difflib.get_close_matches(name, names, 1)
+        ours = names[near[0]] if near else None
+    return '' if ours is None else f'; expected {"robot." if of_robot else ""}{ours}'

@@ -56,8 +56,8 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
         raise error(f'{what} {os.fspath(source)!r}: {reason}; expected the path of a YAML '
                     'file, or a dict') from None
     except (yaml.YAMLError, RecursionError) as fault:
-        raise error(f"{what} '{source}': not valid YAML: {fault}; expected a "
-                    'YAML '
+        reason = ' '.join(str(fault).split()) or 'too deeply nested'
+        raise error(f"{what} '{source}': not valid YAML: {reason}; expected a YAML "
                     'mapping') from None
     if len(documents) > 1:
         raise error(f"{what} '{source}': {len(documents)} YAML documents; expected one")

@@ -184,4 +184,6 @@ def print_findings(found: Sequence[Finding]) -> None:
         counts.append(len(group))
         for finding in group:
             print(f'{level:>8}: {finding.words}')
-    print(f'\n{counts[0]} problems, {counts[1]} warnings, {counts[2]} fine')
+    words = [f'{count} {word}{"s" if count != 1 else ""}'
+             for count, word in zip(counts, ('problem', 'warning'))]
+    print(f'\n{", ".join(words)}, {counts[2]} fine')

@@ -17,7 +17,8 @@ def _torque(sub: ArgumentParser) -> None:
     _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
     sub.add_argument('--step', type=float, metavar='S', help='time between samples of the motion '
                      f'(default: {STEP:g} between points of a YAML file; rows of a CSV file)')
-    sub.add_argument('--out', metavar='CSV', help='write the torques of the motion to this file')
+    sub.add_argument('-o', '--out', metavar='CSV',
+                     help='write the torques of the motion to this file')
     add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
 
 
@@ -41,7 +42,7 @@ def _simulate(sub: ArgumentParser) -> None:
                      help='for --motion, one value or one per joint, 1/s^2; default: 100')
     sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
                      help='for --motion, one value or one per joint, 1/s; default: 20')
-    sub.add_argument('--out', metavar='FILE', help='.npz or .csv file for the trajectory')
+    sub.add_argument('-o', '--out', metavar='FILE', help='.npz or .csv file for the trajectory')
     add_plot(sub, *KINDS, 'tracking')
 
 

@@ -4,7 +4,9 @@ import argparse
 from collections.abc import Sequence
 import difflib
 from importlib import import_module
+import os
 import re
+import signal
 import sys
 from typing import Any, NoReturn
 
@@ -14,21 +16,22 @@ from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import KaneError
 
-# Description of each command, and its function in `cli.commands`.
+# Description of each command; its module and function in `cli.commands`.
 COMMANDS = {
     'torque': ('Inverse dynamics of a state or of a motion', 'torque_command.torque'),
     'simulate': ('Forward dynamics over time', 'simulate_command.simulation'),
-    'sweep': ('Many simulations with values that vary, as a table', 'commands.sweep'),
+    'sweep': ('Many simulations with values that vary, as a table', 'sweep_command.sweep'),
     'inspect': ('Tree, masses, limits, operation counts', 'commands.inspect'),
     'bench': ('Times of calls on this machine', 'bench_command.bench'),
     'export': ('C99 source and header of the compiled dynamics', 'commands.export'),
     'equations': ('Mass matrix and bias in closed form', 'commands.equations'),
-    'identify': ('Friction and inertials from a recording', 'commands.identify'),
-    'excite': ('A motion to record for identify', 'commands.excite'),
-    'replay': ('Computed and measured torques of a recording', 'commands.replay'),
-    'feasible': ('Check of a motion against the limits of the joints', 'commands.feasible'),
+    'identify': ('Friction and inertials from a recording', 'identify_command.identification'),
+    'excite': ('A motion to record for identify', 'excite_command.excitation'),
+    'replay': ('Computed and measured torques of a recording', 'replay_command.replay'),
+    'feasible': ('Check of a motion against the limits of the joints',
+                 'feasible_command.feasible'),
     'doctor': ('Problems of a URDF, its node and its ROS graph', 'commands.doctor'),
-    'view': ('The robot, its motion and its loads in the browser', 'commands.view'),
+    'view': ('The robot, its motion and its loads in the browser', 'view_command.view'),
     'demo': ('Feedforward on a simulated arm, live', 'commands.demo'),
 }
 
@@ -63,7 +66,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         module, function = options.run.split('.')  # import only the chosen command
         commands = import_module(f'kane_dynamics.cli.commands.{module}')
-        return int(getattr(commands, function)(options) or 0)
+        code = int(getattr(commands, function)(options) or 0)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # such as `| head`: the reader has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE  # as of other programs
     except (KaneError, OSError) as error:
         print(f'kane-dynamics: error: {_with_option_names(parser, options.command, str(error))}',
               file=sys.stderr)
@@ -76,7 +84,7 @@ class _Parser(argparse.ArgumentParser):
     """Argument parser whose errors refer to --help instead of printing the whole usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and exit with 2."""
+        """Print the message and exit with code 2."""
         self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 

@@ -114,7 +114,7 @@ def vector(options: Namespace, name: str, robot: Robot) -> Array:
     if len(values) != robot.n:
         raise InputError(f'--{name}: {len(values)} numbers; expected {robot.n}, in the order '
                          f'{", ".join(robot.joint_names)}')
-    if name in ('q', 'q0'):
+    if name == 'q':
         warn_degrees(robot, values, f'--{name}')
     return values
 

@@ -46,15 +46,7 @@ class States:
 
 
 def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
-    """
-    Return the motion through the points of a CSV or YAML file, of the named joints.
-
-    Raises
-    ------
-    InputError
-        If the content is invalid; the message names the file and the entry.
-
-    """
+    """Return the motion through the points of a CSV or YAML file; InputError names the entry."""
     if _is_yaml(path):
         return _read_yaml(path, joint_names)
     states = read_states(path, joint_names)
@@ -158,15 +150,7 @@ def sampled(motion: Motion, step: float) -> Rows:
 
 
 def read_trajectory(path: str, robot: Robot) -> Trajectory:
-    """
-    Return the trajectory of a robot from a CSV, YAML or saved npz file.
-
-    Raises
-    ------
-    InputError
-        If the content is invalid; the message names the file and the entry.
-
-    """
+    """Return a trajectory from a CSV, YAML or saved npz file; InputError names the entry."""
     if path.endswith('.npz'):
         return Trajectory.load_npz(path)
     names = robot.joint_names
@@ -196,7 +180,7 @@ def _is_yaml(path: str | Path) -> bool:
 
 
 def _column(header: list[str], quantity: str, joint: str) -> int | None:
-    """Return the column of a joint's quantity, or None."""
+    """Return the index of the column of a joint's quantity; None if there is none."""
     names = [f'{quantity}.{joint}', *([joint] if quantity == 'q' else [])]
     return next((header.index(name) for name in names if name in header), None)
 
@@ -242,7 +226,7 @@ def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],
 
 
 def _seconds(value: Any, what: str) -> float:
-    """Return a time that is a number or a builtin_interfaces/Duration in s."""
+    """Return a time in s, given as a number or a builtin_interfaces/Duration."""
     parts = (mapping(value, what, ('sec', 'nanosec'), InputError) if isinstance(value, Mapping)
              else {'sec': value})
     try:

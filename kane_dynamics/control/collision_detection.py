@@ -3,6 +3,7 @@
 from typing import NamedTuple
 import warnings
 
+from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 DAMPING = 0.005  # m, of `frame_wrench`: a condition number near 200 for an arm of 1 m
 
 
+@guarded
 class CollisionDetector:
     """
     Detects a collision by thresholds on estimated external torques.
@@ -61,12 +63,12 @@ class CollisionDetector:
         thresholds = per_joint(threshold, 'threshold', self._names, finite=False).tolist()
         for name, value in zip(self._names, thresholds):
             if value == 0.0:
-                raise InputError(f"threshold of joint '{name}' is 0; expected a positive number")
+                raise InputError(f"threshold of joint '{name}': 0; expected a positive number")
         for what, time in (('confirm', confirm), ('clear', clear)):
             if not time >= 0.0:
-                raise InputError(f'{what} is {time}; expected a nonnegative time in s')
+                raise InputError(f'{what}: {time}; expected a nonnegative time in s')
         if not 0.0 < release <= 1.0:
-            raise InputError(f'release is {release}; expected a share, more than 0, at most 1')
+            raise InputError(f'release: {release}; expected a fraction above 0, at most 1')
         self._thresholds, self._release = thresholds, release
         self._confirm, self._clear = confirm, clear
 

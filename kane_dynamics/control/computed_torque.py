@@ -4,17 +4,20 @@ from dataclasses import dataclass
 from typing import Any
 import warnings
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 from numpy.typing import ArrayLike
 
 KP, KD = 100.0, 20.0  # default gains, 1/s^2 and 1/s: critically damped
 
 
+@fixed
 @dataclass(frozen=True, eq=False, init=False)
 class ComputedTorque:
     """
@@ -48,7 +51,7 @@ class ComputedTorque:
 
     def __init__(self, robot: Robot | Motion, motion: Motion | ArrayLike | None = None,
                  kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> None:
-        """Check the gains and spread them over the joints."""
+        """Check the gains; one number applies to all joints."""
         simulated: Robot | None = None
         if isinstance(robot, Motion):
             warnings.warn('ComputedTorque(motion, kp, kd) is deprecated; expected '
@@ -68,6 +71,8 @@ class ComputedTorque:
         if simulated is not None and motion.joint_names != simulated.joint_names:
             raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '
                              f'{list(simulated.joint_names)}')
+        if simulated is not None:
+            warn_of_degrees(simulated, motion.positions, 'motion')
         freeze(self, 'robot', simulated)
         freeze(self, 'motion', motion)
         for name, gain, default in (('kp', kp, KP), ('kd', kd, KD)):

@@ -7,10 +7,11 @@ Plain library code without ROS; the node converts messages.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 import math
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
@@ -18,6 +19,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +43,7 @@ class Terms:
     friction: bool = True
 
 
+@fixed
 class Controller:
     """
     Computes torque commands for successive measured states.
@@ -102,7 +105,7 @@ class Controller:
         self._pose: Array | None = None  # held while there is no motion
         self._motion: Motion | None = None  # the last one whose joints were found to fit
         self._limiter = TorqueLimiter(self._names)
-        self.mode, self.kp, self.kd = Mode(Mode.INVERSE_DYNAMICS), self._zero, self._zero
+        self._mode, self._kp, self._kd = Mode(Mode.INVERSE_DYNAMICS), self._zero, self._zero
         self.update(mode=mode, compensate=compensate, kp=kp, kd=kd, effort_limit=effort_limit,
                     rate_limit=rate_limit)
 
@@ -117,25 +120,25 @@ class Controller:
         mode holds a new pose.
         """
         if mode is not None and mode not in list(Mode):
-            raise InputError(f'mode is {mode!r}; expected one of {", ".join(Mode)}')
+            raise InputError(f'mode: {mode!r}; expected one of {", ".join(Mode)}')
         names = self._names
-        new_kp = self.kp if kp is None else per_joint(kp, 'kp', names)
-        new_kd = self.kd if kd is None else per_joint(kd, 'kd', names)
+        new_kp = self._kp if kp is None else per_joint(kp, 'kp', names)
+        new_kd = self._kd if kd is None else per_joint(kd, 'kd', names)
         effort = None if effort_limit is None else np.minimum(
             per_joint(effort_limit, 'effort_limit', names, finite=False),
             np.asarray(self.robot.limits.effort, dtype=np.float64))
         rate = None if rate_limit is None else per_joint(rate_limit, 'rate_limit', names,
                                                          finite=False)
-        self.kp, self.kd = new_kp, new_kd
+        self._kp, self._kd = new_kp, new_kd
         self._gains = np.concatenate([new_kp, new_kd])
         if effort is not None:
             self._limiter.set_effort(effort)
         if rate is not None:
             self._limiter.set_rate(rate)
-        if mode is not None and mode != self.mode:
-            self.mode, self._pose = Mode(mode), None
+        if mode is not None and mode != self._mode:
+            self._mode, self._pose = Mode(mode), None
         if compensate is not None:
-            self.compensate = compensate
+            self._compensate = compensate
             # One weight a row of torque_terms; the springs have no switch.
             rows = {name: getattr(compensate, name, True) for name in TORQUE_TERMS}
             self._all = all(rows.values())
@@ -144,22 +147,42 @@ class Controller:
             rows |= {'inertia': True, 'friction': False}
             self._back = np.array(list(rows.values()), dtype=np.float64)
 
-    @cached_property
+    @lazy_property
     def _law(self) -> Callable[..., Array]:
         """Return the entry point of the computed-torque kernel, with all terms."""
         kernel = law_kernel(self.robot)
         return kernel.entry('', kernel)
 
     def compile(self) -> None:  # noqa: A003
-        """Compile the kernels that commands need besides those of the robot."""
+        """Compile the kernels that commands need in addition to those of the robot."""
         if self.bending is None:
             self._law  # noqa: B018
         else:
             self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
 
     @property
+    def mode(self) -> Mode:
+        """Return the mode; `update` changes it."""
+        return self._mode
+
+    @property
+    def compensate(self) -> Terms:
+        """Return the torque terms of the command; `update` changes them."""
+        return self._compensate
+
+    @property
+    def kp(self) -> Array:
+        """Return the gains of the position, (n,) 1/s^2; `update` changes them."""
+        return self._kp
+
+    @property
+    def kd(self) -> Array:
+        """Return the gains of the speed, (n,) 1/s; `update` changes them."""
+        return self._kd
+
+    @property
     def pose(self) -> Array | None:
-        """Return the positions that computed torque holds, (n,) rad or m, or None."""
+        """Return the positions that computed torque holds, (n,) rad or m; None with a motion."""
         return self._pose
 
     @property
@@ -208,16 +231,18 @@ class Controller:
         """
         t = float(t)
         if not math.isfinite(t):
-            raise InputError(f't is {t}; expected a finite time in s')
+            raise InputError(f't: {t}; expected a finite time in s')
         q = finite_row(q, 'the measured position', self._names)
         if u is not None:
             u = finite_row(u, 'the measured speed', self._names)
-        elif self.mode is not Mode.GRAVITY_COMPENSATION:
-            raise InputError(f'u: missing; expected the measured speeds, which {self.mode} needs')
+        elif self._mode is not Mode.GRAVITY_COMPENSATION:
+            raise InputError(f'u: missing; expected the measured speeds, which {self._mode} '
+                             'needs')
         if motion is not None and motion is not self._motion:
             if motion.joint_names != self._names:
                 raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
+            warn_of_degrees(self.robot, motion.positions, 'motion')
             self._motion = motion
         external = None if external is None else finite_row(
             external, 'the measured external torque', self._names)
@@ -232,15 +257,15 @@ class Controller:
         For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
         the motion is of the robot's joints in the robot's order.
         """
-        if self.mode is Mode.COMPUTED_TORQUE:
+        if self._mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment)
-        elif self.mode is Mode.INVERSE_DYNAMICS and motion is not None:
+        elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
             q_d, u_d, udot_d = motion.sample(moment)
             tau = (self._source.inverse_dynamics(q_d, u_d, udot_d) if self._all
                    else self._forward @ self._source.torque_terms(q_d, u_d, udot_d))
         else:
-            tau = self._source.gravity_force(q) if self.compensate.gravity else self._zero.copy()
-        if external is not None and self.mode is not Mode.GRAVITY_COMPENSATION:
+            tau = self._source.gravity_force(q) if self._compensate.gravity else self._zero.copy()
+        if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
             tau = tau - external
         return self._limiter.apply(t, tau)
 
@@ -264,7 +289,7 @@ class Controller:
             return whole
         with np.errstate(over='ignore', invalid='ignore'):  # the kernel raises an error
             udot = corrected_acceleration(
-                q, u, q_d, u_d, udot_d if self.compensate.inertia else self._zero, self.kp,
-                self.kd)
+                q, u, q_d, u_d, udot_d if self._compensate.inertia else self._zero, self._kp,
+                self._kd)
         tau: Array = self._back @ self._source.torque_terms(q, u, udot)
-        return tau + self.robot.friction_force(u_d) if self.compensate.friction else tau
+        return tau + self.robot.friction_force(u_d) if self._compensate.friction else tau

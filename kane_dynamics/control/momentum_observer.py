@@ -9,6 +9,7 @@ R. Mattone, "Sensorless robot collision detection and hybrid force/motion contro
 
 import math
 
+from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 OBSERVED = ('mass_matrix', 'bias_force', 'coriolis_matrix')  # quantities that it evaluates
 
 
+@guarded
 class MomentumObserver:
     """
     Estimator of the external joint torques.
@@ -60,7 +62,7 @@ class MomentumObserver:
                  held: bool = False) -> None:
         """Compile the kernels; the estimate starts at zero with the first sample."""
         if isinstance(robot.equations, ConstrainedEquations):
-            raise InputError('robot: it has chosen speeds or constraints; expected one in joint '
+            raise InputError('robot: chosen speeds or constraints; expected a robot in joint '
                              'rates without constraints')
         self.robot, self.held = robot, held
         self._workspace = robot.bind()
@@ -76,9 +78,9 @@ class MomentumObserver:
         checked = per_joint(gain, 'gain', self.robot.joint_names)
         if not checked.all():
             joint = self.robot.joint_names[int(np.flatnonzero(checked == 0.0)[0])]
-            raise InputError(f"gain of joint '{joint}' is 0; expected a positive number, 1/s")
+            raise InputError(f"gain of joint '{joint}': 0; expected a positive number, 1/s")
         if not max_gap > 0.0:
-            raise InputError(f'max_gap is {max_gap}; expected a positive time in s')
+            raise InputError(f'max_gap: {max_gap}; expected a positive time in s')
         self._gain, self._max_gap = checked, max_gap
 
     def reset(self) -> None:
@@ -87,7 +89,7 @@ class MomentumObserver:
         self.torque = np.zeros(self.robot.n)
 
     def refresh(self) -> None:
-        """Update for a changed payload or gravity of the robot, without an external torque."""
+        """Adapt to a changed payload or gravity of the robot; the estimate does not jump."""
         if self._t is not None:
             self._momentum, self._beta = self._terms()
 
@@ -116,7 +118,7 @@ class MomentumObserver:
         """
         if not math.isfinite(t):
             self.reset()
-            raise InputError(f't is {t}; expected a finite time in s')
+            raise InputError(f't: {t}; expected a finite time in s')
         elapsed = None if self._t is None else t - self._t
         if elapsed == 0.0:
             return self.torque
@@ -124,7 +126,7 @@ class MomentumObserver:
             self.reset()
             elapsed = None
         try:
-            torques = self._take(q, u, tau)
+            torques = self._set_state(q, u, tau)
             momentum, beta = self._terms()
         except InputError:
             self.reset()
@@ -138,17 +140,17 @@ class MomentumObserver:
         self._t, self._tau, self._momentum, self._beta = t, torques, momentum, beta
         return self.torque
 
-    def _take(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
+    def _set_state(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
         """Write the state to the workspace, which checks it; return tau, (n,)."""
         arrays = []
         for name, values in (('q', q), ('u', u), ('tau', tau)):
             array = np.array(values, dtype=np.float64)
             if array.shape != (self.robot.n,):
-                raise InputError(f'{name} has shape {array.shape}; expected ({self.robot.n},)')
+                raise InputError(f'{name}: shape {array.shape}; expected ({self.robot.n},)')
             arrays.append(array)
         self._workspace.q[:], self._workspace.u[:], torques = arrays
         if not np.isfinite(torques).all():
-            raise InputError(f'tau is {torques.tolist()}; expected finite numbers')
+            raise InputError(f'tau: {torques.tolist()}; expected finite numbers')
         return torques
 
     def _terms(self) -> tuple[Array, Array]:

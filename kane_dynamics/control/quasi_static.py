@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -12,6 +13,7 @@ MOST = 100  # corrections
 GROWING = 2  # corrections that do not decrease: the iteration diverges
 
 
+@fixed
 class QuasiStatic:
     """
     A flexible robot with its modes in equilibrium with the load.

@@ -61,7 +61,7 @@ class Child:
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
     def end(self) -> None:
-        """Wait for its end after SIGINT; kill it after 5 s."""
+        """Wait for the process to end after SIGINT; kill it after 5 s."""
         try:
             self.process.wait(timeout=5.0)
         except subprocess.TimeoutExpired:
@@ -74,7 +74,7 @@ class Child:
 
 class Waiting:
     """
-    Watch that the children make progress.
+    Checks that the child processes make progress.
 
     Parameters
     ----------

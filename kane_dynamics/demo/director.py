@@ -1,5 +1,5 @@
 """
-The demo's director: starts the arm and the node, moves the arm, and tells what came of it.
+The demo's director: starts the arm and the node, moves the arm, and reports the results.
 
 Three processes over Fast DDS: this one, the arm (`plant`, MuJoCo behind ROS topics) and the
 dynamics node. The arm makes the same motion twice, first with its soft servo alone (the node
@@ -77,10 +77,11 @@ class Director(Node):
         answer = self.ask(ChangeState, f'{NODE}/change_state',
                           transition=Transition(id=transition))
         if not answer.success:
-            raise DemoError(f'the node refuses lifecycle transition {transition}')
+            raise DemoError(f'lifecycle transition {transition}: refused by the node; expected '
+                            'success')
 
     def send(self, motion: Motion, feedforward: bool) -> None:
-        """Send a motion to the arm, and to the node too if asked, to begin a little later."""
+        """Send a motion to the arm, and optionally to the node, to start shortly afterwards."""
         message = JointTrajectory(joint_names=list(motion.joint_names))
         start = time.time_ns() + int(LEAD * 1e9)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
@@ -94,7 +95,7 @@ class Director(Node):
             self._to_node.publish(message)
 
     def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> TrackingLog:
-        """Make the arm perform a motion from rest; return what it did."""
+        """Make the arm perform a motion from rest; return its record."""
         if self.node_state() == State.PRIMARY_STATE_ACTIVE:
             self.change(Transition.TRANSITION_DEACTIVATE)  # forgets the motion before
         if feedforward:
@@ -116,13 +117,13 @@ class Director(Node):
         return TrackingLog.load(record)
 
     def predict_and_let_go(self, record: Path) -> tuple[Any, TrackingLog]:
-        """Ask for the arm's fall from home, then let it fall; return both."""
+        """Predict the arm's fall from home, then let it fall; return prediction and record."""
         self.change(Transition.TRANSITION_DEACTIVATE)
         prediction = self.ask(
             Simulate, f'{NODE}/simulate', joint_names=list(JOINTS), position=HOME.tolist(),
             duration=FALL, step=5e-4, sample_period=2e-3)
         if not prediction.success:
-            raise DemoError(f'the simulate service refuses: {prediction.message}')
+            raise DemoError(f'{NODE}/simulate: {prediction.message}; expected success')
         self.ask(SetBool, f'{PLANT}/reset', data=False)
         time.sleep(FALL + 0.1)
         return prediction, self._recorded(record)

@@ -58,16 +58,11 @@ class TrackingLog:
         return TrackingLog(**rows, latency=kept(self.latency, self.latency[:, 0]))
 
 
-def rms(error: Array) -> Array:
-    """Return the root mean square of each column."""
-    result: Array = np.sqrt(np.mean(error * error, axis=0))
-    return result
-
-
 def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
     """Return the RMS tracking error of every joint during the motion, (n,), rad."""
     run = run.within(0.0, DURATION)
-    return rms(run.q - motion.sample(run.t)[0])
+    error: Array = run.q - motion.sample(run.t)[0]
+    return np.asarray(np.sqrt(np.mean(error * error, axis=0)))
 
 
 def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> float:
@@ -77,7 +72,7 @@ def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> floa
 
 
 def lateness(run: TrackingLog) -> str | None:
-    """Return in words what was late in a run with feedforward; None if it ran in real time."""
+    """Describe what was late in a run with feedforward; return None if it ran in real time."""
     run = run.within(0.0, DURATION)
     longest = float(run.late.max(initial=0.0))
     if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):

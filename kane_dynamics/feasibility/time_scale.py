@@ -107,7 +107,7 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
 
 
 def _bound(asked: Demand, speed: float) -> TimeScale:
-    """Return the speed with the limit that the motion reaches."""
+    """Return the highest speed and the limit that bounds it."""
     uses = asked.uses
     limit = max(uses, key=lambda name: float(uses[name].max()))
     j = int(uses[limit].argmax())
@@ -137,7 +137,7 @@ class SampledPath:
 
     def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike,
                  more: Array) -> None:
-        """Compute the coefficients of the torque by powers of the speed."""
+        """Compute the coefficients of the torque as a polynomial in the speed."""
         _, q, self.u, udot = sampled(robot, motion, step, more)
         inertia, coriolis, gravity, _, spring = np.moveaxis(
             robot.torque_terms(q, self.u, udot), 1, 0)

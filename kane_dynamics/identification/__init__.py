@@ -9,9 +9,10 @@ from kane_dynamics.identification.payload.payload_fit import identify_payload, P
 from kane_dynamics.identification.recordings.diagnosis import diagnose, Finding
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
 from kane_dynamics.identification.regression import friction_speeds, rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Finding', 'Identification', 'Payload',
-           'PayloadEstimator', 'Recording', 'base_parameters', 'base_speeds', 'diagnose',
-           'excite', 'fit_base', 'friction_speeds', 'identify', 'identify_payload',
-           'read_recording', 'rows']
+           'PayloadEstimator', 'Recording', 'TorqueDelays', 'base_parameters',
+           'base_speeds', 'diagnose', 'excite', 'fit_base', 'friction_speeds', 'identify',
+           'identify_payload', 'read_recording', 'rows', 'torque_delays']

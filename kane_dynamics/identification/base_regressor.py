@@ -42,7 +42,7 @@ class BaseParameters:
 
     @property
     def single(self) -> NDArray[np.bool_]:
-        """Return which unknowns are identifiable by themselves, (unknowns,) array of bool."""
+        """Return which unknowns are individually identifiable, (unknowns,) array of bool."""
         found = np.zeros(self.B.shape[1], dtype=bool)
         found[self.columns[np.count_nonzero(self.B, axis=1) == 1]] = True
         return found
@@ -200,7 +200,7 @@ def base_speeds(data: RegressionRows, model: Model) -> Array:
     bodies = 10 * len(model.bodies)
 
     def rigid(speeds: Array) -> Array:
-        """Return the torque of the bodies, fitted at given speeds."""
+        """Return the fitted rigid-body torque at given friction speeds."""
         fit = fit_base(data, model, speeds)
         inertial = fit.base.columns < bodies
         return np.asarray(data.Y[:, :, fit.base.columns[inertial]] @ fit.values[inertial])

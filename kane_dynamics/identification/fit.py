@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 import warnings
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
@@ -13,9 +13,9 @@ from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, factorized, fit_friction,
                                                      FRICTION, friction_speeds, full_regressor,
-                                                     LOWEST, RegressionRows, rows, settled_speeds,
-                                                     stacked, STANDSTILL, triangle, UNBOUNDED,
-                                                     weights)
+                                                     LOWEST, RegressionRows, rms, rows,
+                                                     settled_speeds, stacked, STANDSTILL, triangle,
+                                                     UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
 from kane_dynamics.model.model import Inertial, Model
@@ -73,7 +73,7 @@ class Identification:
     condition: float
     weight: float
 
-    @cached_property
+    @lazy_property
     def model(self) -> Model:
         """
         Return the identified model.
@@ -162,8 +162,8 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         friction_statistics(A, model) if friction_only
         else statistics(A, model, x, speeds, weight))
     return Identification(
-        model, x, speeds, friction_only, _rms(recording_error(model, second.recording)),
-        _rms(_error(first, speeds, x)), _rms(_error(second, speeds, x)), deviations,
+        model, x, speeds, friction_only, rms(recording_error(model, second.recording)),
+        rms(_error(first, speeds, x)), rms(_error(second, speeds, x)), deviations,
         inertial_deviations, condition, float(weight))
 
 
@@ -207,7 +207,7 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
     prior = [body.inertial for body in model.bodies]
 
     def rigid(speeds: Array) -> Array:
-        """Fit at given speeds; return the torque of the bodies."""
+        """Fit at given friction speeds; return the rigid-body torque."""
         nonlocal x
         equations = compressed(data, speeds)
         for _ in range(ROUNDS):
@@ -237,7 +237,7 @@ def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x
 def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
                    progress: Callable[[float], object]) -> float:
     """
-    Return the weight of the prior by cross-validation over stretches of rows.
+    Return the weight of the prior, by cross-validation over blocks of consecutive rows.
 
     It is the largest weight whose error is within one standard error of the smallest (Hastie,
     Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10). Errors are in units
@@ -266,8 +266,3 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
 def _error(data: RegressionRows, speeds: Array, x: Array) -> Array:
     """Return measured torque minus that of the values of the unknowns, (N, n)."""
     return np.asarray(data.recording.tau - data.rest - full_regressor(data, speeds) @ x)
-
-
-def _rms(error: Array) -> Array:
-    """Return the root of the mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

@@ -13,10 +13,10 @@ information on its parameters: its equations omit rows in which it is slower tha
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.qr_factor import Factor
@@ -69,17 +69,17 @@ class RegressionRows:
         return self.part(slice(middle, None) if second else slice(0, middle))
 
     def part(self, chosen: slice) -> 'RegressionRows':
-        """Return some consecutive rows."""
+        """Return the rows of a slice."""
         return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
                               self.Y[chosen], self.moving[chosen])
 
-    @cached_property
+    @lazy_property
     def stretches(self) -> list['RegressionRows']:
-        """Return the rows in consecutive stretches of equal length."""
+        """Return the rows as consecutive blocks of equal length."""
         ends = np.linspace(0, len(self.recording), STRETCHES + 1).round().astype(int)
         return [self.part(slice(a, b)) for a, b in pairwise(ends)]
 
-    @cached_property
+    @lazy_property
     def factors(self) -> list[Factor]:
         """Return for each joint the factorized columns that do not depend on friction speeds."""
         _, n, inertial = self.Y.shape
@@ -189,7 +189,7 @@ def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
 def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array], Array],
                    lowest: Array = LOWEST) -> Array:
     """
-    Return the friction speeds that fit best for unknown bodies.
+    Return the friction speeds that fit best for unknown inertial parameters.
 
     Bodies and speeds are fitted alternately until the speeds converge; each fit reduces the same
     sum of squares. Speeds fitted to wrong bodies compensate part of their error, and vice versa.
@@ -263,6 +263,11 @@ def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array, x
     """Return the standard deviation of each joint's residual at x, (n,), N m or N."""
     missed = np.array([np.sum((z - R @ x)**2) for R, z in equations]) + floor
     return np.asarray(np.sqrt(np.maximum(missed / counts, 1e-24)))
+
+
+def rms(values: Array) -> Array:
+    """Return the root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(values * values, axis=0)))
 
 
 def triangle(A: Array) -> Array:

@@ -81,7 +81,7 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
                          '(3,), of finite numbers')
     for name, value in (('iterations', iterations), ('starts', starts)):
         if value < 1:
-            raise InputError(f'{name}: {value}; expected a whole number from 1 on')
+            raise InputError(f'{name}: {value}; expected an integer >= 1')
     if not tolerance > 0.0:
         raise InputError(f'tolerance: {tolerance}; expected a positive number, m and rad')
     search = _Search(robot, frame, goal, tolerance)
@@ -112,7 +112,7 @@ class _Search:
     def first(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
         given = self.robot.neutral() if q0 is None else np.array(q0, dtype=np.float64)
-        self.robot.frame_pose(self.frame, given)  # raises InputError in words
+        self.robot.frame_pose(self.frame, given)  # raises InputError
         q = np.clip(given, self.lower, self.upper)
         return self.robot.closed_posture(q) if self.constrained else q
 

@@ -18,7 +18,7 @@ ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identit
 
 def rotation_exp(vector: ArrayLike) -> Array:
     """
-    Return the rotation by the length of a vector about its direction (Rodrigues' formula).
+    Return the rotation matrix of a rotation vector (Rodrigues' formula).
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def _sinc(x: Any) -> Any:
 
 
 def _skew(w: Array) -> Array:
-    """Return the matrices of w x."""
+    """Return the skew-symmetric matrices [w]x."""
     W = np.zeros((*w.shape, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         W[..., k, j], W[..., j, k] = w[..., i], -w[..., i]

@@ -31,7 +31,7 @@ def friction_torque(joint: Joint, rate: Any) -> Any:
 
 
 def friction_slope(joint: Joint, rate: Any) -> Any:
-    """Return the derivative of `friction_torque` by the rate, N m s or N s/m."""
+    """Return the derivative of `friction_torque` with respect to the rate, N m s or N s/m."""
     slope: Any = joint.damping
     if joint.friction:
         y = coulomb(rate, joint.friction_speed)

@@ -48,7 +48,7 @@ class Beam:
     coordinates : tuple of int
         Indices of the modal coordinates in q, (m,).
     pseudo_slope : (m, 4, 4) array
-        Derivatives of the pseudo-inertia by the modal coordinates, undeformed.
+        Derivatives of the pseudo-inertia with respect to the modal coordinates, undeformed.
     pseudo_curvature : (m, m, 4, 4) array
         Its second derivatives.
     momentum : (m, 3) array

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating', 'fixed')
 
 
+@guarded
 class ModelBuilder(ModelAssembly):
     """
     Builder of mechanisms: add bodies outward from 'world', then call `model`.
@@ -32,8 +34,8 @@ class ModelBuilder(ModelAssembly):
     gravity : (3,) array
         m/s^2, world axes.
     strict : bool
-        Refuse moments of inertia that no rigid body can have; without it they stand, and `model`
-        warns of them.
+        Raise an error for moments of inertia that no rigid body can have. If False, they are
+        accepted, and `model` warns about them.
 
     Examples
     --------
@@ -104,7 +106,7 @@ class ModelBuilder(ModelAssembly):
         turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
         R, p = pose(at, rpy, what)
         singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
-                                           turns=turns), 0)
+                                           turns=turns))
         if properties and len(singles) > 1:
             names = ', '.join(single.name for single in singles)
             raise ModelError(f"{what}: {', '.join(properties)} of {len(singles)} degrees of "
@@ -114,7 +116,7 @@ class ModelBuilder(ModelAssembly):
         self._check_new(name)
         if self.strict:
             check_moments(name, matter)  # before anything is added
-        follows = self._following(what, kind, mimic, multiplier, offset)
+        mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
         if kind == 'fixed':
             if properties:
                 raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected no '
@@ -129,8 +131,8 @@ class ModelBuilder(ModelAssembly):
             self._bodies.append(Body(single.child, place.body, Joint(
                 single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute',
                 single.axis, place.rotation, place.translation,
-                **{'coordinate': len(self._coordinates), **follows, **properties})))
-            if not follows:
+                **{'coordinate': len(self._coordinates), **mimic_fields, **properties})))
+            if not mimic_fields:
                 self._coordinates.append(single.name)
             place = Placement(len(self._bodies) - 1)
         self._places[name] = place
@@ -223,7 +225,7 @@ class ModelBuilder(ModelAssembly):
         self._bodies[k] = replace(body, joint=replace(body.joint, **properties))
 
     def _clamp(self, name: str, on: str, coordinate: int, **options: Any) -> None:
-        """Add a body that does not move on its carrier: its joint moves 0 times a coordinate."""
+        """Add a body clamped to its parent, by a joint with multiplier 0."""
         self.body(name, on, 'fixed', **options)
         joint = options.get('joint') or name
         self._check_joint(joint)
@@ -233,9 +235,9 @@ class ModelBuilder(ModelAssembly):
             coordinate, multiplier=0.0)))
         self._places[name] = Placement(len(self._bodies) - 1)
 
-    def _following(self, what: str, kind: str, mimic: str | None, multiplier: float,
-                   offset: float) -> dict[str, Any]:
-        """Return what of a joint follows another one; nothing where it moves freely."""
+    def _mimic_fields(self, what: str, kind: str, mimic: str | None, multiplier: float,
+                      offset: float) -> dict[str, Any]:
+        """Return coordinate, multiplier and offset of a mimic joint; empty for other joints."""
         if mimic is None:
             if (multiplier, offset) != (1.0, 0.0):
                 raise ModelError(f'{what}: multiplier {multiplier}, offset {offset} without '
@@ -247,11 +249,11 @@ class ModelBuilder(ModelAssembly):
         masters = {body.joint.name: body.joint for body in self._bodies
                    if body.joint.deflection is None and body.joint.multiplier}
         if mimic not in masters:
-            raise ModelError(f'{what}: mimic is {mimic!r}; expected one of {listing(masters)}')
+            raise ModelError(f'{what}: mimic: {mimic!r}; expected one of {listing(masters)}')
         ratio, shift = (float(constant(value, (), f'{what}: {word}')) for value, word in (
             (multiplier, 'multiplier'), (offset, 'offset')))
         if not ratio:
-            raise ModelError(f'{what}: multiplier is 0; expected another number')
+            raise ModelError(f'{what}: multiplier: 0; expected another number')
         master = masters[mimic]
         return {'coordinate': master.coordinate, 'multiplier': ratio * master.multiplier,
                 'offset': ratio * master.offset + shift}

@@ -97,7 +97,7 @@ class FlexibleLink:
                    torsion=torsion, **options)
 
     def checked(self, name: str) -> 'AssumedModes':
-        """Return the assumed modes; errors name the link."""
+        """Check the description and return the assumed modes; errors name the link."""
         what = f"beam '{name}'"
         numbers = {key: float(constant(getattr(self, key), (), f'{what}: {key}'))
                    for key in ('length', 'density', 'damping')}

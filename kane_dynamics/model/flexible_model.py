@@ -70,9 +70,9 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
             parent, p, R = children[i]
             joint = replace(joint, translation=p, rotation=R)
         rest.append(replace(body, parent=parent, joint=joint))
-    moved = [Frame(frame.name, *_turned(frames[frame.name])) if frame.name in frames else
+    moved = [Frame(frame.name, *_rotation_first(frames[frame.name])) if frame.name in frames else
              replace(frame, body=number(frame.body)) for frame in model.frames]
-    moved.append(Frame(f'{link}/tip', *_turned(tip)))
+    moved.append(Frame(f'{link}/tip', *_rotation_first(tip)))
     return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
                    frames=tuple(moved), coordinate_names=(
                        *model.coordinate_names, *shape.names))
@@ -150,6 +150,6 @@ class _Sections:
         return self._ends[x], p - x * e, R
 
 
-def _turned(place: tuple[int, Any, Any]) -> tuple[int, Any, Any]:
+def _rotation_first(place: tuple[int, Any, Any]) -> tuple[int, Any, Any]:
     body, p, R = place
     return body, R, p

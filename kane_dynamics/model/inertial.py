@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Inertial:
     """

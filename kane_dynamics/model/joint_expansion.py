@@ -1,11 +1,12 @@
 """
-Expand joints of a URDF or builder into joints of one degree of freedom.
+Joints as a URDF or the builder states them, and their expansion to one degree of freedom.
 
 A floating, planar, spherical or universal joint becomes prismatic and revolute ones in series,
 with documented names.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.model.placement import snapped
@@ -31,6 +32,9 @@ class StatedLimits:
     effort: float | None = None
 
 
+NO_LIMITS = StatedLimits(-math.inf, math.inf, math.inf, math.inf)
+
+
 @dataclass(frozen=True, eq=False)
 class StatedJoint:
     """
@@ -54,29 +58,12 @@ class StatedJoint:
     turns: str = 'xyz'
 
 
-@dataclass(frozen=True)
-class SingleJoint:
-    """
-    Joint of one degree of freedom (or none: kind 'fixed'), from `expand_joint`.
-
-    `child_name` is the body that it carries: a link, or an intermediate body of an expanded joint.
-    `order` sorts by the position in the URDF.
-    """
-
-    name: str
-    kind: str
-    axis: Array
-    rotation: Array
-    translation: Array
-    parent: str
-    child: str
-    order: tuple[int, int]
-    source: StatedJoint
-
-
-def expand_joint(joint: StatedJoint, index: int) -> list[SingleJoint]:
+def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
     """
     Expand a joint into joints of at most one degree of freedom, from the parent outward.
+
+    Joints of at most one degree of freedom stay as they are. The parts of others have no limits;
+    their intermediate bodies have the names of their joints.
 
     floating becomes <joint>/x /y /z, prismatic along the axes of the joint's frame in the parent,
     then <joint>/rx /ry /rz, revolute, each about an axis rotated by the previous ones. spherical
@@ -98,14 +85,14 @@ def expand_joint(joint: StatedJoint, index: int) -> list[SingleJoint]:
         parts = [('/x', 'prismatic', x), ('/y', 'prismatic', snapped(np.cross(normal, x))),
                  ('/rz', 'revolute', normal)]
     else:
-        kind = {'continuous': 'revolute'}.get(joint.kind, joint.kind)
-        parts = [('', kind, joint.axis)]
+        return [joint]
     singles, parent = [], joint.parent
     for k, (suffix, kind, axis) in enumerate(parts):
         name = joint.name + suffix
         child = name if k < len(parts) - 1 else joint.child
-        pose = (joint.rotation, joint.translation) if k == 0 else (eye, np.zeros(3))
-        singles.append(SingleJoint(name, kind, axis, *pose, parent, child, (index, k), joint))
+        R, p = (joint.rotation, joint.translation) if k == 0 else (eye, np.zeros(3))
+        singles.append(replace(joint, name=name, kind=kind, parent=parent, child=child, rotation=R,
+                               translation=p, axis=axis, limits=NO_LIMITS))
         parent = child
     return singles
 

@@ -162,7 +162,7 @@ def _root(f: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _clamped(b: float, x: Array) -> Shapes:
-    """Return cosh bx - cos bx - s (sinh bx - sin bx) and its derivatives by x."""
+    """Return cosh bx - cos bx - s (sinh bx - sin bx) with two derivatives with respect to x."""
     total = math.sinh(b) + math.sin(b)
     s = (math.cosh(b) + math.cos(b)) / total
     less = (math.sin(b) - math.cos(b) - math.exp(-b)) / total  # 1 - s, without cancellation
@@ -173,7 +173,7 @@ def _clamped(b: float, x: Array) -> Shapes:
 
 
 def _pinned(b: float, x: Array) -> Shapes:
-    """Return sin bx + (sin b / sinh b) sinh bx and its derivatives by x."""
+    """Return sin bx + (sin b / sinh b) sinh bx with two derivatives with respect to x."""
     sine, cosine = np.sin(b * x), np.cos(b * x)
     part = math.sin(b) / math.sinh(b)
     grown, faded = part * np.sinh(b * x), part * np.cosh(b * x)
@@ -182,7 +182,7 @@ def _pinned(b: float, x: Array) -> Shapes:
 
 @cache
 def _legendre(count: int) -> tuple[Array, Array]:
-    """Return places and weights on (-1, 1), an eigenvalue problem that one solution serves."""
+    """Return the nodes and weights of Gauss-Legendre quadrature on (-1, 1), cached."""
     x, weights = np.polynomial.legendre.leggauss(count)
     x.flags.writeable = weights.flags.writeable = False
     return x, weights

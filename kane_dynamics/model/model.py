@@ -12,6 +12,7 @@ import hashlib
 import math
 from typing import Any, Literal
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.text import short
@@ -28,6 +29,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
 
+@fixed
 @dataclass(frozen=True)
 class Limits:
     """Limits of a joint: position (rad or m), velocity (rad/s or m/s), effort (N m or N)."""
@@ -38,6 +40,7 @@ class Limits:
     effort: float = math.inf
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Joint:
     """
@@ -128,6 +131,7 @@ class Joint:
             freeze(self, name, value)
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Body:
     """Body: name, index of its parent (WORLD: -1), joint, inertial and beam."""
@@ -139,6 +143,7 @@ class Body:
     beam: Beam | None = None
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Frame:
     """Named frame with pose (rotation, translation) on body `body` (or WORLD)."""
@@ -149,6 +154,7 @@ class Frame:
     translation: Array = field(default_factory=lambda: np.zeros(3))
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Model:
     """
@@ -197,8 +203,7 @@ class Model:
             if not 0 <= body.joint.coordinate < n:
                 raise ModelError(f"joint '{body.joint.name}': coordinate "
                                  f'{body.joint.coordinate}; expected 0 to {n - 1}')
-        used = {body.joint.coordinate for body in self.bodies}
-        used |= {k for body in self.bodies if body.beam for k in body.beam.coordinates}
+        used = {*(body.joint.coordinate for body in self.bodies), *self.modal_coordinates}
         for k, name in enumerate(self.coordinate_names):
             if k not in used:
                 raise ModelError(f"coordinate '{name}': moves no joint; expected at least one")
@@ -206,9 +211,8 @@ class Model:
                             ('joint', [b.joint.name for b in self.bodies]),
                             ('coordinate', list(self.coordinate_names)),
                             ('frame', [f.name for f in self.frames])):
-            twice = {name for name in names if names.count(name) > 1} if (
-                len(set(names)) < len(names)) else set()
-            if twice:
+            if len(set(names)) < len(names):
+                twice = {name for name in names if names.count(name) > 1}
                 raise ModelError(f'{what} names: {sorted(twice)} more than once; expected unique '
                                  'names')
 

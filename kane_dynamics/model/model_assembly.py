@@ -116,7 +116,7 @@ class ModelAssembly:
                      self.gravity, 'world', self._base)
 
     def _check_moments(self, on: str, matter: Inertial) -> None:
-        """Refuse moments of inertia that no rigid body can have, or remember them to warn of."""
+        """Raise ModelError for impossible moments of inertia, or store them for a warning."""
         try:
             check_moments(on, matter)
         except ModelError:

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
@@ -24,6 +25,7 @@ Start = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 State = tuple[Array, Array, Array]
 
 
+@fixed
 class Motion:
     """
     Desired motion q(t), u(t), udot(t) of named joints; immutable.
@@ -165,10 +167,10 @@ class Motion:
     def joint_polynomial(self, joint: str) -> PiecewisePolynomial:
         """Return the position of one joint as a function over any scalar, for `Prescribed`."""
         if joint not in self.joint_names:
-            raise InputError(f"the motion has no joint '{joint}'; expected one of "
+            raise InputError(f"motion: no joint '{joint}'; expected one of "
                              f'{", ".join(self.joint_names)}')
         if not 2 <= len(self.times) <= MOST_PIECES:
-            raise InputError(f'the motion has {len(self.times)} points; expected 2 to '
+            raise InputError(f'motion: {len(self.times)} points; expected 2 to '
                              f'{MOST_PIECES} for a prescribed joint')
         k = self.joint_names.index(joint)
         return PiecewisePolynomial(self.times, self._table[:, :, k])

@@ -2,7 +2,18 @@
 Pictures of motions, bending, tracking, torques, energies and reactions, in one style.
 
 Figures are created without pyplot: no window opens, no backend is selected, and the style is
-restored after the call. Each function returns its figure and, given a path, saves it.
+restored after the call. Each function returns its figure and, given a path, saves it. Parameters
+that several functions have:
+
+robot, trajectory : Robot, Trajectory
+    The robot, and a single motion of it; InputError if the trajectory holds several motions or
+    other joints.
+path : str or Path, optional
+    File to write; its suffix is the format.
+prismatic : collection of str
+    Names of the prismatic joints (units m and N).
+title : str, optional
+    Title of the picture; by default, where there is a robot, with its name.
 """
 
 from kane_dynamics.plot.bending_plots import plot_bending, plot_vibrations

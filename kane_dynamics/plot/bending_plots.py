@@ -37,15 +37,13 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
         Configurations, such as ``trajectory.q[::50]``: rad, m, and modal coordinates.
     t : (K,) sequence of float, optional
         Their times, s, for the legend.
-    path : str or Path, optional
-        File to write; its suffix is the format.
     exaggeration : float
         Factor on the drawn deflections; the title contains it.
     plane : str, optional
         World axes of the picture: xy, xz, yz, or xyz for a view in space. Default: the plane of
         the robot, else xyz.
-    title : str
-        Title of the picture.
+    path, title
+        See `kane_dynamics.plot`.
 
     Raises
     ------
@@ -80,14 +78,12 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
     robot, q, held
         As for `natural_vibration`. Modes that do not vibrate (zero frequency, or unstable) are
         not drawn.
-    path : str or Path, optional
-        File to write; its suffix is the format.
     count : int
         Largest number of vibrations.
     plane : str, optional
         As for `plot_bending`.
-    title : str
-        Title of the picture.
+    path, title
+        See `kane_dynamics.plot`.
 
     Raises
     ------

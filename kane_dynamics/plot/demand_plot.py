@@ -20,12 +20,8 @@ def plot_demand(asked: 'Demand', path: Path | None = None, *, prismatic: Collect
     ----------
     asked : Demand
         Result of `feasibility.demand`.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    prismatic : collection of str
-        Names of the prismatic joints (units m and N).
-    title : str
-        Title of the picture.
+    path, prismatic, title
+        See `kane_dynamics.plot`.
 
     """
     names = list(asked.joint_names)

@@ -26,17 +26,13 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     ----------
     robot : Robot
         Its speeds are joint rates, and its constraints do not depend on time.
-    trajectory : Trajectory
-        A single motion of this robot.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    title : str, optional
-        Title of the picture; by default with the name of the robot.
+    trajectory, path, title
+        See `kane_dynamics.plot`.
 
     Raises
     ------
     InputError
-        If the trajectory holds several motions or other joints, or the robot is unsupported.
+        Also if the robot is unsupported.
 
     """
     trajectory.require(robot, 'plot_energy')

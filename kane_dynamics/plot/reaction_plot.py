@@ -15,22 +15,7 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
     """
     Plot force and moment at every joint: three components each, and their magnitudes.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    trajectory : Trajectory
-        A single motion of this robot.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    title : str, optional
-        Title of the picture; by default with the name of the robot.
-
-    Raises
-    ------
-    InputError
-        If the trajectory holds several motions or other joints.
-
+    For the parameters see `kane_dynamics.plot`.
     """
     trajectory.require(robot, 'plot_reactions')
     title = titled(title, 'joint reactions, parent on child, world axes', robot.model.name)

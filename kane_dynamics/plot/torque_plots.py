@@ -22,22 +22,7 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     """
     Plot the terms of each joint's torque as stacked areas, their sum and limits.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    trajectory : Trajectory
-        A single motion of this robot.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    title : str, optional
-        Title of the picture; by default with the name of the robot.
-
-    Raises
-    ------
-    InputError
-        If the trajectory holds several motions or other joints.
-
+    For the parameters see `kane_dynamics.plot`.
     """
     trajectory.require(robot, 'plot_torque_by_source')
     terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
@@ -74,14 +59,10 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         N m or N.
     joint_names : sequence of str
         In the order of the columns.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    prismatic : collection of str
-        Names of the prismatic joints (unit N).
     limits : (n,) array, optional
         Limits of the torques, N m or N; infinite for none.
-    title : str
-        Title of the picture.
+    path, prismatic, title
+        See `kane_dynamics.plot`.
 
     """
     names = list(joint_names)

@@ -27,14 +27,10 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
         By label, for example 'PD only' and 'PD + feedforward': (K,) s, (K, n) and (K, n) rad or m.
     joint_names : sequence of str
         Names, in the order of the columns.
-    path : str or Path, optional
-        File to write; its suffix is the format.
     sources : (t, terms), optional
         Adds the torques by source as a third column: (K,) s and `Robot.torque_terms`, (K, 5, n).
-    prismatic : collection of str
-        Names of the prismatic joints (units m and N).
-    title : str
-        Title of the picture.
+    path, prismatic, title
+        See `kane_dynamics.plot`.
 
     """
     names = list(joint_names)

@@ -31,15 +31,11 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     ----------
     trajectory : Trajectory
         The motion.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    prismatic : collection of str
-        Names of the prismatic joints (units m and N).
     limits : JointLimits, optional
         `Robot.limits`; speed and torque limits are drawn in the colors of the joints, if they are
         near the values.
-    title : str
-        Title of the picture.
+    path, prismatic, title
+        See `kane_dynamics.plot`.
 
     """
     joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
@@ -80,22 +76,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
     """
     Plot the speed of each joint over its position, with the limits of both.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    trajectory : Trajectory
-        A single motion of this robot.
-    path : str or Path, optional
-        File to write; its suffix is the format.
-    title : str, optional
-        Title of the picture; by default with the name of the robot.
-
-    Raises
-    ------
-    InputError
-        If the trajectory holds several motions or other joints.
-
+    For the parameters see `kane_dynamics.plot`.
     """
     trajectory.require(robot, 'plot_phase')
     title = titled(title, 'phase portrait', robot.model.name)

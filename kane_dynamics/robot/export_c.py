@@ -42,7 +42,7 @@ FRAME_NAMES = {'jacobian': 'partial_velocities', 'frame_pose': 'frame_pose',
 
 
 class _Kernel(NamedTuple):
-    """One function to be written."""
+    """A kernel to export as a C function, with its test states and reference results."""
 
     name: str  # of the quantity
     symbol: str  # in C
@@ -67,14 +67,14 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
         raise InputError('export_c: a robot with chosen speeds or constraints; expected one in '
                          'joint rates without constraints')
     if scalar not in PRECISIONS:
-        raise InputError(f'scalar is {scalar!r}; expected {" or ".join(PRECISIONS)}')
+        raise InputError(f'scalar: {scalar!r}; expected {" or ".join(PRECISIONS)}')
     source = Path(path).expanduser()
     if source.suffix != '.c':
-        raise InputError(f"path is '{source}'; expected the name of a C source, which ends in .c")
+        raise InputError(f"path: '{source}'; expected the name of a C source, which ends in .c")
     source = source.resolve()
     header = source.with_suffix('.h')
     if not header.name.isprintable() or any(part in header.name for part in ('"', '\\', '??')):
-        raise InputError(f'path is {str(source)!r}; expected printable characters without ", \\ '
+        raise InputError(f'path: {str(source)!r}; expected printable characters without ", \\ '
                          'and ??, because C includes the header by its name')
     for file in (source, header):
         _check_place(file)
@@ -88,14 +88,14 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
 
 
 def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
-    """Return the kernels' names, each once, or InputError."""
+    """Return the names of the kernels, each once; raise InputError for an unknown one."""
     if isinstance(kernels, str):
-        raise InputError(f"kernels is the string '{kernels}'; expected a sequence of names")
+        raise InputError(f"kernels: the string '{kernels}'; expected a sequence of names")
     names = list(dict.fromkeys(kernels))
     unknown = [name for name in names if name not in robot.kernels.names
                and name.partition(':')[0] not in FRAME_NAMES]
     if unknown or not names:
-        given = f"no kernel '{unknown[0]}'" if unknown else 'kernels is empty'
+        given = f"no kernel '{unknown[0]}'" if unknown else 'kernels: none'
         raise InputError(f'{given}; expected some of {", ".join(robot.kernels.names)}; of a '
                          f'frame: {", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
     for name in names:
@@ -115,9 +115,10 @@ def _check_place(file: Path) -> None:
         with open(file, encoding='utf-8', errors='replace') as stream:
             ours = stream.read(len(MARK)) == MARK
     except OSError as error:
-        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+        raise InputError(f"path '{file}': {error.strerror}; expected a writable path") from None
     if not ours:
-        raise InputError(f"path '{file}': exists and is not of export_c; expected a new path")
+        raise InputError(f"path '{file}': exists and was not written by export_c; expected a "
+                         'new path')
 
 
 def _write(file: Path, text: str) -> None:
@@ -130,7 +131,7 @@ def _write(file: Path, text: str) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+        raise InputError(f"path '{file}': {error.strerror}; expected a writable path") from None
 
 
 def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> _Kernel:
@@ -228,18 +229,18 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
     upper = prefix.upper()
     gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
     lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
-             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry a joint,',
+             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,',
              'in the order above. A result may overlay an argument. Nothing is allocated, no',
              'state is kept: any thread may call anything at any time. Arguments are not',
              'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
     lines += [] if robot.equations.payload_frame is None else [
         '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
-    lines.append(f'  NULL stands for the values at export: gravity ({gravity})'
+    lines.append(f'  NULL selects the values at export: gravity ({gravity})'
                  + (' and the payload at export.' if robot.equations.payload_frame else '.'))
     if robot.equations.wrench_frames:
         lines += ['wrench: for each frame that carries one, the force (N) then the moment (N m)',
-                  '  that the environment exerts at its origin, world axes; NULL stands for none']
+                  '  that the environment exerts at its origin, world axes; NULL means none']
     return [comment(line) for line in lines]
 
 

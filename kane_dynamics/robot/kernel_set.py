@@ -72,7 +72,7 @@ class KernelSet:
         return other
 
     def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
-        """Return the replacement of a kernel at a state with a non-finite result, or None."""
+        """Return the kernel to use at a state with a non-finite result, or None."""
         other = None if self._instead is None else self._instead(state)
         return None if other is None or other is self else self._same[place](other)
 
@@ -88,7 +88,7 @@ class KernelSet:
         """Return the kernel of one of `names`; InputError lists them for another name."""
         def make() -> Kernel:
             if name not in self.names:
-                raise InputError(f"no kernel '{name}' of this robot; expected one of "
+                raise InputError(f"no kernel '{name}' for this robot; expected one of "
                                  f'{", ".join(self.names)}')
             return self._kernel(name, lambda: self.program(name), ALL[name])
         return self._kept((name, ''), make)
@@ -176,7 +176,7 @@ class KernelSet:
         size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
         self._same[name, at] = same or (lambda other: other.quantity(name))
         return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
-                      self._parameters, quantity.shape(size),
+                      self._parameters, size.shape(quantity.shape),
                       partial(self._another, (name, at)))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:

@@ -2,8 +2,9 @@
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from kane_dynamics._util.attribute_hints import fixed, missing, refused
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -12,6 +13,7 @@ from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of every coordinate's joint, (n_q,) arrays; infinite where none is given."""
@@ -42,6 +44,29 @@ class Parameters:
         self.block = np.zeros(self.physical + watched)
         self.gravity = model.gravity
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Raise AttributeError for an unknown attribute."""
+        if not hasattr(type(self), name):
+            raise AttributeError(refused(self, name))
+        object.__setattr__(self, name, value)
+
+    if not TYPE_CHECKING:  # type checkers report missing attributes themselves
+        def __getattr__(self, name: str) -> Any:
+            """Raise AttributeError with a hint for a missing attribute."""
+            raise AttributeError(missing(self, name))
+
+    def __repr__(self) -> str:
+        """Return the values on one line."""
+        words = [f'gravity {self.gravity.tolist()} m/s^2']
+        if self._frame is not None:
+            load = self._payload
+            words.append('no payload' if load is None else
+                         f"payload {load.mass:g} kg at {load.com.tolist()} m of '"
+                         f"{self._frame.name}'")
+        if self._tolerance is not None:
+            words.append('closure tolerance {:g} m, {:g} rad'.format(*self._tolerance))
+        return f'<Parameters: {", ".join(words)}>'
+
     def copy(self) -> 'Parameters':
         """Return a copy with a separate block."""
         other = copy(self)
@@ -51,7 +76,9 @@ class Parameters:
     @property
     def gravity(self) -> Array:
         """Acceleration of free fall, (3,), m/s^2, world axes."""
-        return self.block[:3].copy()
+        value = self.block[:3].copy()
+        value.flags.writeable = False  # an entry of a copy could be assigned without effect
+        return value
 
     @gravity.setter
     def gravity(self, value: Any) -> None:
@@ -77,7 +104,7 @@ class Parameters:
             except (TypeError, ValueError):
                 pair = np.full(2, np.nan)
             if not (np.isfinite(pair).all() and (pair > 0.0).all()):
-                raise InputError(f'closure_tolerance is {value!r}; expected a positive number, m '
+                raise InputError(f'closure_tolerance: {value!r}; expected a positive number, m '
                                  'and rad, a pair of them, or None')
             self._tolerance = float(pair[0]), float(pair[1])
         if len(self.block) > self.physical:  # redundant rows hold where loops close
@@ -95,7 +122,7 @@ class Parameters:
             raise InputError('payload: given to a robot without payload frame; expected '
                              "Robot(..., payload_frame='...')")
         if not (value is None or isinstance(value, Inertial)):
-            raise InputError(f'payload is a {type(value).__name__}; expected an Inertial or None')
+            raise InputError(f'payload: a {type(value).__name__}; expected an Inertial or None')
         P = np.zeros((4, 4)) if value is None else value.pseudo_inertia
         self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2],
                             P[2, 2]]

@@ -1,6 +1,5 @@
 """The quantities of a robot's kernels: names, arguments and shapes."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +15,15 @@ class Sizes(NamedTuple):
     bodies: int
     rows: int
 
+    @property
+    def inertial_parameters(self) -> int:
+        """Return the number of inertial parameters of all bodies."""
+        return 10 * self.bodies
+
+    def shape(self, entries: tuple[int | str, ...]) -> Shape:
+        """Return the shape whose entries are numbers or names of these sizes."""
+        return tuple(getattr(self, x) if isinstance(x, str) else x for x in entries)
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -26,81 +34,49 @@ class Quantity:
     ----------
     arguments : tuple of str
         Arguments of the equations' method of that name, before the wrench and the parameters.
-    shape : callable
-        Shape of the result from the `Sizes` of a robot.
+    shape : tuple of int and str
+        Shape of the result; names are those of `Sizes`.
     wrench, parameters : bool
         Whether the method has these arguments.
 
     """
 
     arguments: tuple[str, ...]
-    shape: Callable[[Sizes], Shape]
+    shape: tuple[int | str, ...]
     wrench: bool = False
     parameters: bool = True
 
 
-def _scalar(size: Sizes) -> Shape:
-    return ()
-
-
-def _vector(size: Sizes) -> Shape:
-    return (size.n,)
-
-
-def _joints(size: Sizes) -> Shape:
-    return (size.n_q,)
-
-
-def _rows(size: Sizes) -> Shape:
-    return (size.rows,)
-
-
-def _matrix(size: Sizes) -> Shape:
-    return (size.n, size.n)
-
-
-def _three_matrices(size: Sizes) -> Shape:
-    return (3, size.n, size.n)
-
-
-def _wrench(size: Sizes) -> Shape:
-    return (6,)
-
-
-def _partials(size: Sizes) -> Shape:
-    return (6, size.n)
-
-
 STATE, MOTION, LOADED = ('q', 'u'), ('q', 'u', 'udot'), ('q', 'u', 'tau')
 QUANTITIES = {
-    'inverse_dynamics': Quantity(MOTION, _vector, wrench=True),
-    'forward_dynamics': Quantity(LOADED, _vector, wrench=True),
-    'mass_matrix': Quantity(('q',), _matrix),
-    'inverse_mass_matrix': Quantity(('q',), _matrix),
-    'bias_force': Quantity(STATE, _vector),
-    'coriolis_matrix': Quantity(STATE, _matrix),
-    'gravity_force': Quantity(('q',), _vector),
-    'friction_force': Quantity(('u',), _vector, parameters=False),
-    'external_force': Quantity(('q',), _vector, wrench=True, parameters=False),
-    'torque_terms': Quantity(MOTION, lambda size: (len(TORQUE_TERMS), size.n)),
-    'body_torques': Quantity(MOTION, lambda size: (size.bodies, size.n)),
-    'joint_reactions': Quantity(MOTION, lambda size: (size.bodies, 6), wrench=True),
-    'center_of_mass': Quantity(('q',), lambda size: (3,)),
-    'center_of_mass_jacobian': Quantity(('q',), lambda size: (3, size.n)),
-    'kinetic_energy': Quantity(STATE, _scalar),
-    'potential_energy': Quantity(('q',), _scalar),
-    'inverse_dynamics_derivatives': Quantity(MOTION, _three_matrices),
-    'forward_dynamics_derivatives': Quantity(LOADED, _three_matrices),
-    'regressor': Quantity(MOTION, lambda size: (size.n, 10 * size.bodies)),
+    'inverse_dynamics': Quantity(MOTION, ('n',), wrench=True),
+    'forward_dynamics': Quantity(LOADED, ('n',), wrench=True),
+    'mass_matrix': Quantity(('q',), ('n', 'n')),
+    'inverse_mass_matrix': Quantity(('q',), ('n', 'n')),
+    'bias_force': Quantity(STATE, ('n',)),
+    'coriolis_matrix': Quantity(STATE, ('n', 'n')),
+    'gravity_force': Quantity(('q',), ('n',)),
+    'friction_force': Quantity(('u',), ('n',), parameters=False),
+    'external_force': Quantity(('q',), ('n',), wrench=True, parameters=False),
+    'torque_terms': Quantity(MOTION, (len(TORQUE_TERMS), 'n')),
+    'body_torques': Quantity(MOTION, ('bodies', 'n')),
+    'joint_reactions': Quantity(MOTION, ('bodies', 6), wrench=True),
+    'center_of_mass': Quantity(('q',), (3,)),
+    'center_of_mass_jacobian': Quantity(('q',), (3, 'n')),
+    'kinetic_energy': Quantity(STATE, ()),
+    'potential_energy': Quantity(('q',), ()),
+    'inverse_dynamics_derivatives': Quantity(MOTION, (3, 'n', 'n')),
+    'forward_dynamics_derivatives': Quantity(LOADED, (3, 'n', 'n')),
+    'regressor': Quantity(MOTION, ('n', 'inertial_parameters')),
 }
 # Where speeds are chosen or constraints given:
 CONSTRAINED = {
-    'joint_rates': Quantity(STATE, _joints, parameters=False),
-    'joint_torques': Quantity(('q', 'tau'), _joints, parameters=False),
-    'constraint_forces': Quantity(LOADED, _rows, wrench=True),
-    'constraint_residual': Quantity(('q',), _rows, parameters=False),
-    'constraint_velocity_residual': Quantity(STATE, _rows, parameters=False),
-    'joint_accelerations': Quantity(MOTION, _joints, parameters=False),
+    'joint_rates': Quantity(STATE, ('n_q',), parameters=False),
+    'joint_torques': Quantity(('q', 'tau'), ('n_q',), parameters=False),
+    'constraint_forces': Quantity(LOADED, ('rows',), wrench=True),
+    'constraint_residual': Quantity(('q',), ('rows',), parameters=False),
+    'constraint_velocity_residual': Quantity(STATE, ('rows',), parameters=False),
+    'joint_accelerations': Quantity(MOTION, ('n_q',), parameters=False),
 }
 # Quantities that are valid for open loops and any choice of independent speeds:
 UNWATCHED = ('potential_energy', 'friction_force', 'constraint_residual', 'frame_pose')
@@ -109,10 +85,10 @@ IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass
             'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'joint_reactions',
             'kinetic_energy', 'potential_energy')
 FRAME_QUANTITIES = {
-    'frame_pose': Quantity(('q',), lambda size: (4, 4), parameters=False),
-    'frame_velocity': Quantity(STATE, _wrench, parameters=False),
-    'frame_acceleration': Quantity(MOTION, _wrench, parameters=False),
-    'partial_velocities': Quantity(('q',), _partials, parameters=False),
-    'partial_velocity_rates': Quantity(STATE, _partials, parameters=False),
+    'frame_pose': Quantity(('q',), (4, 4), parameters=False),
+    'frame_velocity': Quantity(STATE, (6,), parameters=False),
+    'frame_acceleration': Quantity(MOTION, (6,), parameters=False),
+    'partial_velocities': Quantity(('q',), (6, 'n'), parameters=False),
+    'partial_velocity_rates': Quantity(STATE, (6, 'n'), parameters=False),
 }
-JOINT_REACTION = Quantity(MOTION, _wrench, wrench=True)
+JOINT_REACTION = Quantity(MOTION, (6,), wrench=True)

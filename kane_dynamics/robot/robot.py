@@ -63,7 +63,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         `closed_posture` stays on its branch. By default configurations within the limits are
         tried.
     closure_tolerance : float, (float, float) or None
-        Largest residual of loops and other conditions on positions that calls accept, m and rad;
+        Largest residual of loops and other position constraints that calls accept, m and rad;
         None accepts any. `parameters.closure_tolerance` changes it.
     redundant : 'minimum_norm' or 'kept'
         Forces of redundant constraint rows: minimum norm, with moments divided by
@@ -101,10 +101,10 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
                  frame_reduction: bool = True) -> None:
         """Prepare the equations without compiling kernels."""
         if not isinstance(model, Model):
-            raise InputError(f'model is a {type(model).__name__}; expected a Model '
+            raise InputError(f'model: a {type(model).__name__}; expected a Model '
                              '(load_urdf returns one)')
         if isinstance(wrench_frames, str):
-            raise InputError(f"wrench_frames is the string '{wrench_frames}'; expected a sequence "
+            raise InputError(f"wrench_frames: the string '{wrench_frames}'; expected a sequence "
                              'of frame names')
         self._options: dict[str, Any] = {
             'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
@@ -122,7 +122,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
             'constraints', 'independent', 'actuated'))
         self.speed_sets: SpeedSets | None = None
         if redundant not in ('minimum_norm', 'kept'):
-            raise InputError(f"redundant is {redundant!r}; expected 'minimum_norm' or 'kept'")
+            raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or 'kept'")
         if speeds is None and not constraints and independent is None and actuated is None:
             self.parameters = Parameters(model, tree.payload_frame)
             self.kernels = KernelSet(tree, key, self.parameters.block)
@@ -177,7 +177,7 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
 
     def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Robot':
         """
-        Return this robot with other independent speeds and constraint rows, by number.
+        Return this robot with other independent speeds and constraint rows, given by index.
 
         The result shares the parameters; its u and tau are in the other speeds.
         """

@@ -147,7 +147,7 @@ def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most:
     if off.max() > most:
         k = others[int(np.argmax(off))]
         raise ConstraintError(f"{where}constraint '{mechanism.labels[k]}' contradicts the others "
-                              f'{at}: its velocity is off by {off.max():.3g}')
+                              f'{at}: its velocity residual is {off.max():.3g}; expected 0')
 
 
 def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:

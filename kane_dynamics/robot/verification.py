@@ -36,7 +36,7 @@ def verified(robot: Any, states: int) -> float:
 
     """
     if isinstance(states, bool) or not isinstance(states, int | np.integer) or states < 1:
-        raise InputError(f'states is {states!r}; expected a whole number from 1 on')
+        raise InputError(f'states: {states!r}; expected an integer >= 1')
     rng = np.random.default_rng(0)
     gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
     if payload is not None:
@@ -63,7 +63,7 @@ def verified(robot: Any, states: int) -> float:
 
 def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
               udot: Array) -> dict[str, Pair]:
-    """Return compiled and defined values of the quantities of a control loop."""
+    """Return compiled and reference values of the quantities of a control loop."""
     M = kane.mass_matrix(model, q)
     bias = kane.bias_force(model, q, u, gravity=gravity, friction=robot.friction)
     tau = M @ udot + bias
@@ -79,7 +79,7 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 
 def _constrained(robot: Any, model: Model, gravity: Array,
                  rng: np.random.Generator) -> dict[str, Pair]:
-    """Return the same for chosen speeds or constraints, at a random regular state."""
+    """Return compiled and reference values for chosen speeds or constraints."""
     mechanism = copy(robot.mechanism)
     mechanism.model = model
     middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0

@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
+from kane_dynamics.native.python_call.entry_table import EntryTable, refuse
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import ALL, KernelSet
 from kane_dynamics.robot.quantities import FRAME_QUANTITIES
@@ -25,7 +26,11 @@ class _Quantity:
         self.name, self.__doc__ = name, DOCS[name]
 
     def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
-        return self if workspace is None else workspace._function(self.name)
+        if workspace is None:
+            return self
+        if not hasattr(workspace, '_at'):  # not made by its class
+            refuse(workspace)
+        return workspace._function(self.name)
 
 
 class Workspace(entry.NativeMethods):
@@ -63,14 +68,17 @@ class Workspace(entry.NativeMethods):
     _kernels: KernelSet
     _states: dict[str, Array]
     _at: dict[tuple[str, str], Callable[[], Any]]
-    _owned: dict[str, entry.EntryTable]  # tables in use
+    _owned: dict[str, EntryTable]  # tables in use
 
     def __new__(cls, kernels: KernelSet) -> 'Workspace':
-        """Return a workspace with machine-code methods, where the interpreter supports them."""
-        return object.__new__(_of_machine_code() if entry.supported() else cls)
+        """
+        Allocate the arrays; quantities compile on first use.
 
-    def __init__(self, kernels: KernelSet) -> None:
-        """Allocate the arrays; quantities compile on first use."""
+        The class has machine-code methods where the interpreter supports them. A subclass has
+        methods in Python.
+        """
+        self = object.__new__(_of_machine_code() if cls is Workspace and entry.supported()
+                              else cls)
         equations = kernels.equations
         states = {'q': _fixed((equations.n_q,)),
                   **{name: _fixed((equations.n,)) for name in ('u', 'udot', 'tau')}}
@@ -82,15 +90,21 @@ class Workspace(entry.NativeMethods):
         for name, value in {**states, '_kernels': kernels, '_states': states, '_at': {},
                             '_owned': {}, '_tables': tables}.items():
             object.__setattr__(self, name, value)
+        return self
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise InputError: the compiled calls read the existing memory."""
-        raise InputError(f"a workspace's {name} cannot be rebound; write into its arrays: "
+        raise InputError(f'workspace.{name}: assigned; expected a write into its array: '
                          f'workspace.{name}[:] = ...')
+
+    def __delattr__(self, name: str) -> None:
+        """Raise InputError: the compiled calls read the existing memory."""
+        raise InputError(f"a workspace's {name} cannot be deleted; expected a workspace that is "
+                         'dropped as a whole')
 
     def __reduce__(self) -> Any:
         """Raise TypeError: a workspace is bound to memory of this process."""
-        raise TypeError('a workspace cannot be copied or pickled; expected robot.bind() again')
+        raise TypeError('workspace: copied or pickled; expected robot.bind() again')
 
     def at_frame(self, name: str, frame: str) -> Callable[[], Any]:
         """
@@ -111,12 +125,12 @@ class Workspace(entry.NativeMethods):
 
         """
         if name not in FRAME_QUANTITIES:
-            raise InputError(f"no quantity of a frame is called '{name}'; expected one of "
+            raise InputError(f"no frame quantity '{name}'; expected one of "
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
     def constraint_gap(self) -> Array:
-        """Compute `constraint_residual`, whose former name this is."""
+        """Compute `constraint_residual`; the former name of that quantity."""
         result: Array = self.constraint_residual()  # type: ignore[attr-defined]
         return result
 
@@ -130,11 +144,12 @@ class Workspace(entry.NativeMethods):
             self._at[name, ''] = self._bound(self._kernels.quantity(name), DOCS[name])
         return self._at[name, '']
 
-    def _table(self, name: str) -> entry.EntryTable:
+    def _table(self, name: str) -> EntryTable:
         """Return the entry table of a quantity on the memory of this workspace."""
         kernel = self._kernels.quantity(name)
-        table: entry.EntryTable = kernel.table(*self._memory(kernel))
-        self._owned[name], self._tables[PLACES[name]] = table, id(table)
+        table: EntryTable = kernel.table(*self._memory(kernel))
+        table = self._owned.setdefault(name, table)  # another thread may have been faster
+        self._tables[PLACES[name]] = id(table)
         return table
 
     def _memory(self, kernel: Kernel) -> tuple[list[Array], Array]:

@@ -59,7 +59,7 @@ def _corners(shape: Visual) -> Array:
     try:
         corners = trimesh.load_scene(shape.file, ignore_broken=True).bounds
     except Exception as error:  # each of many formats fails in its own way
-        raise InputError(f'{shape.file}: cannot be read as a mesh: {error}') from error
+        raise InputError(f'{shape.file}: {error}; expected a readable mesh') from error
     if corners is None:
         raise InputError(f'{shape.file}: holds no points; expected a mesh')
     return np.asarray(corners)

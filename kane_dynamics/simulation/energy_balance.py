@@ -28,8 +28,8 @@ SKIP = 8  # steps between the rows of the second check
 Law = Callable[[Array], Array]
 
 
-class Seen(NamedTuple):
-    """The balance at some states: (rows, N) arrays."""
+class BalanceTerms(NamedTuple):
+    """Terms of the energy balance at several states, (rows, N) arrays."""
 
     error: Array
     allowed: Array
@@ -42,7 +42,7 @@ class Seen(NamedTuple):
 
 class EnergyBalance:
     """
-    Compare the change of energy with the work, step by step.
+    Compares the change of energy with the work, step by step.
 
     Parameters
     ----------
@@ -122,15 +122,15 @@ class EnergyBalance:
         self.expected[new] = seen.allowed[first, new]
         self._keep(seen)
 
-    def _keep(self, seen: 'Seen') -> None:
+    def _keep(self, seen: 'BalanceTerms') -> None:
         """Store the last row as the current balance."""
         self.worst = np.maximum(self.worst, np.abs(seen.error).max(axis=0))
         (self.error, _, self._unresolved, self._worked, self._fastest, self._low,
          self._high) = (part[-1] for part in seen)
 
     def _balance(self, states: Array, rows: Array, tau: Array | Law,
-                 unresolved: bool = False) -> 'Seen':
-        """Return the balance at some rows of states, without the first."""
+                 unresolved: bool = False) -> 'BalanceTerms':
+        """Return the balance at all chosen rows of states except the first of them."""
         chosen = states if len(rows) == states.shape[1] else states[:, rows]
         kinetic, potential, loss = self._terms(chosen)
         h = (self._step * np.diff(rows))[:, None]
@@ -156,7 +156,7 @@ class EnergyBalance:
         high = np.maximum(np.maximum.accumulate(potential[1:], axis=0), self._high)
         allowed = (RELATIVE * (fastest + (high - low) + worked) + uncertain
                    + ROUNDING * (fastest + np.maximum(np.abs(low), np.abs(high))))
-        return Seen(error, allowed, uncertain, worked, fastest, low, high)
+        return BalanceTerms(error, allowed, uncertain, worked, fastest, low, high)
 
     def _work(self, states: Array, chosen: Array, rows: Array, tau: Array | Law) -> Any:
         """Return the work of held torques between rows, (rows - 1, N) or 0, J."""
@@ -166,7 +166,7 @@ class EnergyBalance:
         part = slice(0, n) if self._tree else slice(n_q, n_q + n)
         held = tau.shape[1] == 1
         x = (chosen if held else states)[:, :, part]
-        if self._tree:  # u = q': exact, whatever the step
+        if self._tree:  # u = q': exact for every step
             turned = x[:, 1:] - x[:, :-1]
         else:
             h = self._step * (np.diff(rows)[:, None] if held else 1.0)

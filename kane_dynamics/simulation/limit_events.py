@@ -1,11 +1,11 @@
 """Limit events: crossings of joint limits in a simulation."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import repeat
 from operator import itemgetter
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.parameters import JointLimits
@@ -39,7 +39,7 @@ class LimitEvents(Sequence[LimitEvent]):
                  single: bool) -> None:
         self._names, self._found, self._single = joint_names, tuple(found), single
 
-    @cached_property
+    @lazy_property
     def _events(self) -> tuple[LimitEvent, ...]:
         events: list[LimitEvent] = []
         for limit, t, which, joint, value, bound in self._found:

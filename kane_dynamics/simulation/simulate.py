@@ -15,6 +15,7 @@ import warnings
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.discontinuities import JumpWatch
@@ -61,7 +62,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     step : float
         s.
     torque : None, array, callable or ComputedTorque
-        None: zero torque. (n,): constant. (K, n) with at least one row a step: row k is held
+        None: zero torque. (n,): constant. (K, n) with at least one row per step: row k is held
         during step k. (N, K, n): a table for each of N initial states (other forms apply to all).
         ``torque(t, q, u)``: evaluated once a step and held; for a single initial state only,
         because Python would be called N times a step. `ComputedTorque`: evaluated continuously,
@@ -101,6 +102,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     Warns
     -----
     ModelWarning
+        An initial position looks like degrees (see the page on limits).
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
         at the (first) initial configuration: the motion near rest is inaccurate (`longest_step`).
         The error of the energy balance is above that expected of the step: names the time of its
@@ -112,6 +114,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
+    warn_of_degrees(robot, starts[:, :robot.n_q], 'q0')
     jumps = JumpWatch(robot, starts, t0, step, count, single)
     step_text = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
     if step_text is not None:
@@ -186,7 +189,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
 
 
 def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
-    """Return steps and states up to the end of a simulation, its last state included."""
+    """Return steps and states up to the end of a simulation, including its last state."""
     rows = int(np.searchsorted(kept, done, side='right'))
     if kept[rows - 1] < done:
         kept[rows], states[:, rows], rows = done, last, rows + 1

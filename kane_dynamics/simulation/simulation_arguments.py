@@ -23,7 +23,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
     q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
     u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
     if q.shape[:-1] != u.shape[:-1]:
-        raise InputError(f'q0 has shape {q.shape} and u0 {u.shape}; expected ({robot.n_q},) and '
+        raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected ({robot.n_q},) and '
                          f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
     if robot.constraint_names and q.size:
         residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
@@ -59,7 +59,7 @@ def checked_torque(robot: Robot, name: str, value: Any) -> Array:
     """Return the torques of one state, (n,); InputError names them."""
     array = checked(Argument(name, (robot.n,), robot.speed_names), value)
     if array.ndim != 1:
-        raise InputError(f'{name} has shape {array.shape}; expected ({robot.n},)')
+        raise InputError(f'{name}: shape {array.shape}; expected ({robot.n},)')
     return array
 
 
@@ -67,9 +67,9 @@ def whole_steps(name: str, value: float, step: float, most: int) -> int:
     """Return a time as a number of steps; InputError unless it is whole and in bounds."""
     count = round(value / step) if math.isfinite(value / step) else 0
     if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
-        raise InputError(f'{name} is {value} s, {value / step:.6g} steps of {step} s; expected a '
+        raise InputError(f'{name}: {value} s, {value / step:.6g} steps of {step} s; expected a '
                          'whole number of steps')
     if count > most:
-        raise InputError(f'{name} is {value} s, {count} steps of {step} s; expected at most '
+        raise InputError(f'{name}: {value} s, {count} steps of {step} s; expected at most '
                          f'{most}')
     return count

@@ -36,7 +36,7 @@ MOST_CHANGES = 20  # at one state
 
 @dataclass(frozen=True)
 class Phase:
-    """The current choice of a simulation: its robot, and the largest figure allowed."""
+    """Current speeds of a simulation: its robot, and the largest conditioning figure allowed."""
 
     robot: Robot
     limit: float
@@ -211,7 +211,7 @@ class SwitchingInput:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
                 f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
-                f'{abs(stack.residual[worst]):.3g} (m or rad) where they hold')
+                f'{abs(stack.residual[worst]):.3g} (m or rad) where the others hold; expected 0')
         raise self._diverged(i, done + 1)
 
     def _preferred(self, stack: Any) -> Any:

@@ -1,8 +1,9 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
@@ -41,7 +42,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     Raises
     ------
     InputError
-        The integrator is none, or none for this robot.
+        The integrator is unknown, or does not support this robot.
 
     """
     def step(feedback: bool) -> None:
@@ -80,7 +81,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     Raises
     ------
     InputError
-        The integrator is none, or none for this robot.
+        The integrator is unknown, or does not support this robot.
 
     """
     integrator_of(integrator, robot.equations)
@@ -117,11 +118,11 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
 
 
 class _RobotMotion:
-    """The motion of a robot during one traced step, as integrators take it (`System`)."""
+    """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
                  dual_to: tuple[str, ...] | None) -> None:
-        """Keep what the step has; `gains` is None where torques are held."""
+        """Store the arguments of the step; `gains` is None if torques are held."""
         self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._gains, self._parameters = inputs, gains, parameters
         kernels = robot.kernels
@@ -136,7 +137,7 @@ class _RobotMotion:
         return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench,
                              self._parameters))
 
-    @cached_property
+    @lazy_property
     def _motion(self) -> Program:
         return _state_program(self._robot, self._dual_to)
 
@@ -150,7 +151,7 @@ class _RobotMotion:
         return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
                          *[0.0] * margins])
 
-    @cached_property
+    @lazy_property
     def _implicit(self) -> tuple[ImplicitStep, Program]:
         assert isinstance(self.equations, TreeEquations)
         method = ImplicitStep(self.equations)
@@ -166,7 +167,7 @@ class _RobotMotion:
         return self._implicit[0].resistance(u)
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return nothing: q and u are all that is integrated."""
+        """Return an empty array, because only q and u are integrated."""
         return np.zeros(0)
 
 
@@ -189,26 +190,30 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
     return trace_program(name, step, _inputs(robot, feedback))
 
 
+def _wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
+    """Return the input of wrenches, if the robot declares frames for them."""
+    none = robot.kernels.no_wrench
+    return [('wrench', none.shape)] if len(none) else []
+
+
 def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
-    """Trace a method's rates of q, u, tau, resistance, g, wrench if there are any, parameters."""
-    pushes: list[tuple[str, Shape]] = [('wrench', robot.kernels.no_wrench.shape)] if len(
-        robot.kernels.no_wrench) else []
+    """Trace `ImplicitStep.rates` with inputs q, u, tau, resistance, g, wrench and parameters."""
+    wrench = _wrench_input(robot)
 
     def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any, *rest: Any) -> Any:
-        return method.rates(q, u, tau, resistance, g[()], rest[0] if pushes else None, rest[-1])
+        return method.rates(q, u, tau, resistance, g[()], rest[0] if wrench else None, rest[-1])
     vectors: list[tuple[str, Shape]] = [(name, (robot.n,))
                                         for name in ('q', 'u', 'tau', 'resistance')]
     return trace_program('implicit_rates', rates, [
-        *vectors, ('g', ()), *pushes, ('parameters', robot.parameters.block.shape)])
+        *vectors, ('g', ()), *wrench, ('parameters', robot.parameters.block.shape)])
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
-    """Trace udot or, where q' is not u, q' and udot."""
-    equations, kernels = robot.equations, robot.kernels
+    """Trace udot; with chosen speeds or constraints, q' and udot."""
+    equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
-        return kernels.program('forward_dynamics')
-    wrench: list[tuple[str, Shape]] = (
-        [('wrench', kernels.no_wrench.shape)] if len(kernels.no_wrench) else [])
+        return robot.kernels.program('forward_dynamics')
+    wrench = _wrench_input(robot)
     time: list[tuple[str, Shape]] = [('t', ())] if equations.timed else []
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:

@@ -4,6 +4,7 @@ from functools import cache
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of
@@ -55,15 +56,13 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     Raises
     ------
     InputError
-        As `Robot.forward_dynamics`.
+        q is not n_q finite numbers; or as `Robot.forward_dynamics`.
 
     """
-    if not _pulled_back(robot.model, robot.friction):
+    q, n = constant(q, (robot.n_q,), 'q', InputError), robot.n
+    if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
-    q, n = np.asarray(q, dtype=np.float64), robot.n
     rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
-    if not n:
-        return LongestStep(math.inf)
     # Joints move along their partial rates: loops stay closed to first order, and the residual of
     # second order is equal on both sides.
     still = robot.joint_rates(q, rest, t=t)
@@ -103,7 +102,7 @@ def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
             f'creeps instead of resting. {remedy}')
 
 
-def _pulled_back(model: Model, friction: bool) -> bool:
+def _may_limit_step(model: Model, friction: bool) -> bool:
     """Return whether friction, springs or beams may limit the step."""
     return any(body.beam is not None or body.joint.stiffness
                or (friction and (body.joint.damping or body.joint.friction))

@@ -180,7 +180,7 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
         rows = np.shape(torque)[1]
         table = checked(Argument('torque', (rows, n), robot.coordinate_names), torque)
         if len(table) != states:
-            raise InputError(f'torque has shape {table.shape}; expected a table for each of the '
+            raise InputError(f'torque: shape {table.shape}; expected a table for each of the '
                              f'{states} states, or one (K, {n}) for all')
     else:
         table = checked(Argument('torque', (n,), robot.coordinate_names), torque)
@@ -188,7 +188,7 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
             return table[None, None].copy()
         table = table[None]
     if table.shape[1] < count:
-        raise InputError(f'torque has {table.shape[1]} rows; expected at least {count}, one a '
+        raise InputError(f'torque: {table.shape[1]} rows; expected at least {count}, one per '
                          'step')
     return table
 

@@ -7,6 +7,7 @@ from functools import partial
 import os
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.npz import npz_arrays
@@ -36,7 +37,7 @@ class LimitEvent(NamedTuple):
     state: int | None = None  # which of many simulations
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return the event as text."""
         what = 'speed' if self.limit == 'velocity' else 'position'
         which = '' if self.state is None else f'simulation {self.state}: '
         return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: "
@@ -56,12 +57,13 @@ class SpeedChange(NamedTuple):
     state: int | None = None  # which of many simulations
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return the event as text."""
         which = '' if self.state is None else f'simulation {self.state}: '
         return (f'{which}at {self.t:.4g} s the independent speeds {", ".join(self.before)} change '
                 f'to {", ".join(self.after)}')
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
@@ -147,10 +149,10 @@ class Trajectory:
 
         """
         if robot.constraint_names:
-            raise InputError('robot: it has constraints; expected one without')
+            raise InputError('robot: with constraints; expected a robot without constraints')
         q = np.asarray(q)
         if q.ndim != 2:
-            raise InputError(f'q has shape {q.shape}; expected ({robot.n_q},) a row')
+            raise InputError(f'q: shape {q.shape}; expected (K, {robot.n_q})')
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
@@ -158,7 +160,7 @@ class Trajectory:
 
     @property
     def constraint_gap(self) -> Array:
-        """Return `constraint_residual`, whose former name this is."""
+        """Return `constraint_residual`; the former name of that attribute."""
         return self.constraint_residual
 
     @property
@@ -172,10 +174,10 @@ class Trajectory:
             self.constraint_residual, self.constraint_velocity_residual))
 
     def state(self, k: int) -> 'Trajectory':
-        """Return the motion from the k-th initial state, of N; InputError if there is none."""
+        """Return the motion from initial state k of N; InputError if k is out of range."""
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
-            raise InputError(f'state is {k}; the trajectory holds {count}; expected one of these')
+            raise InputError(f'state: {k}, of {count}; expected the number of a motion, from 0')
         events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
         changes = (c._replace(state=None) for c in self.speed_changes
                    if c.state == k % len(self.q))
@@ -196,7 +198,7 @@ class Trajectory:
 
     @classmethod
     def load_npz(cls, path: Path) -> 'Trajectory':
-        """Read what `save_npz` wrote; InputError if it is something else."""
+        """Read a file of `save_npz`; InputError for any other file."""
         file = npz_arrays(path)
         try:
             events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
@@ -219,7 +221,7 @@ class Trajectory:
 
     def save_csv(self, path: Path) -> None:
         """
-        Write one row a sample; the header names quantity and joint, as ``q.elbow``.
+        Write one row per sample; the header names quantity and joint, as ``q.elbow``.
 
         For a single motion; of N motions, save ``trajectory.state(k)``.
         """
@@ -240,14 +242,14 @@ class Trajectory:
         self._require_single(what)
         names = (robot.joint_names, robot.speed_names)
         if (self.joint_names, self.speed_names) != names:
-            raise InputError(f'the trajectory is of the joints {list(self.joint_names)} and '
-                             f'speeds {list(self.speed_names)}; {what} expects {list(names[0])} '
-                             f'and {list(names[1])}')
+            raise InputError(f'{what}: trajectory of the joints {list(self.joint_names)} and '
+                             f'speeds {list(self.speed_names)}; expected {list(names[0])} and '
+                             f'{list(names[1])}')
 
     def _require_single(self, what: str) -> None:
         if self.q.ndim == 3:
-            raise InputError(f'{what} takes a single motion; this trajectory holds '
-                             f'{len(self.q)}; expected one of them, by state(k)')
+            raise InputError(f'{what}: trajectory of {len(self.q)} motions; expected one, as from '
+                             'trajectory.state(k)')
 
     def _columns(self) -> list[str]:
         of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')

@@ -37,7 +37,7 @@ class UserSpeeds:
                             other_speeds(equations, names, *x), (q, u, udot), t)
 
     def torques(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
-        """Return the generalized forces of forces dual to the user's speeds, (n,) or (K, n)."""
+        """Convert forces dual to the user's speeds to generalized forces, (n,) or (K, n)."""
         names, equations = self._asked.speed_names, _equations(robot)
         arguments = [Argument('q', (robot.n_q,)), Argument('tau', (len(names),))]
         return self._called(robot, 'tau_from', arguments, (robot.n,), lambda *x:
@@ -134,7 +134,7 @@ class UserSpeeds:
 
 def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
              t: Any = 0.0) -> Any:
-    """Return the generalized forces, (n,), of forces dual to other speeds, given by name."""
+    """Convert forces dual to the named speeds to generalized forces, (n,)."""
     if tuple(names) == equations.speed_names:
         return tau
     here = equations.mechanism.state(q, t, equations.tree.geometry)
@@ -143,7 +143,7 @@ def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau:
 
 def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, u: Any,
                  udot: Any, t: Any = 0.0) -> Any:
-    """Return other speeds, given by name, and their rates in a motion, (2, k)."""
+    """Return the named speeds and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
     Y, Z = equations.mechanism.state(moving(q, motion.qdot), moving(t, 1.0),
                                      equations.tree.geometry).speed_rows(names)

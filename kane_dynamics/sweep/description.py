@@ -2,22 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 import hashlib
 import json
 import math
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.yaml_io import mapping, SHORT
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
-from kane_dynamics.sweep.variation import number_of, SHORT, Value, value_of, values_of
+from kane_dynamics.sweep.variation import number_of, Value, value_of, values_of
 import numpy as np
 
 MOST_SAMPLES = 10**9
@@ -99,9 +100,7 @@ class Sweep:
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
             raise InputError(f'duration: {self.duration} s, {count:.6g} steps of {self.step} s; '
                              f'expected a whole number of steps, at most {MOST_STEPS}')
-        if self.integrator not in INTEGRATORS:
-            raise InputError(f'integrator: {self.integrator!r}; expected one of '
-                             f'{", ".join(INTEGRATORS)}')
+        integrator_of(self.integrator)
         if self.motion is not None and self.motion.joint_names != self.model.joint_names:
             raise InputError(f'motion: joints {list(self.motion.joint_names)}; '
                              f'expected {list(self.model.joint_names)}')
@@ -125,7 +124,7 @@ class Sweep:
         """Return the indices of a chunk's trials."""
         return range(self.samples)[chunk * self.chunk:(chunk + 1) * self.chunk]
 
-    @cached_property
+    @lazy_property
     def desired(self) -> Array | None:
         """Return the desired q, u, udot at every half step, (2 steps + 1, 3 n); None at rest."""
         if self.motion is None:
@@ -133,7 +132,7 @@ class Sweep:
         halves: Array = np.arange(2 * self.steps + 1) * np.float64(0.5 * self.step)
         return np.concatenate(self.motion.sample(halves), axis=1)
 
-    @cached_property
+    @lazy_property
     def description(self) -> dict[str, Any]:
         """Return everything that the table depends on as plain data."""
         desired = self.desired
@@ -161,7 +160,7 @@ class Sweep:
             controller = {'kind': controller}
         elif not set(controller) & set(CONTROLLER_KEYS):
             controller = {'kind': controller}  # {choice: [...]}
-        controller = _entries('controller', controller, CONTROLLER_KEYS)
+        controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
         kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
         kinds = {CONTROLLERS[int(place)] for place in kind.numbers}
         found = [*values_of('q0', self.q0, joints, q0, signed=True),
@@ -189,7 +188,7 @@ class Sweep:
 
     def _payload(self, payload: Any) -> list[Value]:
         """Return the varying values of the payload."""
-        given = _entries('payload', payload, PAYLOAD_KEYS)
+        given = mapping(payload, 'payload', PAYLOAD_KEYS, InputError)
         if 'frame' not in given or 'mass' not in given:
             raise InputError(f'payload: {SHORT.repr(payload)}; expected frame and mass, and '
                              'optionally com and gyration')
@@ -202,22 +201,10 @@ class Sweep:
                 value_of('payload.gyration', given.get('gyration', 0.0))]
 
 
-def _entries(name: str, data: Any, valid: Sequence[str]) -> Mapping[str, Any]:
-    """Return `data` as a mapping; raise InputError for unknown keys."""
-    if not isinstance(data, Mapping):
-        raise InputError(f'{name}: {SHORT.repr(data)}; expected a mapping of '
-                         f'{", ".join(valid)}')
-    for key in data:
-        if key not in valid:
-            raise InputError(f'{name}: unknown key {SHORT.repr(key)}; expected one of '
-                             f'{", ".join(valid)}')
-    return data
-
-
 def _whole(name: str, value: Any, least: int, most: int) -> int:
     """Return an integer within bounds; raise InputError otherwise."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or (
             not least <= value <= most):
-        raise InputError(f'{name}: {SHORT.repr(value)}; expected a whole number from {least} to '
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected an integer from {least} to '
                          f'{most}')
     return int(value)

@@ -66,7 +66,7 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     """
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool)
                                 or not 1 <= workers <= MAX_THREADS):
-        raise InputError(f'workers: {workers!r}; expected a whole number from 1 to '
+        raise InputError(f'workers: {workers!r}; expected an integer from 1 to '
                          f'{MAX_THREADS}')
     table, work = SweepTable(sweep, folder), task(sweep)
     count, made, failed = workers or thread_count(), 0, 0

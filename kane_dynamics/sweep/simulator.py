@@ -216,15 +216,7 @@ def task(sweep: Sweep) -> bytes:
 
 
 def compute(work: bytes, chunk: int) -> Columns:
-    """
-    Return the rows of a chunk; the function that workers run.
-
-    Raises
-    ------
-    SweepError
-        If the worker has another version of the package.
-
-    """
+    """Return the rows of a chunk, in a worker; SweepError if its code has another version."""
     return _simulator(work).columns(chunk)
 
 

@@ -177,7 +177,7 @@ def _described(path: Path) -> dict[str, Any]:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f'{path}: {reason}; expected the folder of a sweep') from None
     if not isinstance(found, dict):
-        raise InputError(f'{path}: description is a {type(found).__name__}; expected the folder '
+        raise InputError(f'{path}: description: a {type(found).__name__}; expected the folder '
                          'of a sweep')
     return found
 

@@ -8,9 +8,10 @@ integrates q and u; the integrals then use the trapezoidal rule.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
@@ -173,7 +174,7 @@ class Trial:
 
 
 class _TrialMotion:
-    """The motion of a trial during one traced step, as integrators take it (`System`)."""
+    """A trial during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, trial: Trial, controller: str, desired: Any, plant: Any,
                  shared: Any) -> None:
@@ -184,17 +185,17 @@ class _TrialMotion:
         self._carried, assumed = trial.parameters(plant, shared)
         self.law = trial.law(controller, gains, assumed)
 
-    @cached_property
+    @lazy_property
     def _forward(self) -> Program:
         return self._trial.frictionless.kernels.program('forward_dynamics')
 
-    @cached_property
+    @lazy_property
     def _implicit(self) -> tuple[ImplicitStep, Program]:
         method = ImplicitStep(self.equations)
         return method, implicit_rates(self._trial.robot, method)
 
     def _net_torque(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the torque of the controller less the plant's own friction."""
+        """Return the torque of the controller minus the plant's friction."""
         return (self.law(q, u, self._desired[moment])
                 - self._factors * self.equations.friction_force(u))
 

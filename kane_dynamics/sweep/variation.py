@@ -16,10 +16,10 @@ joint, a list with one value per joint, or a mapping from joints to values.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
-from reprlib import Repr
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.yaml_io import SHORT
 from kane_dynamics.errors import InputError
 import numpy as np
 
@@ -27,8 +27,6 @@ RANGES = ('uniform', 'loguniform', 'normal')
 LISTS = ('choice', 'grid')
 FIXED = 'fixed'
 MOST = 1e60  # larger numbers are treated as mistakes
-SHORT = Repr()
-SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 FORMS = 'a number, or a mapping with one of uniform, loguniform, normal, choice, grid'
 
 

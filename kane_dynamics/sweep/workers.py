@@ -3,6 +3,7 @@
 from collections.abc import Collection, Generator
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 import multiprocessing
 import os
 import signal
@@ -56,7 +57,10 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
         except BrokenProcessPool:
             finished = 0  # broken during submission
         finally:
-            pool.shutdown(cancel_futures=True)
+            workers = [*(pool._processes or {}).values()]
+            threads.uninterrupted(partial(pool.shutdown, cancel_futures=True))
+            for worker in workers:
+                threads.uninterrupted(worker.join)
         deaths = 0 if finished else deaths + 1
         if waiting and deaths == MOST_DEATHS:
             raise SweepError(f'workers: {deaths} died before finishing a chunk; expected enough '

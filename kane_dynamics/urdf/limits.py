@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 import math
 
-from kane_dynamics.model.joint_expansion import Mimic, SingleJoint, StatedLimits
+from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
 from kane_dynamics.model.model import Limits
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
@@ -13,7 +13,7 @@ DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degre
 ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
 
 
-def coordinate_limits(singles: Iterable[SingleJoint], selection: Selection,
+def coordinate_limits(singles: Iterable[StatedJoint], selection: Selection,
                       notices: Notices) -> dict[str, Limits]:
     """
     Return the limits of the coordinates by name.
@@ -26,8 +26,6 @@ def coordinate_limits(singles: Iterable[SingleJoint], selection: Selection,
         mimic = selection.followers.get(single.name)
         if mimic is not None:
             followers.append((single, mimic))
-        elif single.source.kind in ('floating', 'planar'):
-            limits[single.name] = UNLIMITED
         else:
             limits[single.name] = _limits(single, notices)
     for single, mimic in followers:
@@ -35,10 +33,10 @@ def coordinate_limits(singles: Iterable[SingleJoint], selection: Selection,
     return limits
 
 
-def _limits(single: SingleJoint, notices: Notices) -> Limits:
+def _limits(single: StatedJoint, notices: Notices) -> Limits:
     """Return a joint's limits, infinite where missing or invalid, with notices."""
-    name, stated = single.name, single.source.limits
-    continuous = single.source.kind == 'continuous'
+    name, stated = single.name, single.limits
+    continuous = single.kind == 'continuous'
     if stated is None:
         if not continuous:
             notices.no_limit.append(name)
@@ -51,9 +49,9 @@ def _limits(single: SingleJoint, notices: Notices) -> Limits:
     return _sensible(single, stated, notices)
 
 
-def _sensible(single: SingleJoint, stated: StatedLimits, notices: Notices) -> Limits:
+def _sensible(single: StatedJoint, stated: StatedLimits, notices: Notices) -> Limits:
     """Return the stated limits, infinite where invalid, with notices."""
-    name, kind = single.name, single.source.kind
+    name, kind = single.name, single.kind
     continuous, turns = kind == 'continuous', kind == 'revolute'
     lower, upper = stated.lower, stated.upper
     zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
@@ -73,11 +71,11 @@ def _sensible(single: SingleJoint, stated: StatedLimits, notices: Notices) -> Li
     return Limits(*bounds, stated.velocity or math.inf, stated.effort or math.inf)
 
 
-def _led(master: Limits, single: SingleJoint, mimic: Mimic, notices: Notices) -> Limits:
+def _led(master: Limits, single: StatedJoint, mimic: Mimic, notices: Notices) -> Limits:
     """Return the limits of a master combined with those of its mimic joint."""
-    if single.source.limits is None:
+    if single.limits is None:
         return master
-    own = _sensible(single, single.source.limits, notices)
+    own = _sensible(single, single.limits, notices)
     if own.effort not in (math.inf, master.effort):
         notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
                          single.name)

@@ -85,7 +85,7 @@ def load(name: str) -> tuple[Model, list[str]] | None:
         return None
     try:
         model, warnings = json.loads(content, object_hook=_record)
-    except (ArithmeticError, LookupError, ModelError, TypeError, ValueError):
+    except (ArithmeticError, LookupError, ModelError, RecursionError, TypeError, ValueError):
         return None
     return (model, warnings) if isinstance(model, Model) else None
 

@@ -17,7 +17,7 @@ from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
-from kane_dynamics.urdf.tree import build_tree, UrdfLink, UrdfTree
+from kane_dynamics.urdf.tree import build_tree, UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -47,7 +47,7 @@ def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
     riders = []
     for frame in model.frames:
         if frame.body == body and frame.name in tree.links:
-            inertial = tree.links[frame.name].inertial
+            inertial = tree.links[frame.name]
             if frame.name not in (link, *selection.drop) and inertial is not None:
                 riders.append((frame.name, inertial))
             if extra.payload is not None and extra.payload[0] == frame.name:
@@ -59,7 +59,7 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
     """Convert checked XML to a tree of records."""
     robot = read_robot(root, CHILDREN)
     stated = {joint.attributes['name']: joint for joint in root.find_all('joint')}
-    links = [_link(link) for link in robot.links]
+    links = [(link.name, _inertial(link)) for link in robot.links]
     joints = [_joint(joint, stated[joint.name], notices) for joint in robot.joints]
     return build_tree(robot.name, links, joints)
 
@@ -83,17 +83,17 @@ def _pose(origin: Any) -> tuple[Array, Array]:
     return snapped(origin[:3, :3]), origin[:3, 3] + 0.0
 
 
-def _link(link: Any) -> UrdfLink:
-    """Convert a link; its inertial is expressed in link axes."""
+def _inertial(link: Any) -> Inertial | None:
+    """Convert the inertial of a link to link axes."""
     if link.inertial is None:
-        return UrdfLink(link.name)
+        return None
     R, com = _pose(link.inertial.origin)
     what = f"link '{link.name}'"
     if link.inertial.mass < 0.0:
         raise ModelError(f'{what}: <mass> value {link.inertial.mass} kg; expected a nonnegative '
                          'number')
     inertia = R @ link.inertial.inertia @ R.T
-    return UrdfLink(link.name, Inertial(link.inertial.mass, com, inertia))
+    return Inertial(link.inertial.mass, com, inertia)
 
 
 def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:

@@ -8,7 +8,7 @@ from typing import Any
 
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import InputError, UrdfError
-from kane_dynamics.model.joint_expansion import expand_joint, Mimic, SingleJoint
+from kane_dynamics.model.joint_expansion import expand_joint, Mimic, StatedJoint
 from kane_dynamics.urdf.tree import check_mimics, UrdfTree
 
 
@@ -34,18 +34,18 @@ class Selection:
     drop : frozenset of str
         Links whose inertial is removed.
     singles : dict
-        Every joint of the file by name.
+        Every joint of the file by name, in the order of the file.
 
     """
 
     base: str
-    behind: dict[str, list[SingleJoint]]
+    behind: dict[str, list[StatedJoint]]
     free: frozenset[str]
     followers: dict[str, Mimic]
     positions: dict[str, float]
     order: tuple[str, ...] | None
     drop: frozenset[str]
-    singles: dict[str, SingleJoint]
+    singles: dict[str, StatedJoint]
 
 
 def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
@@ -65,12 +65,11 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
     singles = _singles(tree)
     start = tree.root if base is None else _link(tree, base, 'base')
     behind = _kept(singles.values(), start)
-    candidates = [s.name for listed in behind.values() for s in listed
-                  if s.kind != 'fixed' and s.name not in mimics]
+    candidates = [name for name, s in singles.items()
+                  if s.parent in behind and s.kind != 'fixed' and name not in mimics]
     if tip is not None:
         path = _path(singles.values(), start, _link(tree, tip, 'tip'))
         candidates = [name for name in candidates if name in path]
-    candidates.sort(key=lambda name: singles[name].order)
     order = None if joints is None else _joints(joints, candidates, singles, mimics)
     free = frozenset(candidates if order is None else order)
     positions = _locked(locked or {}, singles, mimics, free if joints is not None else ())
@@ -86,12 +85,12 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
     return Selection(start, behind, free, followers, positions, order, dropped, singles)
 
 
-def _singles(tree: UrdfTree) -> dict[str, SingleJoint]:
+def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
     """Return all joints, expanded to one degree of freedom, by name; check the new names."""
-    singles: dict[str, SingleJoint] = {}
+    singles: dict[str, StatedJoint] = {}
     taken = {joint.name for joint in tree.joints} | tree.links.keys()
-    for index, joint in enumerate(tree.joints):
-        parts = expand_joint(joint, index)
+    for joint in tree.joints:
+        parts = expand_joint(joint)
         for single in parts:
             if len(parts) > 1 and single.name in taken:
                 raise UrdfError(f"joint '{joint.name}': {joint.kind}, expands to "
@@ -101,12 +100,12 @@ def _singles(tree: UrdfTree) -> dict[str, SingleJoint]:
     return singles
 
 
-def _kept(singles: Iterable[SingleJoint], base: str) -> dict[str, list[SingleJoint]]:
+def _kept(singles: Iterable[StatedJoint], base: str) -> dict[str, list[StatedJoint]]:
     """Return the outward joints of the base and of every link and body beyond it."""
-    outward: dict[str, list[SingleJoint]] = {}
+    outward: dict[str, list[StatedJoint]] = {}
     for single in singles:
         outward.setdefault(single.parent, []).append(single)
-    kept: dict[str, list[SingleJoint]] = {}
+    kept: dict[str, list[StatedJoint]] = {}
     waiting = [base]
     while waiting:
         name = waiting.pop()
@@ -115,7 +114,7 @@ def _kept(singles: Iterable[SingleJoint], base: str) -> dict[str, list[SingleJoi
     return kept
 
 
-def _path(singles: Iterable[SingleJoint], base: str, tip: str) -> set[str]:
+def _path(singles: Iterable[StatedJoint], base: str, tip: str) -> set[str]:
     """Return the names of the joints between two links."""
     above = {single.child: single for single in singles}
     path, link = set(), tip
@@ -143,9 +142,9 @@ def _names(given: Any, argument: str) -> list[Any]:
     return list(given)
 
 
-def _joints(joints: Any, candidates: list[str], singles: Mapping[str, SingleJoint],
+def _joints(joints: Any, candidates: list[str], singles: Mapping[str, StatedJoint],
             mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
-    """Return the checked names of `joints`."""
+    """Check the argument `joints` and return its names."""
     names = _names(joints, 'joints')
     if isinstance(joints, Set):
         raise InputError(f'joints: {joints!r}; expected a list or tuple, whose order is that of '
@@ -161,9 +160,9 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, SingleJoin
     return tuple(names)
 
 
-def _locked(locked: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic],
+def _locked(locked: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str, Mimic],
             free: Collection[str]) -> dict[str, float]:
-    """Return the checked positions of `locked`."""
+    """Check the argument `locked` and return its positions by joint."""
     if not isinstance(locked, Mapping):
         raise InputError(f'locked: {locked!r}; expected a mapping of joint names to positions')
     positions = {}
@@ -186,7 +185,7 @@ def _locked(locked: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str
     return positions
 
 
-def _fault(name: Any, singles: Mapping[str, SingleJoint], mimics: Mapping[str, Mimic]) -> str:
+def _fault(name: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str, Mimic]) -> str:
     """Return why a name is not that of a joint that can move or be locked."""
     if not isinstance(name, str) or name not in singles:
         return f'{name!r} is no joint of one degree of freedom'

@@ -6,7 +6,7 @@ freedom, and nothing is selected, locked or merged.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from kane_dynamics._util.text import listing
@@ -18,27 +18,20 @@ MOVING = ('revolute', 'continuous', 'prismatic')
 TYPES = (*MOVING, 'fixed', 'floating', 'planar')
 
 
-@dataclass(frozen=True, eq=False)
-class UrdfLink:
-    """Link: its name and its inertial in link axes, if stated."""
-
-    name: str
-    inertial: Inertial | None = None
-
-
 @dataclass(frozen=True)
 class UrdfTree:
-    """Checked tree: links by name, joints in URDF order, and the root."""
+    """Checked tree: the inertials of links (or None), joints in URDF order, and the root."""
 
     name: str
-    links: dict[str, UrdfLink]
+    links: dict[str, Inertial | None]
     joints: tuple[StatedJoint, ...]
     root: str
 
 
-def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[StatedJoint]) -> UrdfTree:
+def build_tree(name: str, links: Sequence[tuple[str, Inertial | None]],
+               joints: Sequence[StatedJoint]) -> UrdfTree:
     """
-    Build the tree of links and joints, and check it.
+    Build the tree of links (names and inertials) and joints, and check it.
 
     Raises
     ------
@@ -48,12 +41,12 @@ def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[StatedJoin
         If the links do not form a tree; the message names them.
 
     """
-    for what, names in (('link', [x.name for x in links]), ('joint', [x.name for x in joints])):
+    for what, names in (('link', [x for x, _ in links]), ('joint', [x.name for x in joints])):
         twice = [repr(x) for x, count in Counter(names).items() if count > 1]
         if twice:
             raise UrdfError(f'{what} names: {listing(twice)} more than once; expected unique '
                             'names')
-    by_name = {link.name: link for link in links}
+    by_name = dict(links)
     above: dict[str, StatedJoint] = {}
     for joint in joints:
         for what, link in (('parent', joint.parent), ('child', joint.child)):
@@ -72,7 +65,7 @@ def build_tree(name: str, links: Sequence[UrdfLink], joints: Sequence[StatedJoin
     return UrdfTree(name, by_name, tuple(joints), roots[0])
 
 
-def _check_connected(links: dict[str, UrdfLink], above: dict[str, StatedJoint]) -> None:
+def _check_connected(links: Iterable[str], above: dict[str, StatedJoint]) -> None:
     """Raise ModelError if links form a loop."""
     sound: set[str] = set()
     for link in links:

@@ -80,7 +80,7 @@ def load_visuals(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
 
 
 def load_collisions(source: str | bytes | os.PathLike[str]) -> tuple[Visual, ...]:
-    """Return the collision shapes of a URDF's links, as `load_visuals` its visual ones."""
+    """Return the collision shapes of a URDF's links; arguments as for `load_visuals`."""
     return _load(source, 'collision')
 
 

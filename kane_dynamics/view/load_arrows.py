@@ -1,8 +1,8 @@
 """Arrows of joint torques and joint reactions."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.definition.kinematics import configurations
 from kane_dynamics.robot.robot import Robot
@@ -53,7 +53,7 @@ class LoadArrows:
         tau = np.array([robot.gravity_force(row) for row in q])
         return cls.along(robot, q, still, still, tau, np.zeros(len(q)))
 
-    @cached_property
+    @lazy_property
     def largest(self) -> dict[str, float]:
         """
         Return the largest magnitude of each of `KINDS`: N m of revolute joints, N, N m.

@@ -39,7 +39,7 @@ class Scene:
 
     def __init__(self, server: ViserServer, model: Model, visuals: Sequence[Visual],
                  extent: float) -> None:
-        """Draw floor, light and shapes; bodies stand at the world's origin yet."""
+        """Draw floor, light and shapes, with all bodies at the world's origin."""
         self.server, self.model, self.extent = server, model, extent
         scene = server.scene
         scene.set_up_direction('+z')

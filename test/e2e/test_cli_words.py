@@ -4,8 +4,13 @@ import csv
 import json
 import math
 import re
+import signal
+import subprocess
+import sys
 
-from kane_dynamics import load_urdf, Robot, simulate
+from kane_dynamics import (ComputedTorque, Controller, load_urdf, ModelWarning, Motion, Robot,
+                           simulate)
+from kane_dynamics.analysis.model_checks import Finding, print_findings
 from kane_dynamics.cli import main
 from kane_dynamics.cli.tables import read_motion, read_trajectory
 from kane_dynamics.urdf.visuals import load_visuals
@@ -132,6 +137,51 @@ def test_positions_far_outside_get_asked_whether_they_are_degrees(files, capsys,
     err = ''.join(capsys.readouterr())
     assert 'are these degrees?' in err
     assert 'rad (limits -1 to 1)' in err or command[0] == 'replay'
+
+
+def test_library_asks_once_whether_positions_are_degrees(files):
+    arm = Robot(load_urdf(files / 'arm.urdf'))
+    motion = Motion.from_points([0.0, 1.0], [[0.0, 0.0], [90.0, 0.0]], joint_names=('j1', 'j2'))
+    controller = Controller(arm)
+    asked = 'j1 90 rad .*are these degrees'
+    for call in (lambda: simulate(arm, [90.0, 0.0], [0.0, 0.0], 0.01),
+                 lambda: simulate(arm, [[0.0, 0.0], [90.0, 0.0]], np.zeros((2, 2)), 0.01),
+                 lambda: ComputedTorque(arm, motion),
+                 lambda: controller.command(0.0, [0.0, 0.0], [0.0, 0.0], motion)):
+        with pytest.warns(ModelWarning, match=asked) as found:
+            call()
+        assert len(found) == 1
+    controller.command(0.1, [0.0, 0.0], [0.0, 0.0], motion)  # warnings are errors
+
+
+def test_broken_pipe_is_quiet(files):
+    command = [sys.executable, '-m', 'kane_dynamics.cli', 'torque', files / 'arm.urdf', '--motion',
+               files / 'motion.yaml', '--step', '1e-4']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b''
+    assert process.returncode == 128 + signal.SIGPIPE
+
+
+def test_error_in_yaml_is_one_line(files, capsys):
+    (files / 'motion.yaml').write_text('joint_names: [j1, j2\npoints:\n- {positions: [0}\n')
+    _, err = said(capsys, 'torque', files / 'arm.urdf', '--motion', files / 'motion.yaml', code=2)
+    assert err.count('\n') == 1 and 'not valid YAML: while parsing' in err
+
+
+def test_out_has_a_short_name_in_every_command(files, capsys):
+    out = files / 'out.csv'
+    for words in (['simulate', '--duration', '0.01'], ['torque', '--motion',
+                                                       str(files / 'motion.yaml')]):
+        said(capsys, words[0], files / 'arm.urdf', *words[1:], '-o', out)
+        assert out.read_text().startswith('t,')
+        out.unlink()
+
+
+def test_one_problem_is_counted_as_one(capsys):
+    print_findings([Finding('problem', 'x'), Finding('warning', 'y'), Finding('warning', 'z')])
+    assert capsys.readouterr().out.endswith('1 problem, 2 warnings, 0 fine\n')
 
 
 def test_positions_in_reach_of_the_limits_get_no_remark(files, capsys):

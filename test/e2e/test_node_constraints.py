@@ -49,7 +49,7 @@ def linkage(files):
 
 
 @pytest.fixture(scope='module')
-def posture(linkage):
+def configuration(linkage):
     return linkage.closed_posture((0.8, 0.0, -1.5), fixed=['crank_joint'])
 
 
@@ -90,8 +90,8 @@ def close(value, expected):
     np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, posture):
-    q, u, a = posture, np.array([5.0]), np.array([1.0])
+def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, configuration):
+    q, u, a = configuration, np.array([5.0]), np.array([1.0])
     tau = linkage.inverse_dynamics(q, u, a)
     forces = linkage.constraint_forces(q, u, tau)
     answer = node.call(InverseDynamics, 'inverse_dynamics', position=q.tolist(),
@@ -116,22 +116,24 @@ def test_inverse_and_forward_dynamics_return_constraint_forces(node, linkage, po
     close(forward.constraint_forces, forces)
 
 
-def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, posture):
-    answer = node.call(GetDynamics, 'get_dynamics', position=posture.tolist(), velocity=[5.0])
+def test_get_dynamics_and_explain_use_the_independent_joints(node, linkage, configuration):
+    answer = node.call(GetDynamics, 'get_dynamics', position=configuration.tolist(),
+                       velocity=[5.0])
     assert answer.joint_names == ['crank_joint']
-    close(answer.mass_matrix, linkage.mass_matrix(posture).ravel())
-    close(answer.bias_force, linkage.bias_force(posture, [5.0]))
+    close(answer.mass_matrix, linkage.mass_matrix(configuration).ravel())
+    close(answer.bias_force, linkage.bias_force(configuration, [5.0]))
     assert answer.friction_force[0] != 0.0
-    told = node.call(Explain, 'explain', position=posture.tolist(), velocity=[5.0],
+    told = node.call(Explain, 'explain', position=configuration.tolist(), velocity=[5.0],
                      acceleration=[1.0])
     assert told.success, told.message
-    close(sum(told.explanation.by_source), linkage.inverse_dynamics(posture, [5.0], [1.0])[0])
+    close(sum(told.explanation.by_source),
+          linkage.inverse_dynamics(configuration, [5.0], [1.0])[0])
     assert abs(told.explanation.power_residual) < 1e-9
 
 
-def test_simulations_return_constraint_forces(node, linkage, posture):
-    expected = simulate(linkage, posture, np.array([2.0]), 0.5, step=1e-3, sample=0.1)
-    request = {'position': posture.tolist(), 'velocity': [2.0], 'duration': 0.5,
+def test_simulations_return_constraint_forces(node, linkage, configuration):
+    expected = simulate(linkage, configuration, np.array([2.0]), 0.5, step=1e-3, sample=0.1)
+    request = {'position': configuration.tolist(), 'velocity': [2.0], 'duration': 0.5,
                'sample_period': 0.1}
     answer = node.call(Simulate, 'simulate', **request)
     assert answer.success, answer.message
@@ -165,8 +167,9 @@ def test_an_arm_with_constraints_is_not_activated(node):
      "of constraint 'pin/"),
     (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'expected 1'),
     (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'expected ZERO or TABLE')])
-def test_requests_that_violate_constraints_are_refused(node, posture, kind, name, change, words):
-    fields = {'position': posture.tolist(), 'velocity': [1.0], **change}
+def test_requests_that_violate_constraints_are_refused(node, configuration, kind, name, change,
+                                                       words):
+    fields = {'position': configuration.tolist(), 'velocity': [1.0], **change}
     if kind is InverseDynamics:
         fields['acceleration'] = [0.0]
     answer = node.call(kind, name, **fields)
@@ -174,9 +177,9 @@ def test_requests_that_violate_constraints_are_refused(node, posture, kind, name
     assert words in answer.message
 
 
-def test_a_small_constraint_residual_is_corrected(node, linkage, posture):
-    moved = posture + [0.0, 1e-3, -1e-3]
+def test_a_small_constraint_residual_is_corrected(node, linkage, configuration):
+    moved = configuration + [0.0, 1e-3, -1e-3]
     answer = node.call(InverseDynamics, 'inverse_dynamics', position=moved.tolist(),
                        velocity=[5.0], acceleration=[1.0])
-    near = linkage.inverse_dynamics(posture, [5.0], [1.0])
+    near = linkage.inverse_dynamics(configuration, [5.0], [1.0])
     assert answer.effort[0] == pytest.approx(near[0], rel=1e-9)

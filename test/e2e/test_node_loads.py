@@ -3,7 +3,7 @@
 import math
 
 from geometry_msgs.msg import Inertia, Vector3
-from graph import model, URDF, wait_until
+from graph import close, model, URDF, wait_until
 from kane_dynamics import Robot, simulate
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics_interfaces.srv import GetDynamics, InverseDynamics, SetPayload, Simulate
@@ -30,11 +30,6 @@ def payload(mass, com=COM):
         return Inertia()
     return Inertia(m=mass, com=Vector3(x=com[0], y=com[1], z=com[2]), ixx=XX, ixy=XY, ixz=XZ,
                    iyy=YY, iyz=YZ, izz=ZZ)
-
-
-def close(value, expected):
-    value, expected = np.asarray(value), np.asarray(expected)
-    return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
 
 
 @pytest.fixture(scope='module')

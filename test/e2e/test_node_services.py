@@ -5,7 +5,7 @@ import time
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
-from graph import JOINTS, model, NAME, Process, URDF, wait_until
+from graph import close, JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
@@ -40,11 +40,6 @@ def module_node():
 def node(module_node, client):
     client.process = module_node
     return client
-
-
-def close(value, expected):
-    value, expected = np.asarray(value), np.asarray(expected)
-    return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
 
 
 def positions(trajectory):

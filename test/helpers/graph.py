@@ -52,6 +52,12 @@ URDF = ('<robot name="arm"><link name="base"/>'
         + _joint('reach', 'prismatic', 'b', 'c', '1 0 0', 90) + _link('c', 1.0, 0.0) + '</robot>')
 
 
+def close(value, expected):
+    """Return whether numbers agree to 1e-12 of the largest."""
+    value, expected = np.asarray(value), np.asarray(expected)
+    return np.abs(value - expected).max() <= 1e-12 * max(np.abs(expected).max(), 1.0)
+
+
 def model():
     return load_urdf(URDF)
 

@@ -25,6 +25,7 @@ def four_bar_model(turntable=False, bars=(0.3, 0.9, 0.7), span=1.0):
         on, at = name, (length, 0, 0)
     b.frame('end', on, at=at)
     b.frame('ground', 'base', at=(span, 0, 0))
+    b.frame('middle', 'coupler', at=(0.45, 0, 0.1))
     return b.model()
 
 

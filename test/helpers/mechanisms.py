@@ -1,5 +1,6 @@
 """Random mechanisms for tests: trees with every kind of joint that a Model can hold."""
 
+from kane_dynamics import ModelBuilder, Robot, rod
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
 import numpy as np
 
@@ -75,6 +76,13 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
                for i in range(len(bodies))]
     return Model(f'random{seed}', tuple(bodies), tuple(names), tuple(frames),
                  rng.normal(size=3) * 5.0)
+
+
+def wheel(**joint):
+    """Return a wheel of 1 kg m^2."""
+    b = ModelBuilder('wheel')
+    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
+    return Robot(b.model())
 
 
 def random_state(model, seed, count=3):

@@ -2,39 +2,14 @@
 
 from functools import cache
 
-from kane_dynamics import (absolute_rates, Closure, ConstraintError, Coupling, InputError,
-                           knife_edge, ModelBuilder, momenta, PointVelocity, power_balance,
-                           Prescribed, Robot, rod, simulate, Speeds, Trajectory)
+from kane_dynamics import (absolute_rates, ConstraintError, Coupling, InputError, knife_edge,
+                           momenta, PointVelocity, power_balance, Prescribed, Robot, simulate,
+                           Speeds, Trajectory)
 from kane_dynamics.mechanics.definition import kinematics
+from linkages import at_angle, four_bar, four_bar_model, PIN
 from mechanisms import random_model
 import numpy as np
 import pytest
-
-LOOP = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
-
-
-def four_bar_model():
-    """Return crank, coupler and rocker, with the frames that close the loop."""
-    b = ModelBuilder('four-bar')
-    carrier, joint = 'world', (0, 0, 0)
-    for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
-        end = (length, 0, 0)
-        b.body(name, carrier, axis=(0, -1, 0), at=joint, matter=rod(2 * length, (0, 0, 0), end))
-        carrier, joint = name, end
-    b.frame('end', 'rocker', at=joint)
-    b.frame('ground', 'world', at=(1, 0, 0))
-    return b.model()
-
-
-@cache
-def four_bar():
-    """Return the linkage with its crank as the independent speed."""
-    return Robot(four_bar_model(), constraints=[LOOP], independent=['crank'])
-
-
-def crank_at(angle):
-    """Return the closed configuration at a crank angle."""
-    return four_bar().closed_posture((angle, 0.0, -1.5), fixed=['crank'])
 
 
 @cache
@@ -174,8 +149,8 @@ def test_joints_carry_what_constraints_exert(kind):
 
 
 def test_pins_of_a_loop_pass_on_the_force_of_its_closure():
-    robot, u = four_bar(), np.array([5.0])
-    q = crank_at(0.8)
+    robot, u = four_bar('crank'), np.array([5.0])
+    q = at_angle(0.8)
     tau = robot.inverse_dynamics(q, u, np.zeros(1))
     pin = dict(zip(robot.constraint_names, robot.constraint_forces(q, u, tau)))
     rocker = robot.joint_reaction('rocker', q, u, np.zeros(1))
@@ -184,7 +159,7 @@ def test_pins_of_a_loop_pass_on_the_force_of_its_closure():
     h, mass = 1e-5, robot.model.bodies[2].inertial.mass
 
     def place(angle):
-        T_rocker = robot.frame_pose('rocker', crank_at(angle))
+        T_rocker = robot.frame_pose('rocker', at_angle(angle))
         return T_rocker[:3, :3] @ com + T_rocker[:3, 3]
     acceleration = (place(0.8 + 5 * h) - 2 * place(0.8) + place(0.8 - 5 * h)) / h**2
     push = np.array([pin['pin/x'], pin['pin/y'], pin['pin/z']])
@@ -205,9 +180,9 @@ def test_constraints_that_time_does_not_move_take_no_part_in_the_balance_of_powe
 
 
 def test_actuators_share_a_load_with_the_least_sum_of_squares():
-    robot = Robot(four_bar_model(), constraints=[LOOP], independent=['crank'],
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'],
                   actuated=['crank', 'rocker'])
-    q, tau = crank_at(1.1), np.array([2.0])
+    q, tau = at_angle(1.1), np.array([2.0])
     torques = robot.joint_torques(tau, q)
     rates = robot.joint_rates(q, np.ones(1))
     assert torques[1] == 0.0
@@ -226,9 +201,9 @@ def test_torques_of_joints_are_tau_where_speeds_are_joint_rates():
 
 
 def test_a_loop_stays_closed_and_keeps_its_energy_at_the_integrators_order():
-    robot, errors = four_bar(), []
+    robot, errors = four_bar('crank'), []
     for step in (8e-3, 4e-3, 2e-3):
-        run = simulate(robot, crank_at(0.8), [5.0], 4.0, step=step)
+        run = simulate(robot, at_angle(0.8), [5.0], 4.0, step=step)
         energy = run.energy.sum(axis=1)
         errors.append(np.abs(energy - energy[0]).max())
         assert run.drift < 1e-10
@@ -236,8 +211,8 @@ def test_a_loop_stays_closed_and_keeps_its_energy_at_the_integrators_order():
 
 
 def test_many_mechanisms_move_as_each_alone():
-    robot = four_bar()
-    q0 = np.array([crank_at(angle) for angle in (0.3, 0.8, 1.4)])
+    robot = four_bar('crank')
+    q0 = np.array([at_angle(angle) for angle in (0.3, 0.8, 1.4)])
     u0 = np.array([[1.0], [-2.0], [4.0]])
     together = simulate(robot, q0, u0, 0.1)
     for k in range(3):
@@ -256,7 +231,7 @@ def test_a_prescribed_joint_moves_as_prescribed():
 
 
 def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
-    run = simulate(four_bar(), crank_at(0.8), [5.0], 0.01)
+    run = simulate(four_bar('crank'), at_angle(0.8), [5.0], 0.01)
     run.save_npz(tmp_path / 'run.npz')
     again = Trajectory.load_npz(tmp_path / 'run.npz')
     for name in ('q', 'u', 'constraint_forces', 'constraint_gap'):
@@ -270,22 +245,22 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
 def test_misuse_is_rejected_by_name(tmp_path):
     model = four_bar_model()
     with pytest.raises(InputError, match='expected one in joint rates without constraints'):
-        four_bar().export_c(tmp_path / 'four_bar.c')
+        four_bar('crank').export_c(tmp_path / 'four_bar.c')
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match=r"residual of 'pin/.' is .*closed_posture"):
-        simulate(four_bar(), [0.8, 0.0, -1.5], [5.0], 0.1)
+        simulate(four_bar('crank'), [0.8, 0.0, -1.5], [5.0], 0.1)
     with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
-        four_bar().inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))
-    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' of this robot; expected"):
-        four_bar().coriolis_matrix(np.zeros(3), np.ones(1))
+        four_bar('crank').inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))
+    with pytest.raises(InputError, match="no kernel 'coriolis_matrix' for this robot; expected"):
+        four_bar('crank').coriolis_matrix(np.zeros(3), np.ones(1))
     with pytest.raises(ConstraintError, match=r'.motor.; expected joints of crank, coupler'):
-        Robot(model, constraints=[LOOP], actuated=['motor'])
+        Robot(model, constraints=[PIN], actuated=['motor'])
     with pytest.raises(ConstraintError, match='actuated: 2 joints; expected at least 3'):
         Robot(model, actuated=['crank', 'rocker'])
     with pytest.raises(InputError, match=r'constraint_forces: a robot in joint rates'):
         Robot(model).constraint_forces(np.zeros(3), np.zeros(3), np.zeros(3))
     with pytest.raises(InputError, match='q: missing'):
-        four_bar().joint_torques(np.ones(1))
+        four_bar('crank').joint_torques(np.ones(1))
     wrong = Speeds(lambda q, t: np.eye(2))
     with pytest.raises(ConstraintError, match=r'Y\(q, t\) returns shape \(2, 2\)'):
         Robot(model, speeds=wrong)

@@ -421,11 +421,11 @@ def test_a_link_of_a_urdf_bends_by_its_supplement():
     assert robot.joint_names[6:] == tuple(
         f'upper_arm_link/{name}' for name in ('mode_1', 'mode_2', 'mode_3', 'twist_1'))
     assert robot.verify(2) < 1e-9
-    posture = np.array([0.3, -1.0, 1.0, 0.2, 0.1, 0.5])
-    q = np.append(posture, np.zeros(4))
+    configuration = np.array([0.3, -1.0, 1.0, 0.2, 0.1, 0.5])
+    q = np.append(configuration, np.zeros(4))
     for frame in ('tool0', 'forearm_link'):
-        np.testing.assert_allclose(robot.frame_pose(frame, q), rigid.frame_pose(frame, posture),
-                                   atol=1e-12)
+        np.testing.assert_allclose(robot.frame_pose(frame, q),
+                                   rigid.frame_pose(frame, configuration), atol=1e-12)
     # A stiff beam matches the rigid arm except for its own mass.
     moved = robot.model.bodies[1].inertial
     assert moved.mass == pytest.approx(12.0 * 0.6127)

@@ -22,7 +22,7 @@ from kane_dynamics.errors import InputError, KaneError  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.services import service_calls  # noqa: E402
-from kane_dynamics.ros.services.served_robot import RequestLimits, ServedRobot  # noqa: E402
+from kane_dynamics.ros.services.served_robot import ServedRobot  # noqa: E402
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
@@ -272,8 +272,10 @@ def requests(chance):
 
 def test_mutated_request_is_answered_or_rejected_with_its_reason():
     chance = random.Random(7)
-    served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), np.ones(2),
-                         np.ones(2), RequestLimits(1.0, 200, 50, 20), WrenchFrames(ROBOT), 'rk4')
+    served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), {
+        'gains.kp': np.ones(2), 'gains.kd': np.ones(2), 'simulation.max_duration': 1.0,
+        'simulation.max_steps': 200, 'simulation.max_points': 50, 'trajectory.max_points': 20,
+        'simulation.integrator': 'rk4'}, WrenchFrames(ROBOT))
     seeds = requests(chance)
     outcomes = Counter()
     for _ in range(REQUESTS):

@@ -32,6 +32,13 @@ TERMS = {
     r'tremble\w*': 'oscillate',
     r"compiler's business": 'left to the compiler',
     r'companion': 'bias force',
+    r'(?:derivatives?|slopes?|gradients?) by (?:the|its|their|q|u|x|time)': 'with respect to',
+    r'whole numbers? (?:from|of at least)': 'integer',
+    r'hardly believed': 'a weak prior',
+    r'carries besides': 'its derivative',
+    r'(?:last|former) name (?:this|that) is': 'the former name of ...',
+    r'(?:row|rows|entry|number|point) a (?:step|joint|sample|state|row)': 'per step, per joint',
+    r'takes? it for': 'treats it as',
 }
 # Public names, and places where a word has its ordinary meaning. Each has its reason.
 NAMES = re.compile(
@@ -95,3 +102,34 @@ def test_summaries_say_what_a_thing_is_or_does():
                 if SUMMARY.match(text):
                     found.append(f'{path.relative_to(ROOT)}: {text.splitlines()[0]}')
     assert found == []
+
+
+def test_errors_read_thing_given_expected():
+    """`<thing>: <given>; expected <valid>`, in every error of the library that has both."""
+    found, errors = [], 0
+    for path in FILES:
+        if path.relative_to(ROOT).parts[0] != 'kane_dynamics' or path.suffix != '.py':
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                text = error_text(node.exc.args[0])
+                if 'expected' in text:
+                    errors += 1
+                    if GIVEN.match(text) or not re.search('[:;,] ?(?:\\S.*)?expected', text):
+                        found.append(f'{path.relative_to(ROOT)}:{node.lineno}: {text}')
+    assert errors > 300
+    assert found == []
+
+
+# A thing and its value as a clause: "q is {}", "tau has shape {}".
+GIVEN = re.compile(r"[\w{}.\[\]']+(?: of joint '\{\}')? (?:is|are|has|takes) ")
+
+
+def error_text(node):
+    """Return a message with {} in place of its values; empty for anything but a string."""
+    if isinstance(node, ast.Constant):
+        return str(node.value)
+    if isinstance(node, ast.JoinedStr):
+        return ''.join(part.value if isinstance(part, ast.Constant) else '{}'
+                       for part in node.values)
+    return ''

@@ -1,4 +1,4 @@
-"""Entry functions of the subcommands of `kane-dynamics`."""
+"""The commands `inspect`, `export`, `equations`, `doctor` and `demo`."""
 
 from argparse import Namespace
 import math
@@ -8,24 +8,14 @@ import warnings
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.analysis import model_checks
-from kane_dynamics.cli import pictures
-from kane_dynamics.cli.commands import (excite_command, feasible_command, identify_command,
-                                        inspect_command, replay_command as replaying,
-                                        sweep_command, view_command)
+from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of,
-                                      split, warn_degrees)
-from kane_dynamics.cli.tables import read_motion
+                                      split)
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.document import read_source
-
-
-def sweep(options: Namespace) -> None:
-    """Run a sweep, or continue it, and print a summary of its table."""
-    data = sweep_command.run(options)
-    (print_json if options.json else sweep_command.print_result)(data)
 
 
 def inspect(options: Namespace) -> int:
@@ -83,56 +73,6 @@ def equations(options: Namespace) -> None:
     print(f'wrote {options.out}' if options.out else text, end='\n' if options.out else '')
 
 
-def identify(options: Namespace) -> None:
-    """Identify friction and inertials, base parameters or a payload; print, write on request."""
-    model, _ = load(options)
-    if options.base_parameters:
-        data, printed = identify_command.run_base(options, model), identify_command.print_base
-    elif options.payload:
-        data = identify_command.run_payload(options, model)
-        printed = identify_command.print_payload
-    else:
-        data = identify_command.run(options, source_of(options), model)
-        printed = identify_command.print_data
-    (print_json if options.json else printed)(data)
-
-
-def excite(options: Namespace) -> None:
-    """Compute and write an exciting motion for `identify`."""
-    model, _ = load(options)
-    data = excite_command.run(options, source_of(options), model)
-    (print_json if options.json else excite_command.print_data)(data)
-
-
-def replay(options: Namespace) -> None:
-    """Compare the measured torques of a recording with those of the equations of motion."""
-    plot = pictures.plotter(options)  # errors early
-    model, robot = load(options)
-    recording = identify_command.recorded(options, model)
-    warn_degrees(robot, recording.q, options.recording)
-    data = replaying.run(options, robot, recording)
-    if plot is not None:
-        plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=model.sliding, limits=robot.limits.effort,
-                         title=f'{model.name}: measured and computed torque')
-    (print_json if options.json else replaying.print_comparison)(data)
-
-
-def feasible(options: Namespace) -> int:
-    """Check a motion against the limits of the joints; return 1 if it exceeds one."""
-    plot = pictures.plotter(options)  # errors early
-    model, robot = load(options, payload_frame=options.payload_frame)
-    motion = read_motion(options.motion, robot.joint_names)
-    warn_degrees(robot, motion.positions, options.motion)
-    data, asked = feasible_command.run(options, robot, motion)
-    if plot is not None:
-        plot.plot_demand(asked, options.plot, prismatic=model.sliding,
-                         title=f'{model.name}: torque, speed and power against the limits')
-        data['files'].append(options.plot)
-    (print_json if options.json else feasible_command.print_data)(data)
-    return 0 if data['fits'] else 1
-
-
 def doctor(options: Namespace) -> int:
     """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
     if options.live is not None and not 0.0 < options.live < math.inf:
@@ -160,11 +100,6 @@ def doctor(options: Namespace) -> int:
         model_checks.print_findings(found if options.verbose else [
             model_checks.Finding(each.level, brief(each.words)) for each in found])
     return int(any(finding.level == 'problem' for finding in found))
-
-
-def view(options: Namespace) -> None:
-    """Show a robot and its motion in the browser."""
-    view_command.run(options)
 
 
 def demo(options: Namespace) -> int:

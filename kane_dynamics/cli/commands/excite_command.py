@@ -5,21 +5,21 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import model_warnings
+from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
-from kane_dynamics.model.model import Model
 from kane_dynamics.shapes.collision_shapes import load_collision_shapes
 import numpy as np
 
 
-def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
-    """Optimize and write the motion; return its properties as plain data."""
+def excitation(options: Namespace) -> None:
+    """Compute and write an exciting motion for `identify`."""
+    model, _ = load(options)
     if not 0.0 < options.rate < np.inf:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number of Hz')
     with model_warnings():
-        shapes = load_collision_shapes(source)
+        shapes = load_collision_shapes(source_of(options))
     with progress_bar('searching', 1.0) as progress:
         found = excite(
             model, duration=options.duration, harmonics=options.harmonics,
@@ -30,9 +30,10 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
                 ('velocity', options.velocity), ('acceleration', options.acceleration))})
     write(found, options.out, options.rate)
     q, _, _ = found.sample(np.zeros(1))
-    return {'joint_names': list(found.joint_names), 'condition': found.condition,
-            'start': q[0], 'uses': found.uses, 'lowest': found.lowest,
-            'nearest': found.nearest, 'files': [options.out]}
+    (print_json if options.json else print_data)({
+        'joint_names': list(found.joint_names), 'condition': found.condition, 'start': q[0],
+        'uses': found.uses, 'lowest': found.lowest, 'nearest': found.nearest,
+        'files': [options.out]})
 
 
 def write(found: Excitation, path: str, rate: float) -> None:
@@ -44,7 +45,7 @@ def write(found: Excitation, path: str, rate: float) -> None:
 
 
 def print_data(data: dict[str, Any]) -> None:
-    """Print the result of `run`."""
+    """Print the properties of the motion."""
     print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at the start '
           'and the end; shares of limits:')
     inspect_command.print_table(

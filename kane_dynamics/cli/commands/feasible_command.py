@@ -5,8 +5,10 @@ import math
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.tables import write_states
+from kane_dynamics.cli.shared import load, print_json, warn_degrees
+from kane_dynamics.cli.tables import read_motion, write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import Demand, demand, fastest, largest_payload
 from kane_dynamics.feasibility.samples import NONE
@@ -17,8 +19,12 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any], Demand]:
-    """Check a motion, write --out; return the result as plain data, and the demand."""
+def feasible(options: Namespace) -> int:
+    """Check a motion against the limits of the joints; return 1 if it exceeds one."""
+    plot = pictures.plotter(options)  # errors early
+    model, robot = load(options, payload_frame=options.payload_frame)
+    motion = read_motion(options.motion, robot.joint_names)
+    warn_degrees(robot, motion.positions, options.motion)
     given: dict[str, Any] = {
         'step': options.step, 'power': options.power[0] if len(options.power) == 1
         else options.power}
@@ -34,11 +40,16 @@ def run(options: Namespace, robot: Robot, motion: Motion) -> tuple[dict[str, Any
     if options.out:
         write_fitting(options.out, robot, motion, scale, given)
         data['files'].append(options.out)
-    return data, asked
+    if plot is not None:
+        plot.plot_demand(asked, options.plot, prismatic=model.sliding,
+                         title=f'{model.name}: torque, speed and power against the limits')
+        data['files'].append(options.plot)
+    (print_json if options.json else print_data)(data)
+    return 0 if data['fits'] else 1
 
 
 def hopeless(robot: Robot, motion: Motion, given: dict[str, Any]) -> str:
-    """Return the reason, as text, why a motion is feasible at no speed."""
+    """Return the reason why a motion is infeasible at every speed, as text."""
     still = demand(robot, motion, speed=LOWEST, **given)
     return (f'a limit is exceeded even at the lowest speed: {still.excesses[0]}' if still.excesses
             else 'at every speed some limit is exceeded')
@@ -84,7 +95,7 @@ def as_data(asked: Demand) -> dict[str, Any]:
 
 
 def print_data(data: dict[str, Any]) -> None:
-    """Print the first result of `run`."""
+    """Print the result of `feasible`."""
     def percent(use: float, limit: float) -> str:
         return '-' if math.isinf(limit) else f'{100.0 * use:.1f} %'
     torque, velocity, power = data['torque'], data['velocity'], data['power']

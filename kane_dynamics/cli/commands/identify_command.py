@@ -8,8 +8,7 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.commands.replay_command import rms
-from kane_dynamics.cli.shared import as_json, every_joint
+from kane_dynamics.cli.shared import as_json, every_joint, load, print_json, source_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.fit import Identification, identify
@@ -17,7 +16,7 @@ from kane_dynamics.identification.payload.payload_fit import identify_payload
 from kane_dynamics.identification.recordings.diagnosis import refuse as refuse_unlike
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import FRICTION, LOWEST, rows
+from kane_dynamics.identification.regression import FRICTION, LOWEST, rms, rows
 from kane_dynamics.identification.result_files import six, written, written_payload
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
@@ -45,13 +44,22 @@ def checked(options: Namespace, model: Model) -> Recording:
     try:
         found = refuse_unlike(model, recording, levels)
     except InputError as error:
-        raise InputError(f'{error}; or --as-recorded to fit it unchanged') from None
+        raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for finding in found:
         print(f'kane-dynamics: warning: {finding.words}', file=sys.stderr)
     return recording
 
 
-def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]:
+def identification(options: Namespace) -> None:
+    """Identify a model, base parameters or a payload; print it, or write it on request."""
+    model, _ = load(options)
+    run, printed = ((run_base, print_base) if options.base_parameters else
+                    (run_payload, print_payload) if options.payload else (run_model, print_data))
+    data = run(options, model)
+    (print_json if options.json else printed)(data)
+
+
+def run_model(options: Namespace, model: Model) -> dict[str, Any]:
     """Identify a model, write --out, and return the result as plain data."""
     if options.unbounded and not options.friction_only:
         raise InputError('--unbounded: given without --friction-only; expected both')
@@ -61,7 +69,7 @@ def run(options: Namespace, source: str | bytes, model: Model) -> dict[str, Any]
                          bounded=not options.unbounded, weight=options.weight,
                          standstill=options.standstill, diagnosed=True,
                          progress=progress)
-    files = write_files(source, found.model, options.out) if options.out else ()
+    files = write_files(source_of(options), found.model, options.out) if options.out else ()
     return {**as_data(found, recording), 'files': files}
 
 

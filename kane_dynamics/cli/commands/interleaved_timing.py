@@ -63,7 +63,7 @@ def _time(call: Contender, count: int, clock: Clock) -> float:
 
 
 def _calls_a_turn(call: Contender, clock: Clock) -> int:
-    """Return the number of calls that fill a turn."""
+    """Return the number of calls in a turn of about `TURN_SECONDS`."""
     _time(call, 1, clock)  # the first call may compile
     count = 1
     while (took := _time(call, count, clock)) < 0.2 * TURN_SECONDS:

@@ -11,7 +11,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
 from kane_dynamics.cli.shared import (load, model_warnings, print_json, split, vector,
-                                      warn_degrees, without_rounding)
+                                      without_rounding)
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
@@ -28,7 +28,8 @@ def simulation(options: Namespace) -> None:
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or .csv")
     plot = pictures.plotter(options)  # report errors early
     _, robot = load(options)
-    q0, u0, duration, source = _plan(options, robot)
+    with model_warnings(verbose=options.verbose):
+        q0, u0, duration, source = _plan(options, robot)
     start = time.perf_counter()
     with progress_bar('simulating', duration) as progress, (
             model_warnings(verbose=options.verbose)):
@@ -66,7 +67,6 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
     source: Any = None
     if options.motion:
         motion = read_motion(options.motion, robot.joint_names)
-        warn_degrees(robot, motion.positions, options.motion)
         q_d, u_d, _ = motion.sample(0.0)
         q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
         gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]

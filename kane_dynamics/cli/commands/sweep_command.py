@@ -10,7 +10,7 @@ from typing import Any
 
 from kane_dynamics._util.yaml_io import read_yaml, SHORT
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import load, model_warnings
+from kane_dynamics.cli.shared import load, model_warnings, print_json
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import GRAVITY
@@ -63,27 +63,28 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
         raise InputError(f'{path}: {error}') from None
 
 
-def run(options: Namespace) -> dict[str, Any]:
-    """Run the sweep of a file and return a summary as plain data."""
-    sweep = read_sweep(options.sweep, options.verbose)
+def sweep(options: Namespace) -> None:
+    """Run a sweep, or continue it, and print a summary of its table."""
+    wanted = read_sweep(options.sweep, options.verbose)
     start = time.perf_counter()
     with model_warnings():
-        done = run_sweep(sweep, options.out, workers=options.workers, dask=options.dask)
+        done = run_sweep(wanted, options.out, workers=options.workers, dask=options.dask)
     wall = time.perf_counter() - start
     rows = read_table(options.out).select(['ok', 'error', 'limit_events', 'energy_closes'])
     errors = [text for text in rows['error'].to_pylist() if text is not None]
     kinds = sorted(set(errors), key=lambda text: (-errors.count(text), text))
     passed = np.array([count or 0 for count in rows['limit_events'].to_pylist()])
-    return {'folder': str(options.out), 'digest': done.digest, 'samples': rows.num_rows,
+    data = {'folder': str(options.out), 'digest': done.digest, 'samples': rows.num_rows,
             'found': done.found, 'made': done.made, 'wall_time': wall,
             'ok': rows.num_rows - len(errors), 'failed': len(errors),
             'past_a_limit': int((passed > 0).sum()),
             'energy_missed': rows['energy_closes'].to_pylist().count(False),
             'errors': {text: errors.count(text) for text in kinds[:SHOWN]}}
+    (print_json if options.json else print_result)(data)
 
 
 def print_result(data: Mapping[str, Any]) -> None:
-    """Print what `run` returned."""
+    """Print the summary of a sweep."""
     print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s, {data["found"]} found in the '
           'table')
     inspect_command.print_table(['', 'simulations'], [

@@ -10,16 +10,16 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.urdf.visuals import load_visuals
 
 
-def run(options: Namespace) -> None:
+def view(options: Namespace) -> None:
     """Serve the page until interrupted, or write it to a file."""
     if options.export and not options.export.endswith('.html'):
         raise InputError(f"--export: '{options.export}'; expected a name that ends in .html")
-    view = extra('kane_dynamics.view', 'view')  # report a missing extra early
+    page = extra('kane_dynamics.view', 'view')  # report a missing extra early
     _, robot = load(options)
     with model_warnings(verbose=options.verbose):
         visuals = load_visuals(source_of(options))
     trajectory = read_trajectory(options.motion, robot) if options.motion else None
-    window = view.Window(robot, trajectory, visuals=visuals, host=options.host,
+    window = page.Window(robot, trajectory, visuals=visuals, host=options.host,
                          port=0 if options.export else options.port)
     try:
         if options.export:
@@ -37,7 +37,7 @@ def run(options: Namespace) -> None:
 
 
 def _say(options: Namespace, key: str, value: str, words: str) -> None:
-    """Print where the page is."""
+    """Print the address or the file of the page."""
     if options.json:
         print_json({key: value})
     else:

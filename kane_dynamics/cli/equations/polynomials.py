@@ -54,7 +54,7 @@ class Polynomials:
         return self._values[expression]
 
     def by(self, polynomial: Any, variables: Iterable[Any]) -> dict[Any, Any]:
-        """Return the coefficients of a polynomial by products of some generators."""
+        """Return the coefficients of a polynomial in some generators, by monomial."""
         places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
         found: dict[Any, Any] = {}
         for powers, coefficient in polynomial.terms():
@@ -125,7 +125,7 @@ class _Trig:
                     self.atoms.add(sp.cos(*x.args))
 
     def form(self, x: Any) -> Any:
-        """Return a node as a sum or a product of simpler ones, or as it is."""
+        """Return a node as a sum or a product of simpler nodes, or unchanged."""
         if isinstance(x, sp.sin | sp.cos):
             if x not in self._forms:  # expanding a constant offset would double the terms
                 offset = x.args[0].as_coeff_Add()[0]

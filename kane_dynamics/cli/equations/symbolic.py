@@ -55,19 +55,19 @@ class Symbolic:
         return Symbolic(unwrapped(other) / self.value)
 
     def sin(self) -> 'Symbolic':
-        """Return the sine: numpy's sin calls this."""
+        """Return the sine; numpy.sin calls this on object arrays."""
         return Symbolic(sp.sin(self.value))
 
     def cos(self) -> 'Symbolic':
-        """Return the cosine: numpy's cos calls this."""
+        """Return the cosine; numpy.cos calls this on object arrays."""
         return Symbolic(sp.cos(self.value))
 
     def tanh(self) -> 'Symbolic':
-        """Return the hyperbolic tangent: numpy's tanh calls this."""
+        """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         return Symbolic(sp.tanh(self.value))
 
     def sqrt(self) -> 'Symbolic':
-        """Return the square root: numpy's sqrt calls this."""
+        """Return the square root; numpy.sqrt calls this on object arrays."""
         return Symbolic(sp.sqrt(self.value))
 
 
@@ -131,7 +131,9 @@ class Parameters:
             for j in range(i, 3):
                 twin = max(k for k in range(3) if moments[k] == moments[i]) if i == j else j
                 suffix = '' if alike and i == j else 'xyz'[twin if i == j else i] + 'xyz'[twin]
-                part = ('-' if values[i, j] < 0.0 else '') + 'xyz'[i] + 'xyz'[j]
+                shared = [k for k in range(3) if moments[k] == moments[i]] if i == j else []
+                part = ' and '.join(2 * 'xyz'[k] for k in shared) or (
+                    ('-' if values[i, j] < 0.0 else '') + 'xyz'[i] + 'xyz'[j])
                 result[i, j] = result[j, i] = self.scalar(name + suffix, values[i, j], 'kg m^2',
                                                           f'{meaning}, {part}')
         return result

@@ -45,14 +45,14 @@ class Shape(NamedTuple):
 
 class Clearance:
     """
-    Heights of links above a floor and distances between them, with their slopes.
+    Heights of links above a floor and distances between them, with their gradients.
 
     Parameters
     ----------
     model : Model
         The arm.
     shapes : sequence of Visual
-        Boxes, cylinders and spheres of its links; a rod stands for a link without any.
+        Boxes, cylinders and spheres of its links; a rod replaces a link without any.
     floor : float or None
         Height in the world, m; None for no floor.
     distance : float or None
@@ -62,7 +62,7 @@ class Clearance:
 
     def __init__(self, model: Model, shapes: Sequence[Visual], floor: float | None,
                  distance: float | None) -> None:
-        """Choose the shapes and pairs of shapes that count."""
+        """Select the shapes that may reach the floor, and the pairs of shapes that may collide."""
         self.robot, self.floor = Robot(model), floor
         limits = self.robot.limits
         rest = np.clip(np.zeros(model.n), limits.lower, limits.upper)[None]
@@ -151,11 +151,11 @@ class Clearance:
         return np.concatenate(found, axis=1)
 
     def heights(self, q: Array) -> Array:
-        """Return the height of each shape that the joints raise, (N, k), m, of q (N, n)."""
+        """Return the heights of the k movable shapes above the floor, (N, k), m, for q (N, n)."""
         return self._lowest_points(self._poses(q))[:, :, 2]
 
     def _closest(self, poses: dict[int, Array]) -> tuple[Array, Array, Array]:
-        """Return closest points of pairs' segments, (N, pairs, 3), and capsules' distances."""
+        """Return the closest points of each pair, (N, pairs, 3), and their distances, m."""
         centers, halves = self._segments(poses)
         i, j = self.pairs.T
         first, second = closest_points(centers[:, i], halves[:, i], centers[:, j], halves[:, j])
@@ -163,11 +163,11 @@ class Clearance:
         return first, second, np.linalg.norm(first - second, axis=2) - radii[i] - radii[j]
 
     def distances(self, q: Array) -> Array:
-        """Return the distance of each pair of capsules, (N, pairs), m, of q (N, n)."""
+        """Return the distance between the capsules of each pair, (N, pairs), m, for q (N, n)."""
         return self._closest(self._poses(q))[2]
 
     def missing(self, q: Array) -> tuple[float, Array]:
-        """Return the mean sum of squared shortfalls of q (N, n), in UNITs, and its slope."""
+        """Return the mean squared shortfall for q (N, n), in units of `UNIT`, and its gradient."""
         total, slope, poses = 0.0, np.zeros_like(q), self._poses(q)
         for shortfall, pulls in (*self._low(poses), *self._near(poses)):
             short = np.flatnonzero(shortfall > 0.0)
@@ -186,7 +186,7 @@ class Clearance:
 
     def _low(self, poses: dict[int, Array]
              ) -> Iterator[tuple[Array, list[tuple[int, Array, Array]]]]:
-        """Yield by how much each shape is too low, (N,), and what raises it."""
+        """Yield the missing height of each shape, (N,), and its gradient."""
         if self.floor is None:
             return
         points = self._lowest_points(poses)
@@ -196,7 +196,7 @@ class Clearance:
 
     def _near(self, poses: dict[int, Array]
               ) -> Iterator[tuple[Array, list[tuple[int, Array, Array]]]]:
-        """Yield by how much each pair is too near, (N,), and what parts it."""
+        """Yield the missing distance of each pair, (N,), and its gradient."""
         first, second, distances = self._closest(poses)
         for k, (i, j) in enumerate(self.pairs):
             a, b = first[:, k], second[:, k]
@@ -213,7 +213,7 @@ class Clearance:
         return self.shapes[self.moving[k]].name, float(low[k])
 
     def nearest(self, q: Array) -> tuple[str, str, float] | None:
-        """Return the links that come nearest to each other along samples, and how near, m."""
+        """Return the two links with the smallest distance along samples, and that distance, m."""
         if not len(self.pairs):
             return None
         near = between(self.distances(q))
@@ -221,7 +221,7 @@ class Clearance:
         return self.shapes[j].name, self.shapes[i].name, float(near.min())
 
     def broken(self, q: Array) -> str | None:
-        """Return what a periodic motion's samples break, in words; None if nothing."""
+        """Describe the clearance that a periodic motion violates; return None if there is none."""
         lowest = self.lowest(q)
         if self.floor is not None and lowest is not None and lowest[1] < self.floor:
             return f"link '{lowest[0]}' above {self.floor:g} m"
@@ -237,7 +237,7 @@ class Clearance:
 
 def between(values: Array) -> Array:
     """
-    Return the least value of periodic functions, (k,), of samples (N, k) and between them.
+    Return lower bounds of periodic functions, (k,), at and between their samples, (N, k).
 
     Between samples h apart a function falls below both by h^2 max|f''| / 8, and a change of slope
     from one side to the other by no more than a quarter of the second difference.

@@ -9,9 +9,9 @@ scaled to unit length, b of them, the worth of a motion is judged by
 The first term is the mean logarithm of the parameters' standard deviations, the second the
 logarithm of the condition number of the scaled equations in the Frobenius norm, which is smooth
 and not below the usual one. (Swevers et al., IEEE T-RA 13 (1997), for the determinant; Gautier &
-Khalil, IJRR 11 (1992), for the condition number.) Its slope by the entries of W is known in closed
-form, W's by the states of a sample comes from differences of the compiled regressor, and the
-states are linear in the coefficients.
+Khalil, IJRR 11 (1992), for the condition number.) Its gradient with respect to the entries of W
+has a closed form. The derivatives of W with respect to the states of a sample are differences of
+the compiled regressor, and the states are linear in the coefficients.
 """
 
 from collections.abc import Sequence
@@ -59,9 +59,9 @@ class DesignCriterion:
                  acceleration: ArrayLike, floor: float | None,
                  floor_frames: Sequence[str] | None,
                  clearance: Clearance | None = None) -> None:
-        """Gather the limits and sample the basis."""
+        """Store the limits, and sample the Fourier basis."""
         if floor is not None and not math.isfinite(floor):
-            raise InputError(f'floor is {floor}; expected a finite height, m')
+            raise InputError(f'floor: {floor}; expected a finite height, m')
         self.model, self.basis, self.share, names = model, basis, share, model.joint_names
         self.robot, self.rigid = Robot(model), Robot(without_losses(model))
         limits = self.robot.limits
@@ -70,9 +70,9 @@ class DesignCriterion:
         self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
         for name, speed, most in zip(names, self.velocity, self.acceleration, strict=True):
             if not 0.0 < speed < math.inf or most == 0.0:
-                raise InputError(f"joint '{name}' has the limits {speed} of speed and {most} of "
-                                 'acceleration; an exciting motion needs positive ones, and that '
-                                 'of speed finite: give it as velocity')
+                raise InputError(f"joint '{name}': limits {speed} of speed and {most} of "
+                                 'acceleration; expected positive ones, and a finite speed '
+                                 '(velocity=)')
         self.effort = limits.effort
         # A joint that is bounded on one side gets a turn from there.
         lower = np.where(np.isfinite(limits.lower), limits.lower, limits.upper - 2.0 * math.pi)
@@ -115,7 +115,7 @@ class DesignCriterion:
         return float(np.linalg.cond(W / np.linalg.norm(W, axis=0)))
 
     def cost(self, p: Array, weight: float) -> tuple[float, Array]:
-        """Return `worth` plus weighted squared excesses, and its slope by the coefficients."""
+        """Return `worth` plus weighted squared excesses, and the gradient."""
         q, u, udot = states = [matrix @ p for matrix in self.grid]
         W = self.regressor(q, u, udot)
         value, G = worth(W)
@@ -139,7 +139,7 @@ class DesignCriterion:
         return value + weight * penalty, gradient
 
     def _penalty(self, q: Array, u: Array, udot: Array) -> tuple[float, list[Array]]:
-        """Return the mean squared excess beyond the share of limits, and its slopes by states."""
+        """Return the mean squared excess beyond the share of limits, and its gradients."""
         total, slopes = 0.0, [np.zeros_like(q) for _ in range(3)]
 
         def excess(use: Array) -> Array:
@@ -163,7 +163,7 @@ class DesignCriterion:
         return total, slopes
 
     def broken(self, p: Array) -> str | None:
-        """Return the limit that a motion breaks, in words; None if it keeps all."""
+        """Describe the limit that a motion exceeds; return None if it satisfies all."""
         for name, use in self.uses(p).items():
             j = int(use.argmax())
             if use[j] > self.share:
@@ -187,7 +187,7 @@ class DesignCriterion:
 
 
 def worth(W: Array) -> tuple[float, Array]:
-    """Return the cost of equations (N, n, b), infinite if they are singular, and its slope."""
+    """Return the cost of equations (N, n, b), infinite if they are singular, and its gradient."""
     norms = np.linalg.norm(W, axis=(0, 1))
     if not norms.all():
         return math.inf, np.zeros_like(W)

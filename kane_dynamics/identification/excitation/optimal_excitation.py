@@ -1,15 +1,16 @@
-"""Motions that tell most about an arm's parameters, within its limits."""
+"""Optimal excitation: motions within an arm's limits that identify its parameters best."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
+import warnings
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.excitation.clearance import Clearance, DISTANCE
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
-from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.urdf.visuals import Visual
@@ -78,6 +79,7 @@ class Excitation:
         return Motion.from_points(t, *self.sample(t), joint_names=self.joint_names)
 
 
+@on_one_processor
 def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods: int = 1,
            seed: int = 0, starts: int = 2, share: float = 0.9, velocity: ArrayLike = math.inf,
            acceleration: ArrayLike = math.inf, floor: float | None = None,
@@ -115,12 +117,13 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         Frames whose origins stay above it; by default the shapes do, and without these the frame
         of every moving body.
     shapes : sequence of Visual, optional
-        Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; without
-        them links are not kept apart.
+        Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; a model
+        has none. Without them links are not kept apart.
     distance : float or None
         Least distance between links, m, as capsules around their shapes; None for none. Links
         that a joint connects and shapes that touch at rest (all coordinates 0, or at the nearest
         limit) are left out; shapes that are near each other at rest keep half that distance.
+        None without shapes omits the warning.
     progress : callable
         Called with the share of the work that is done.
 
@@ -130,10 +133,19 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         An argument is out of range, a joint has no limit of speed, a frame is not known, or no
         motion within the limits was found: names it.
 
+    Warns
+    -----
+    ModelWarning
+        There is a distance, but there are no shapes.
+
     """
     _check(duration, harmonics, periods, seed, starts, share)
     if distance is not None and not 0.0 <= distance < math.inf:
-        raise InputError(f'distance is {distance}; expected a finite number not below 0, m')
+        raise InputError(f'distance: {distance}; expected a finite number >= 0, m')
+    if shapes is None and distance is not None:
+        warnings.warn('shapes: None, so links are not kept apart, nor their surfaces above a '
+                      "floor; expected shapes=load_collision_shapes('arm.urdf'), or "
+                      'distance=None', ModelWarning, stacklevel=3)  # beyond the decorator
     clearance = None
     if shapes is not None:
         clearance = Clearance(model, shapes, floor, distance)
@@ -148,8 +160,8 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
             found.append(kept)
         progress((k + 1) / starts)
     if not found:
-        raise InputError(f'no motion keeps {broken}; more starts, a lower share, or other limits '
-                         'may help')
+        raise InputError(f'motion: none satisfies {broken}; expected more starts, a lower share, '
+                         'or other limits')
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
@@ -165,11 +177,11 @@ def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int
             ('duration', duration, 0.0 < duration < math.inf, seconds),
             ('harmonics', harmonics, harmonics >= 2, 'two or more'),
             ('periods', periods, periods >= 1, count),
-            ('seed', seed, seed >= 0, 'a number not below 0'),
+            ('seed', seed, seed >= 0, 'a number >= 0'),
             ('starts', starts, starts >= 1, count),
             ('share', share, 0.0 < share <= 1.0, 'a number above 0, up to 1')):
         if not valid:
-            raise InputError(f'{name} is {value}; expected {expected}')
+            raise InputError(f'{name}: {value}; expected {expected}')
 
 
 def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
@@ -190,7 +202,7 @@ def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:
 
 
 def improved(design: DesignCriterion, p: Array) -> Array:
-    """Return coefficients of a better motion near the limits, a little beyond perhaps."""
+    """Return the coefficients of a better motion, which may exceed the limits slightly."""
     minimize = scientific('scipy.optimize').minimize
     # Of each coefficient a size by which it counts: a reach, or a speed.
     size = np.vstack([np.minimum(design.reach, math.pi),
@@ -205,7 +217,7 @@ def improved(design: DesignCriterion, p: Array) -> Array:
 
 
 def within(design: DesignCriterion, p: Array) -> tuple[Array | None, str | None]:
-    """Return the motion of largest amplitude that keeps all limits, or None and what it breaks."""
+    """Return the motion of largest amplitude within all limits, or None and the exceeded limit."""
     p, room = p.copy(), 0.9 * design.share * np.minimum(design.reach, math.pi)
     p[0] = np.clip(p[0], design.middle - room, design.middle + room)
     for _ in range(math.ceil(math.log(SMALLEST) / math.log(SHRINK))):

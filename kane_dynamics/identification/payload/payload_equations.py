@@ -33,7 +33,7 @@ ROUNDING = 1e-7  # of the RMS of a joint's torque: no residual is known to be sm
 
 class PayloadEquations:
     """
-    Sums of a payload's equations, joint by joint, from which it is estimated.
+    Least-squares equations of a payload, accumulated joint by joint.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class PayloadEquations:
         return self._reduced()[:2]
 
     def _reduced(self) -> tuple[Array, Array, Array]:
-        """Return `solve`'s equations, and the joints' own unknowns as [slope by x | offset]."""
+        """Return `solve`'s equations, and those of the joints' own unknowns."""
         G = self._products[0] / self._variance[:, None, None]
         x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), LOAD + OWN]
         by_x = np.linalg.solve(G[:, own, own] + self._uncertainty, G[:, own][:, :, others])
@@ -112,7 +112,7 @@ class PayloadEquations:
         return 0.5 * (reduced[:, :-1] + reduced[:, :-1].T), reduced[:, -1], by_x
 
     def _residual_variance(self, x: Array, own: Array) -> Array:
-        """Return the variance of sums of residuals a row, the largest over blocks, (n,)."""
+        """Return the variance of sums of residuals per row, the largest over blocks, (n,)."""
         z = np.concatenate([np.tile(-x, (len(own), 1)), -own, np.ones((len(own), 1))], axis=1)
         squares = np.einsum('ja,ljab,jb->lj', z, self._products, z)
         free = self._counts - OWN - LOAD / len(own)

@@ -1,4 +1,4 @@
-"""Online payload estimation: recursive least squares with honest standard deviations."""
+"""Online payload estimation: recursive least squares with standard deviations."""
 
 from collections.abc import Sequence
 
@@ -22,9 +22,9 @@ class PayloadEstimator:
     Mass and center of mass of a payload while the arm moves, by recursive least squares.
 
     It holds the normal equations of all samples, each forgotten with a time constant, so that a
-    payload that is put down is noticed. Each joint's friction and torque may be off by an offset,
-    Coulomb and viscous friction of ten times `sigma`; the standard deviations count these, and
-    the size and correlation of the residuals where they are larger than `sigma` (see
+    payload that is put down is noticed. The model error of each joint may include an offset,
+    Coulomb friction and viscous friction of ten times `sigma`. The standard deviations include
+    these, and the size and correlation of the residuals if they are larger than `sigma` (see
     `payload_equations`).
 
     Parameters
@@ -47,15 +47,15 @@ class PayloadEstimator:
 
     def __init__(self, model: Model, frame: str, sigma: Sequence[float] | Array,
                  memory: float = 5000.0) -> None:
-        """Start from no payload, hardly believed."""
+        """Start with zero mass and a weak prior."""
         self._regressor = PayloadRegressor(model, frame)
         self._sigma = np.asarray(sigma, dtype=np.float64)
         if self._sigma.shape != (model.n,) or not (self._sigma > 0.0).all():
-            raise InputError(f'sigma is {sigma!r}; expected {model.n} positive numbers')
+            raise InputError(f'sigma: {sigma!r}; expected {model.n} positive numbers')
         self._arguments = [Argument(name, (model.n,), model.joint_names)
                            for name in ('q', 'u', 'udot', 'tau')]
         if not memory > 1.0:
-            raise InputError(f'memory is {memory:g}; expected more than 1 sample')
+            raise InputError(f'memory: {memory:g}; expected more than 1 sample')
         self._kept = 1.0 - 1.0 / memory
         joints = model.coordinate_joints
         self._friction, self._friction_speed = (
@@ -76,7 +76,7 @@ class PayloadEstimator:
 
     @property
     def gravity(self) -> Array:
-        """Return gravity in world axes, (3,), m/s^2; it may be set, for the samples to come."""
+        """Return gravity in world axes, (3,), m/s^2; it may be set for further samples."""
         return self._regressor.robot.parameters.gravity
 
     @gravity.setter
@@ -97,7 +97,7 @@ class PayloadEstimator:
             self._arguments, (q, u, udot, tau), strict=True)]
         for argument, value in zip(self._arguments, state, strict=True):
             if value.ndim != 1:
-                raise InputError(f'{argument.name} has shape {value.shape}; expected one sample, '
+                raise InputError(f'{argument.name}: shape {value.shape}; expected one sample, '
                                  f'{argument.shape}')
         # A joint at rest may hold by friction what the model says it must hold by torque.
         slip = np.abs(coulomb(state[1], self._friction_speed))
@@ -107,7 +107,8 @@ class PayloadEstimator:
             row = self._equations.row(self._regressor(*state[:3]), state[1], state[3] - known,
                                       sigma)
         if not (np.abs(row) < LARGEST).all():
-            raise InputError(f'tau is {state[3].tolist()}; too large together with the motion')
+            raise InputError(f'tau: {state[3].tolist()}; expected torques and a motion in a '
+                             'physical range')
         self._equations.add(row)
         self._solved = None
 
@@ -125,7 +126,7 @@ class PayloadEstimator:
 
     @property
     def mass_deviation(self) -> float:
-        """Return the standard deviation of the mass, kg: the confidence in it."""
+        """Return the standard deviation of the mass, kg."""
         return float(np.sqrt(self.covariance[0, 0]))
 
     @property

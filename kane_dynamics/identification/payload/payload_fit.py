@@ -8,6 +8,7 @@ from kane_dynamics.identification.payload.payload_equations import PayloadEquati
 from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
                                                                prior_metric, pseudo_inertia_of)
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
 from kane_dynamics.model.model import Frame, Inertial, Model, WORLD
@@ -15,7 +16,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-# A ball of 1 kg around the frame: where the search starts, and what is hardly believed.
+# A ball of 1 kg around the frame: the initial guess of the search, and a weak prior.
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
 BELIEF = 1e-3
 TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief
@@ -81,8 +82,8 @@ class PayloadRegressor:
         """Find the body that carries the frame."""
         where: Frame = model.frame(frame)
         if where.body == WORLD:
-            raise InputError(f"frame '{frame}' is fixed in the world; a payload needs one that "
-                             'joints move')
+            raise InputError(f"frame '{frame}': fixed in the world; expected a frame that joints "
+                             'move')
         self.robot = Robot(model)
         self._columns = slice(10 * where.body, 10 * where.body + 10)
         T = np.block([[where.rotation, where.translation[:, None]], [np.zeros(3), np.ones(1)]])
@@ -98,7 +99,7 @@ class PayloadRegressor:
 @on_one_processor
 def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     """
-    Return the payload that explains what the model leaves of measured torques.
+    Estimate the payload from the difference between measured and computed torques.
 
     Parameters
     ----------
@@ -113,15 +114,15 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     ------
     InputError
         No such frame, the recording is not of the model's joints, it has too few rows, or its
-        motion does not tell the mass.
+        motion does not identify the mass.
 
     """
     if recording.tau.shape[1] != model.n:
-        raise InputError(f'the recording is of {recording.tau.shape[1]} joints, the model has '
-                         f'{model.n}: {", ".join(model.joint_names)}')
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
+                         f'{", ".join(model.joint_names)}')
     if len(recording) < ROWS:
-        raise InputError(f'the recording has {len(recording)} rows; a payload needs {ROWS}: in '
-                         'each half as many as it has parameters')
+        raise InputError(f'recording: {len(recording)} rows; expected at least {ROWS}: in each '
+                         'half as many as a payload has parameters')
     regressor = PayloadRegressor(model, frame)
     state = recording.q, recording.u, recording.udot
     Y = regressor(*state)
@@ -138,19 +139,19 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
             equations.add(equations.row(*row))
         found.append(equations.solve())
     (early, _), (x, information) = ((_physical(*each), each[0]) for each in found)
-    sigma = np.maximum(_rms(left - Y @ x), 1e-9)
+    sigma = np.maximum(rms(left - Y @ x), 1e-9)
     A = (Y / sigma[:, None]).reshape(-1, 10)
     covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
     if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
-        raise InputError(f"the recording does not tell the mass at '{frame}': its standard "
-                         f'deviation is {mass:.3g} kg; expected poses or motions in which the '
-                         'mass there asks torque of the joints')
+        raise InputError(f"recording: the mass at '{frame}' is not identifiable, its standard "
+                         f'deviation is {mass:.3g} kg; expected configurations or motions in '
+                         'which that mass causes joint torques')
     lengths = np.linalg.norm(A, axis=0)
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
                    _inertia_deviation(x, covariance), sigma,
-                   _rms(left[middle:] - Y[middle:] @ early), condition)
+                   rms(left[middle:] - Y[middle:] @ early), condition)
 
 
 def _physical(information: Array, weighted: Array) -> Array:
@@ -158,11 +159,6 @@ def _physical(information: Array, weighted: Array) -> Array:
     values, axes = np.linalg.eigh(information)
     root = np.sqrt(np.maximum(values, 1e-15 * values[-1]))
     return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START], 0, BELIEF)
-
-
-def _rms(error: Array) -> Array:
-    """Return the root of the mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
 def covariance_of(information: Array) -> Array:

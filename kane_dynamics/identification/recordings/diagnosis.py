@@ -16,6 +16,8 @@ from typing import Literal, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
+                                                                  torque_delays, TorqueDelays)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
@@ -28,12 +30,12 @@ MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
 SLIP = 0.05  # assumed friction speed, rad/s or m/s
 FLOOR = 0.03  # of the measured torque: smaller errors need no correction
-NOISE = 0.3  # fraction of the accelerations
 WINDOWS = 200  # number of windows in which positions and speeds are compared
-UNITS = ((math.degrees(1.0), 'degrees a second'),
-         (math.radians(1.0), 'beside positions in degrees'),
-         (1e3, 'beside times in milliseconds'), (1e6, 'beside times in microseconds'),
-         (1e9, 'beside times in nanoseconds'), (1e-3, 'in units 1000 times as large'))
+EXPECTED = 'expected it, in rad/s or m/s'
+UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
+         (math.radians(1.0), 'are the positions in degrees?'),
+         (1e3, 'are the times in milliseconds?'), (1e6, 'are the times in microseconds?'),
+         (1e9, 'are the times in nanoseconds?'), (1e-3, 'are they in units 1000 times as large?'))
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impos
     found = diagnose(model, recording)
     worst = [finding.words for finding in found if finding.level in levels]
     if worst:
-        raise InputError(f'recording: {"; ".join(worst)}; expected one of this model')
+        raise InputError(f'recording: {"; ".join(worst)}')
     return found
 
 
@@ -125,8 +127,8 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
     step = float(np.median(np.diff(recording.t)))
     if 'u' in recording.derived:
         if step >= 0.5:
-            yield (f't: rows are {step:g} s apart, too far to derive speeds; expected seconds: '
-                   'are these milliseconds?')
+            yield (f'times: rows are {step:g} s apart; expected seconds: are the times in '
+                   'milliseconds?')
         return
     width = max(1, len(recording) // WINDOWS)
     mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
@@ -144,28 +146,26 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
         if own > 0.8 and 0.6 < factor[j] < 1.6:
             continue
         if own > 0.8:
-            words = next((f'{value:.4g} times the derivative of the positions: {unit}?'
+            words = next((f'{value:.4g} times the derivative of the positions; {EXPECTED}: {unit}'
                           for value, unit in UNITS if 0.8 < factor[j] / value < 1.25),
-                         f'{factor[j]:.2g} times the derivative of the positions')
+                         f'{factor[j]:.2g} times the derivative of the positions; {EXPECTED}')
         elif own < -0.8:
-            words = 'the negative derivative of the positions'
+            words = f'the negative derivative of the positions; {EXPECTED}'
         elif likeness[j, other] > 0.8:
-            words = f"the derivative of the positions of joint '{model.joint_names[other]}'"
+            words = (f"the derivative of the positions of joint '{model.joint_names[other]}'; "
+                     'expected those of their own joint')
         else:
-            words = 'not the derivative of the positions'
+            words = f'not the derivative of the positions; {EXPECTED}'
         reports.setdefault(words, []).append(int(j))
     for words, joints in reports.items():
-        yield f'speeds of {_named(model, joints)} are {words}; expected rad/s or m/s and seconds'
+        yield f'speeds of {_named(model, joints)} are {words}'
 
 
 def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
     """Yield errors of torques, found by the corrections that reduce the residual."""
-    given = recording
-    if len(given) > 100 and (given.acceleration_noise() > NOISE).any():
-        given = given.filtered(min(10.0, 0.2 / float(np.diff(given.t).mean())))
-    lag = max(1, len(given) // MOST_ROWS)
+    given = smoothed(recording)
     robot = Robot(model, friction=False)
-    now = _thinned(given, lag)
+    now = given.rows(slice(None, None, max(1, len(given) // MOST_ROWS)))
     errors = _errors(robot, now)
     found: dict[str, list[int]] = {}
     for _ in range(MOST_FAULTS):
@@ -188,12 +188,7 @@ def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
         which = sorted(set(joints))
         yield Finding('wrong', kind.format(_named(model, which)))
     if not found:
-        yield from _delays(model, robot, given, lag)
-
-
-def _thinned(recording: Recording, every: int) -> Recording:
-    """Return every n-th row."""
-    return recording.rows(slice(None, None, every))
+        yield from _delays(model, torque_delays(model, given))
 
 
 def _errors(robot: Robot, recording: Recording) -> Array:
@@ -272,29 +267,15 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
         yield _Repair('{} are exchanged', pair, replace(r, **moved, tau=exchanged), 3.0 * once)
 
 
-def _delays(model: Model, robot: Robot, r: Recording, every: int) -> Iterator[Finding]:
-    """Yield delays of torques."""
-    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
-    step = float(np.median(np.diff(r.t)))
-    most = min(int(0.2 / step), len(r) // 4)
-    lags = np.unique(np.linspace(-most, most, min(2 * most + 1, 81)).astype(int))
-    inner = np.arange(most, len(r) - most, every)
-    if len(inner) < 20:
-        return
-    at = {name: getattr(r, name)[inner] for name in ('t', 'q', 'u', 'udot')}
-    late: dict[str, dict[int, float]] = {'after': {}, 'before': {}}
-    for j in range(robot.n):
-        left = []
-        for lag in lags:
-            shifted = Recording(**at, tau=r.tau[inner + lag])
-            left.append(_fitted(shifted, j, shifted.tau[:, j] - rigid[inner, j])[0])
-        best = int(np.argmin(left))
-        if left[best] < 0.7 * left[int(np.flatnonzero(lags == 0)[0])]:
-            lag = int(lags[best])
-            late['after' if lag > 0 else 'before'][j] = abs(lag) * step
-    for side, joints in late.items():
-        if joints:
-            times = joints.values()
-            ends = sorted({f'{time:.3g}' for time in (min(times), max(times))}, key=float)
-            yield Finding('remark', f'efforts of {_named(model, list(joints))} come '
-                          f'{" to ".join(ends)} s {side} the motion that they belong to')
+def _delays(model: Model, delays: TorqueDelays) -> Iterator[Finding]:
+    """Yield delays of torques: the common one, and those of joints that differ from it."""
+    late = {int(j): float(delays.delay[j]) for j in np.flatnonzero(delays.different)}
+    same = [int(j) for j in np.flatnonzero(delays.judged) if int(j) not in late]
+    unknown = np.flatnonzero(~delays.judged)
+    more = f' ({_named(model, unknown)} cannot be judged)' if len(unknown) else ''
+    found = [(same, delays.common, delays.common_deviation)] if delays.delayed else []
+    found += [([j], delay, float(delays.deviation[j])) for j, delay in late.items()]
+    for joints, delay, deviation in found:
+        yield Finding('remark', f'efforts of {_named(model, joints)} come {abs(delay):.3g} s (+- '
+                      f'{deviation:.1g} s) {"after" if delay > 0.0 else "before"} the motion that '
+                      f'they belong to{more}')

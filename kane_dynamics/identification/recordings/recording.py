@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
@@ -15,6 +16,7 @@ EVEN = 0.02  # relative deviation of time steps that are regarded as equal
 ORDER = 4  # of the Butterworth filter, which is applied forward and backward
 
 
+@fixed
 @dataclass(frozen=True, eq=False)
 class Recording:
     """

@@ -106,25 +106,25 @@ class Dual:
         return _dual(y, self.rate / (y + y))
 
     def exp(self) -> Any:
-        """Return the exponential: numpy's exp calls this."""
+        """Return the exponential; numpy.exp calls this on object arrays."""
         y = np.exp(self.value)
         return _dual(y, y * self.rate)
 
     def log(self) -> Any:
-        """Return the natural logarithm: numpy's log calls this."""
+        """Return the natural logarithm; numpy.log calls this on object arrays."""
         return _dual(np.log(self.value), self.rate / self.value)
 
     def arctan(self) -> Any:
-        """Return the arctangent: numpy's arctan calls this."""
+        """Return the arctangent; numpy.arctan calls this on object arrays."""
         return _dual(np.arctan(self.value), self.rate / (1.0 + self.value * self.value))
 
     def __floor__(self) -> Any:
-        """Return the whole number below, which rests: numpy's floor calls this."""
+        """Return the floor, a constant; numpy.floor calls this on object arrays."""
         return np.floor(self.value)
 
 
 def select(condition: Any, x: Any, y: Any) -> Any:
-    """Return x where a comparison (`a < b`, over any scalar) holds, else y."""
+    """Return x if a comparison (`a < b`, over any scalar) holds, else y."""
     if isinstance(condition, bool | int | float | np.bool_):
         return x if condition else y
     if isinstance(x, Dual) or isinstance(y, Dual):
@@ -134,7 +134,7 @@ def select(condition: Any, x: Any, y: Any) -> Any:
 
 
 def _power(x: Any, exponent: Any) -> Any:
-    """Return a power; of a negative number, to no whole exponent, it is not a number."""
+    """Return a power; NaN for a negative base with a non-integer exponent."""
     if isinstance(x, float | int):
         with np.errstate(all='ignore'):
             return np.float64(x) ** exponent

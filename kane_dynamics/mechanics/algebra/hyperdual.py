@@ -139,23 +139,23 @@ class HyperDual:
         return self._mapped(y, 0.5 / y, -0.25 / (y * self.value))
 
     def exp(self) -> 'HyperDual':
-        """Return the exponential: numpy's exp calls this."""
+        """Return the exponential; numpy.exp calls this on object arrays."""
         y = math.exp(self.value)
         return self._mapped(y, y, y)
 
     def log(self) -> 'HyperDual':
-        """Return the natural logarithm: numpy's log calls this."""
+        """Return the natural logarithm; numpy.log calls this on object arrays."""
         y = 1.0 / self.value
         value = math.log(self.value) if self.value > 0.0 else math.nan
         return self._mapped(value, y, -y * y)
 
     def arctan(self) -> 'HyperDual':
-        """Return the arctangent: numpy's arctan calls this."""
+        """Return the arctangent; numpy.arctan calls this on object arrays."""
         slope = 1.0 / (1.0 + self.value * self.value)
         return self._mapped(math.atan(self.value), slope, -2.0 * self.value * slope * slope)
 
     def __floor__(self) -> float:
-        """Return the whole number below, a constant: numpy's floor calls this."""
+        """Return the floor, a constant; numpy.floor calls this on object arrays."""
         return float(math.floor(self.value))
 
     def _reciprocal(self) -> 'HyperDual':

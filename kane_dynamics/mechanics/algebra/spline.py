@@ -66,7 +66,7 @@ def segment_coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Ar
 @dataclass(frozen=True, eq=False)
 class PiecewisePolynomial:
     """
-    A function of time that is a polynomial between each two of its times and rests outside.
+    Piecewise polynomial in time, constant before its first time and after its last.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class PiecewisePolynomial:
     coefficients: Array
 
     def __call__(self, t: Any) -> Any:
-        """Return the value at t, `Unknown` or a number."""
+        """Return the value at t, a number or an `Unknown`."""
         if not isinstance(t, Unknown):
             return self(Unknown(t)).inner
         t = np.clip(t, self.times[0], self.times[-1])
@@ -98,11 +98,11 @@ class PiecewisePolynomial:
 
 
 def clamped_spline(times: Any, positions: Any) -> PiecewisePolynomial:
-    """Return the cubic spline through a table, at rest at both ends; InputError if it is none."""
+    """Check the times and return the cubic spline through a table, at rest at both ends."""
     t = constant(times, (np.size(times),), 'times')
     q = constant(positions, t.shape, 'positions')
     if len(t) < 2 or len(t) > MOST_PIECES or not (np.diff(t) > 0.0).all():
-        raise InputError(f'times are {len(t)}, from {t[:1].tolist()} to {t[-1:].tolist()}; '
+        raise InputError(f'times: {len(t)}, from {t[:1].tolist()} to {t[-1:].tolist()}; '
                          f'expected 2 to {MOST_PIECES}, strictly increasing')
     u = spline_velocities(t, q[:, None], np.zeros(1))
     return PiecewisePolynomial(t, segment_coefficients(t, q[:, None], u, None)[:, :, 0])

@@ -1,10 +1,10 @@
 """
-Functions that users give: position(t), value(t), A(q, t), Y(q, t), evaluated over any scalar.
+User-defined functions, such as position(t), value(t), A(q, t) and Y(q, t), over any scalar.
 
-A user's function is handed `Unknown` numbers, which carry floats, dual numbers or traced values
-and know arithmetic, comparisons and the functions of numpy that have a derivative. What they do
-not know they refuse by name, on floats as on traced values: a function that Python decides (an
-`if`, a conversion to float) would be compiled as it stands at one moment.
+A user-defined function is called with `Unknown` numbers, which hold floats, dual numbers or traced
+values. They support arithmetic, comparisons, and the NumPy functions that have a derivative. All
+other operations raise an error that names them, also on floats: a decision in Python (an `if`, a
+conversion to float) would be compiled with the value that it has during tracing.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ import numpy as np
 
 
 class _Unsupported(TypeError):
-    """An operation that has no meaning for a number that is not known yet."""
+    """An operation that is not defined for a number whose value is not known."""
 
 
 def _tan(x: Any) -> Any:
@@ -113,12 +113,12 @@ HINTS = {'interp': ', whose velocity jumps; give Prescribed a Motion or a table 
 
 
 class Unknown:
-    """A number that a user's function is given; `inner` is the scalar it stands for."""
+    """Argument of a user-defined function; `inner` is the scalar that it represents."""
 
     __slots__ = ('inner',)
 
     def __init__(self, inner: Any) -> None:
-        """Stand for a float, a dual number or a traced value."""
+        """Represent a float, a dual number or a traced value."""
         self.inner = inner
 
     def __neg__(self) -> Any:
@@ -134,19 +134,19 @@ class Unknown:
         return Unknown(1.0 - self.inner)
 
     def __getattr__(self, name: str) -> Any:
-        """Return a function of numpy as a method, which numpy calls on arrays of numbers."""
+        """Return a NumPy function as a method, which NumPy calls on object arrays."""
         if name in FUNCTIONS:
             return lambda *others: _applied(name, (self, *others))
         raise AttributeError(f"no '{name}' of a number that varies")
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        """Apply a function of numpy, entry by entry where it is given arrays."""
+        """Apply a NumPy ufunc, entry by entry to arrays."""
         if method != '__call__' or options:
             raise _Unsupported(f'numpy.{ufunc.__name__} with {method} or options')
         return _applied(ufunc.__name__, inputs)
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, options: Any) -> Any:
-        """Apply one of numpy's functions that are made of others."""
+        """Apply a NumPy function that is not a ufunc."""
         name = function.__name__
         if options or name not in (*FUNCTIONS, 'polyval', 'piecewise', 'real'):
             raise _Unsupported(f'numpy.{name}{" with options" if options else ""}'
@@ -162,7 +162,7 @@ class Unknown:
 
 
 def _install(name: str, function: str) -> None:
-    """Give `Unknown` an operator and its reflection."""
+    """Add an operator and its reflected form to `Unknown`."""
     def applied(self: Unknown, other: Any) -> Any:
         return _applied(function, (self, other))
 
@@ -174,7 +174,7 @@ def _install(name: str, function: str) -> None:
 
 
 def _refuse(name: str, what: str) -> None:
-    """Make `Unknown` refuse a conversion by name."""
+    """Make a conversion of `Unknown` raise an error that names it."""
     def conversion(self: Unknown, *_: Any) -> Any:
         raise _Unsupported(what)
     setattr(Unknown, f'__{name}__', conversion)
@@ -187,7 +187,7 @@ for _name, _what in CONVERSIONS.items():
 
 
 def _piecewise(x: Any, conditions: Any, functions: Any) -> Any:
-    """Return what the first condition that holds chooses; without any the last, or zero."""
+    """Return the value of the last true condition, as numpy.piecewise; else the default or 0."""
     conditions = conditions if isinstance(conditions, list | tuple) else [conditions]
     values = [each(x) if callable(each) else each for each in functions]
     value: Any = values[-1] if len(values) > len(conditions) else 0.0
@@ -197,7 +197,7 @@ def _piecewise(x: Any, conditions: Any, functions: Any) -> Any:
 
 
 def _applied(name: str, inputs: tuple[Any, ...]) -> Any:
-    """Return a function of numbers, or of arrays of them, entry by entry."""
+    """Apply a function to numbers, or entry by entry to arrays of numbers."""
     if name not in FUNCTIONS:
         raise _Unsupported(f'numpy.{name}')
     arrays = [x for x in inputs if isinstance(x, np.ndarray) and x.ndim]
@@ -213,7 +213,7 @@ def _applied(name: str, inputs: tuple[Any, ...]) -> Any:
 
 
 def _inner(x: Any) -> Any:
-    """Return the scalar that a number is."""
+    """Return the scalar that a number represents."""
     if isinstance(x, Unknown):
         return float(x.inner) if isinstance(x.inner, bool | np.bool_) else x.inner
     if isinstance(x, np.ndarray) and not x.ndim:
@@ -224,7 +224,7 @@ def _inner(x: Any) -> Any:
 
 
 def _given(x: Any) -> Any:
-    """Return a number, or an array of them, as a user's function is given it."""
+    """Return a number, or an array of numbers, as an argument of a user-defined function."""
     if not isinstance(x, np.ndarray) or not x.ndim:
         return Unknown(_inner(x) if isinstance(x, np.ndarray | numbers.Real) else x)
     result = np.empty(x.shape, dtype=object)
@@ -235,7 +235,7 @@ def _given(x: Any) -> Any:
 
 def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
     """
-    Return what a user's function gives, a scalar or an array of scalars.
+    Return the value of a user-defined function, a scalar or an array of scalars.
 
     Parameters
     ----------
@@ -249,8 +249,7 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
     Raises
     ------
     ConstraintError
-        The function uses what is not known of such numbers, raises an error itself, or returns
-        what are no numbers; names it.
+        The function uses an unsupported operation, raises an error, or does not return numbers.
 
     """
     try:
@@ -264,7 +263,7 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
     except ZeroDivisionError:
         raise ConstraintError(f'{what} divides by zero at {_shown(arguments)}; expected finite '
                               'numbers') from None
-    except Exception as error:  # whatever a user's function does
+    except Exception as error:  # a user-defined function may raise anything
         used = re.search(r'no callable (\w+) method', str(error))
         if used or isinstance(error, _Unsupported):
             name = f'numpy.{used[1]}' if used else str(error)
@@ -291,7 +290,7 @@ def _shown(arguments: tuple[Any, ...]) -> str:
 
 
 def evaluated_scalar(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
-    """Return the one number that a user's function gives; ConstraintError where it is another."""
+    """Return the value of a user-defined function; ConstraintError unless it is one number."""
     result = evaluated(function, what, *arguments)
     if np.ndim(result):
         raise ConstraintError(f'{what} returns shape {result.shape}; expected a number')

@@ -2,7 +2,7 @@
 Constraints on the motion of a mechanism, each as a velocity that is zero or prescribed.
 
 Every constraint is rows J(q, t) q' = b(q, t). A row is a component of a Jacobian (partial
-velocities; Kane & Levinson, sections 2.13 and 2.14). Rows of a condition on positions (a closed
+velocities; Kane & Levinson, chapter 2). Rows of a position constraint (a closed
 loop, a wheel on the ground) also have a constraint residual; the row is its time derivative where
 the loop is closed.
 
@@ -29,11 +29,11 @@ __all__ = ['Closure', 'Constraint', 'Coupling', 'DependentSpeeds', 'Geometry', '
 
 
 def checked_constraints(given: Any) -> tuple[Constraint, ...]:
-    """Return a sequence of constraints as a tuple; ConstraintError for anything else."""
+    """Return a sequence of constraints as a tuple; else raise ConstraintError."""
     kinds = get_args(Constraint)
     valid = ', '.join(kind.__name__ for kind in kinds)
     if isinstance(given, kinds):
-        raise ConstraintError(f'constraints is a {type(given).__name__}; expected a sequence, '
+        raise ConstraintError(f'constraints: a {type(given).__name__}; expected a sequence, '
                               'such as [pin]')
     try:
         found = () if isinstance(given, str) else tuple(given)
@@ -41,19 +41,19 @@ def checked_constraints(given: Any) -> tuple[Constraint, ...]:
         found = (given,)
     for k, each in enumerate(found):
         if not isinstance(each, kinds):
-            raise ConstraintError(f'constraints[{k}] is {each!r}; expected one of {valid}')
+            raise ConstraintError(f'constraints[{k}]: {each!r}; expected one of {valid}')
     if isinstance(given, str):
-        raise ConstraintError(f'constraints is {given!r}; expected a sequence of {valid}')
+        raise ConstraintError(f'constraints: {given!r}; expected a sequence of {valid}')
     return found
 
 
 def checked_names(given: Any, what: str) -> tuple[str, ...] | None:
-    """Return a sequence of names as a tuple, None as it is; ConstraintError for anything else."""
+    """Return a sequence of names as a tuple, or None unchanged; else raise ConstraintError."""
     if given is None:
         return None
     names = () if isinstance(given, str) else tuple(given) if hasattr(given, '__iter__') else (
         given,)
     if isinstance(given, str) or not all(isinstance(name, str) for name in names):
-        raise ConstraintError(f'{what} is {given!r}; expected a sequence of names, such as '
+        raise ConstraintError(f'{what}: {given!r}; expected a sequence of names, such as '
                               f"['{given if isinstance(given, str) else 'crank'}']")
     return names

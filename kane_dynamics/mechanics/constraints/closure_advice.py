@@ -29,7 +29,7 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     rounding = _rounding(mechanism, q)
     if rounding is not None:
         words.append(f'if singular values and residuals up to {rounding:.3g} are rounding of the '
-                     f'description, rank_tolerance={2.0 * rounding:.1g} takes them for zero')
+                     f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
     words += _kinds(mechanism, q)
     return '; '.join(words)
 

@@ -2,9 +2,10 @@
 Conditioning of the system of independent speeds and constraint rows, and its best choice.
 
 The system of a mechanism, S q' = s with S = [Y_I; J_kept], is ill-conditioned where its rows are
-nearly dependent. The figure (of conditioning) is the Frobenius norm of S^-1 in scaled units: rates
-of sliding joints relative to the mechanism's length, each row relative to its size at the sample
-configurations. Every kernel computes S^-1, so the figure only adds a sum of squares.
+nearly dependent. The conditioning figure (`figure` below, similar to a condition number) is the
+Frobenius norm of S^-1 in scaled units: rates of sliding joints relative to the mechanism's length,
+each row relative to its size at the sample configurations. Every kernel computes S^-1, so the
+figure only adds a sum of squares.
 
 `margin` is traced into the kernels of constrained robots. The other functions are numeric: they
 choose speeds and rows, and write the errors for a state without a positive margin.
@@ -31,7 +32,7 @@ SHARE = 0.5  # of a limit: above it, that limit is the reason for a negative mar
 
 
 def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
-    """Return the squared figure of a system, (n_q, n_q), from its inverse, over any scalar."""
+    """Return the squared conditioning figure of S, (n_q, n_q), from its inverse."""
     alike: dict[Any, Any] = {}  # sums of squares of entries with the same weight
     n = mechanism.n
     for r in range(len(S)):  # a speed is scaled by its own norm
@@ -144,7 +145,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class Choice:
-    """Numbers of the independent speeds and of the rows kept, and the figure of their system."""
+    """Indices of the independent speeds and of the kept rows, with their conditioning figure."""
 
     free: tuple[int, ...]
     kept: tuple[int, ...]
@@ -174,7 +175,7 @@ def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
 
 
 def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequence[int]) -> float:
-    """Return the figure of a choice; infinite for a singular system."""
+    """Return the conditioning figure of a choice; infinite for a singular system."""
     Y, J = scaled_rows(mechanism, stack)
     S = np.concatenate([Y[list(free)], J[list(kept)]])
     if not np.isfinite(S).all():

@@ -59,11 +59,11 @@ class ConstrainedEquations(ConstrainedKinematics):
         self._actuated = None if actuated is None else self._actuated_coordinates(actuated)
 
     def _actuated_coordinates(self, joints: Sequence[str]) -> list[int]:
-        """Return the numbers of the actuated coordinates, or raise ConstraintError."""
+        """Return the indices of the actuated coordinates, or raise ConstraintError."""
         names = self.model.coordinate_names
         for joint in joints:
             if joint not in names:
-                raise ConstraintError(f"actuated: '{joint}'; expected joints of "
+                raise ConstraintError(f"actuated: '{joint}'; expected one of "
                                       f'{", ".join(names)}')
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
@@ -113,7 +113,7 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                  t: Any) -> tuple[JointMotion, Any, Any]:
-        """Return the motion at udot = 0, the joint forces of the true one, and udot."""
+        """Return the motion at udot = 0, the joint forces of the actual motion, and udot."""
         motion = self.joint_motion(q, u, self.zeros, t)
         held = self._joint_forces(q, motion, wrench, parameters)
         M_q = self.tree.mass_matrix(q, parameters)
@@ -176,7 +176,7 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,
                        t: Any = 0.0) -> Any:
-        """Return the joint reaction of body number `body`, (6,)."""
+        """Return the joint reaction of the body with index `body`, (6,)."""
         return self.joint_reactions(q, u, udot, wrench, parameters, t)[body]
 
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any,

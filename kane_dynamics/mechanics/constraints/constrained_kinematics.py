@@ -53,7 +53,7 @@ class ConstrainedKinematics:
         return self.joint_motion(q, u, self.zeros, t).qdot
 
     def constraint_residual(self, q: Any, t: Any = 0.0) -> Any:
-        """Return the residual of every row, (m,), m or rad; 0 for a row of velocities alone."""
+        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
         rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
         return np.array([0.0 if x is None else x for x in rows.residual], dtype=object)
 

@@ -139,7 +139,7 @@ def _checked(mechanism: Mechanism, configuration: Any) -> Array:
     except (TypeError, ValueError):
         q = np.array(np.nan)
     if q.shape != (len(names),) or not np.isfinite(q).all():
-        raise ConstraintError(f'configuration is {configuration!r}; expected {len(names)} finite '
+        raise ConstraintError(f'configuration: {configuration!r}; expected {len(names)} finite '
                               f'numbers: {", ".join(names)}')
     return q
 
@@ -186,11 +186,11 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
         if excess.max(initial=0.0) > mechanism.rank_tolerance * (1.0 + np.abs(d).max(initial=0.0)):
             k = int(np.argmax(excess))
             raise ConstraintError(f"constraint '{mechanism.labels[k]}' contradicts the others: "
-                                  f'its velocity is off by {excess[k]:.3g}')
+                                  f'its velocity residual is {excess[k]:.3g}; expected 0')
 
 
 def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:
-    """Return the smallest singular value over samples of the dependent speeds' columns."""
+    """Return the smallest singular value of the dependent speeds' columns over all samples."""
     return min(float(np.linalg.svd(C[:, dependent], compute_uv=False).min(initial=np.inf)
                      / max(np.abs(C).max(initial=0.0), 1e-300)) for C in rows)
 
@@ -204,7 +204,7 @@ def _best_free(rows: list[Array]) -> list[int]:
 
 
 def _given_free(mechanism: Mechanism, names: Sequence[str], rows: list[Array]) -> list[int]:
-    """Return the numbers of the user-given independent speeds."""
+    """Return the indices of the user-defined independent speeds."""
     free = speed_places(mechanism.speeds, names)
     count, n = rows[0].shape
     if len(set(free)) != n - count:

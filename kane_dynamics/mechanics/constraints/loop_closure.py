@@ -1,4 +1,4 @@
-"""Loop closure: the configuration that meets all conditions on positions, by Newton's method."""
+"""Loop closure: the configuration that satisfies all position constraints, by Newton's method."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +19,7 @@ SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
                    fixed: Sequence[str] = ()) -> Array:
     """
-    Return the configuration near q at which every condition on positions is met.
+    Return the configuration near q that satisfies all position constraints.
 
     Parameters
     ----------
@@ -42,10 +42,10 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     try:
         here, at = np.array(q, dtype=np.float64), float(t)
     except (TypeError, ValueError):
-        raise InputError(f'q is {q!r}, t is {t!r}; expected {len(names)} numbers and a time in s'
+        raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time in s'
                          ) from None
     if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
-        raise InputError(f'q is {here.tolist()}, t is {at}; expected {len(names)} finite numbers '
+        raise InputError(f'q: {here.tolist()}, t: {at}; expected {len(names)} finite numbers '
                          f'({", ".join(names)}) and a time in s')
     fixed = checked_names(fixed, 'fixed') or ()
     unknown = sorted(set(fixed) - set(names))
@@ -63,7 +63,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
                        t: float) -> tuple[Array, Array, list[str], bool]:
-    """Return the last iterate of Newton's method, residuals, their labels, convergence."""
+    """Iterate by Newton's method; return q, residuals, their labels, and whether it converged."""
     here, tolerance = start.copy(), mechanism.rank_tolerance
     for _ in range(ITERATIONS):
         J, residual, labels = _residuals(mechanism, here, t)
@@ -79,7 +79,7 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
 
 
 def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
-    """Return the rows of conditions on positions, their residuals, their labels."""
+    """Return the rows of the position constraints, their residuals and labels."""
     rows = mechanism.rows(mechanism.state(q, t))
     places = [k for k, residual in enumerate(rows.residual) if residual is not None]
     return (np.array(rows.J[places], dtype=np.float64),
@@ -90,7 +90,7 @@ def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, 
 def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
                      fixed: Sequence[str] = ()) -> Array:
     """
-    Return the closed configuration on the branch of another one.
+    Return the closed configuration on the same branch as another one.
 
     The fixed coordinates move in small steps from their values at the start to those of q; loop
     closure after each step gives the other coordinates.

@@ -10,7 +10,7 @@ and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns o
 joint rates of the independent speeds (nonholonomic under constraints), so a generalized force is
 T^T times the joint forces. The columns of N are those of the auxiliary speeds J q' - b, which are
 zero in every motion: N^T times the joint forces are the constraint forces (Kane & Levinson,
-section 4.9).
+chapter 4).
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, DependentSpeeds,
-                                                  PointVelocity, Prescribed, Rolling)
+                                                 PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen
@@ -66,8 +66,8 @@ class Mechanism:
         See `speeds.chosen`; joint rates by default.
     constraints : sequence of constraints
     free, kept : sequences of int
-        Numbers of the independent speeds, and of the rows that are independent of each other;
-        `structured` finds them.
+        Indices of the independent speeds and of linearly independent rows, from
+        `independent_speeds.choose_independent`.
     sizes : sequence of float, optional
         Approximate size of each row, in `units`; 1 by default.
     rank_tolerance : float
@@ -124,7 +124,7 @@ class Mechanism:
 
     @property
     def left_out(self) -> list[int]:
-        """Return the numbers of the rows that follow from those kept."""
+        """Return the indices of the rows that are redundant."""
         return [k for k in range(len(self.labels)) if k not in self.kept]
 
     @property

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from copy import copy
-from functools import cached_property
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
@@ -29,11 +29,11 @@ class MechanismState:
         self._links = links
         self._axes = WORLD
 
-    @cached_property
+    @lazy_property
     def _bodies(self) -> tuple[kinematics.Configuration, ...]:
         return kinematics.configurations(self.model, self.q)
 
-    @cached_property
+    @lazy_property
     def _link_poses(self) -> frame_kinematics.LinkPoses:
         return frame_kinematics.LinkPoses(self._links or (), self.q, self._axes)
 
@@ -58,7 +58,7 @@ class MechanismState:
         return Frame('', at.body)
 
     def carrier(self, first: str, second: str) -> Frame:
-        """Return the axes of the last body that carries both frames, or of the world."""
+        """Return the axes of the outermost body that moves both frames, or of the world."""
         one, other = (self.model.path(self.model.frame(name).body) for name in (first, second))
         return Frame('', max(set(one) & set(other), default=WORLD))
 
@@ -108,7 +108,7 @@ class ReleasedJointState(MechanismState):
     """
 
     def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
-        """Release the joint of body number `body`; its origin is (3,), m."""
+        """Release the joint of the body with index `body`; its origin is (3,), m."""
         super().__init__(here.model, here._speeds, here.q, here.t, here._links)
         self._body, self._origin = body, origin
         self.width = 6

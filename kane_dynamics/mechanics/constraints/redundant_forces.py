@@ -1,8 +1,8 @@
 """
 Forces of redundant constraint rows: the minimum-norm solution.
 
-Rigid-body dynamics does not determine them: of all forces with the same effect, those with the
-least sum of squares are chosen, moments divided by the length of the mechanism.
+Rigid-body dynamics does not determine these forces. Of all forces with the same effect, those with
+the least sum of squares are chosen, with moments divided by the length of the mechanism.
 """
 
 from typing import Any

@@ -1,5 +1,5 @@
 """
-Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, section 2.12).
+Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, chapter 2).
 
 A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default; other
 choices shorten the equations of common mechanisms. A user may define further ones.
@@ -170,7 +170,7 @@ def chosen(model: Model, choice: Any) -> Speeds:
     if callable(speeds):
         speeds = speeds(model)
     if not isinstance(speeds, Speeds):
-        raise InputError(f'speeds is a {type(choice).__name__}; expected Speeds, or a function '
+        raise InputError(f'speeds: a {type(choice).__name__}; expected Speeds, or a function '
                          'that takes the model and returns them')
     names = tuple(speeds.names) or tuple(f'u{r + 1}' for r in range(model.n))
     if len(names) != model.n or len(set(names)) != len(names):
@@ -179,7 +179,7 @@ def chosen(model: Model, choice: Any) -> Speeds:
 
 
 def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
-    """Return the numbers of speeds; ConstraintError lists the valid names."""
+    """Return the indices of speeds; ConstraintError lists the valid names."""
     for name in names:
         if name not in speeds.names:
             raise ConstraintError(f"no speed '{name}'; expected one of {', '.join(speeds.names)}")

@@ -75,13 +75,13 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     top = mapping(data, 'constraints file', ('constraints', 'independent'), ConstraintError)
     given = mapping(top.get('constraints', {}), 'constraints', None, ConstraintError)
     if not given:
-        raise ConstraintError('constraints file: it holds no constraint; expected at least one '
+        raise ConstraintError('constraints file: no constraint; expected at least one '
                               'under the key constraints')
     independent = top.get('independent')
     if independent is not None:
         if not isinstance(independent, list) or not all(
                 isinstance(name, str) for name in independent):
-            raise ConstraintError(f'constraints file: independent is {independent!r}; expected a '
+            raise ConstraintError(f'constraints file: independent: {independent!r}; expected a '
                                   'list of joint names')
         independent = tuple(prefix + name for name in independent)
     return {'constraints': tuple(_constraint(name, entry, prefix)
@@ -94,13 +94,13 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
     what = f"constraint '{name}'"
     entry = mapping(data, what, tuple(KINDS), ConstraintError)
     if len(entry) != 1:
-        raise ConstraintError(f'{what} is {list(entry)}; expected one of {", ".join(KINDS)}')
+        raise ConstraintError(f'{what}: {list(entry)}; expected one of {", ".join(KINDS)}')
     (kind, content), = entry.items()
     make, required, optional = KINDS[kind]
     values = dict(mapping(content, f'{what}: {kind}', required + optional, ConstraintError))
     for key in required:
         if key not in values:
-            raise ConstraintError(f'{what}: {kind} lacks {key}; expected {", ".join(required)}')
+            raise ConstraintError(f'{what}: {kind} without {key}; expected {", ".join(required)}')
     for key in (*FRAMES, 'joint'):
         if values.get(key) is not None:
             values[key] = prefix + _of_type(values[key], (str,), f'{what}: {key}', 'a name')
@@ -121,5 +121,5 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
 def _of_type(value: Any, types: tuple[type, ...], what: str, expected: str) -> Any:
     """Return the value if it has one of these types (bool is not a number)."""
     if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
-        raise ConstraintError(f'{what} is {value!r}; expected {expected}')
+        raise ConstraintError(f'{what}: {value!r}; expected {expected}')
     return value

@@ -11,7 +11,8 @@ and T_k their torque:
     F_r  =   sum_k ( v_k^r . R_k + omega_k^r . T_k )
     F_r* = - sum_k ( v_k^r . m_k a_k* + omega_k^r . (I_k alpha_k + omega_k x I_k omega_k) )
 
-In the code the sum over k is a loop, and the index r is the row of an array.
+In the code the sum over k is a loop, and the index r is the row of an array. Everywhere q, u and
+udot are (n,) arrays of scalars: coordinates, speeds and their rates; rad or m, and s.
 """
 
 from collections.abc import Mapping
@@ -35,10 +36,8 @@ def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
 
     Parameters
     ----------
-    model : Model
-        The mechanism.
-    q : (n,) array of scalars
-        Coordinates, rad or m.
+    model, q
+        The mechanism and its coordinates.
     frame : str, optional
         Frame whose origin is the reference point. Default: a tuple with one Jacobian per body, at
         its center of mass.
@@ -56,17 +55,7 @@ def partial_velocities(model: Model, q: Any, frame: str | None = None) -> Any:
 
 
 def generalized_inertia_force(model: Model, q: Any, u: Any, udot: Any) -> Any:
-    """
-    Return the generalized inertia force F_r* of bodies and rotors, (n,), N m or N.
-
-    Parameters
-    ----------
-    model : Model
-        The mechanism.
-    q, u, udot : (n,) arrays of scalars
-        Coordinates, speeds and their rates; rad or m, and s.
-
-    """
+    """Return the generalized inertia force F_r* of bodies and rotors, (n,), N m or N."""
     bodies = configurations(model, q)
     force: Any = np.zeros(model.n)
     for body, here, motion in zip(model.bodies, bodies, motions(model, bodies, q, u, udot)):
@@ -90,10 +79,8 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
 
     Parameters
     ----------
-    model : Model
-        The mechanism.
-    q, u : (n,) arrays of scalars
-        Coordinates and speeds; rad or m, and s.
+    model, q, u
+        The mechanism and its state.
     tau : (n,) array of scalars, optional
         Generalized forces of the actuators.
     gravity : (3,) array of scalars, optional

@@ -5,7 +5,7 @@ The reference for `constrained_equations`, on numbers. With q' = W u + X and u_D
 
     F~_r = F_r + sum_s F_s A_sr,    F~_r* likewise,    u_D' = A u_I' + A' u_I + B'
 
-(Kane & Levinson, section 4.4; F_r and F_r* are the sums of `kane`.)
+(Kane & Levinson, chapter 4; F_r and F_r* are the sums of `kane`.)
 """
 
 from dataclasses import dataclass

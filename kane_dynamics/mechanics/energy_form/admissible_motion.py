@@ -3,7 +3,7 @@ Motions of the energy formulation that satisfy the speeds and constraints.
 
 A constraint with a position-level residual, `residual(q, t)` = 0, is that residual differentiated,
 
-    (dgap/dq) q' = -dgap/dt,
+    (d residual / dq) q' = - d residual / dt,
 
 independent of the constraint's own velocity equation; the others are velocity components. The
 rates of W, X, A and B need no formulas: all numbers carry their time derivative.

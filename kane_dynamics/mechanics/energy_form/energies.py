@@ -7,7 +7,8 @@ the generalized inertia forces
 
     F_r* = -( d/dt dKE/dq_r' - dKE/dq_r )                                 (for u = q')
 
-which automatic differentiation evaluates. No function is shared with `kane`, `kinematics` or
+which automatic differentiation evaluates. Everywhere q and u = q' are (n,) arrays, udot the rates
+of u; rad or m, s. No function is shared with `kane`, `kinematics` or
 `recursive`, so that this formulation is an independent reference.
 """
 
@@ -67,17 +68,7 @@ def pose_rates(model: Model, q: Any, u: Any) -> list[Any]:
 
 
 def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
-    """
-    Return the kinetic energy of bodies and rotors, J.
-
-    Parameters
-    ----------
-    model : Model
-        The mechanism.
-    q, u : (n,) arrays of scalars
-        u = q'.
-
-    """
+    """Return the kinetic energy of bodies and rotors, J."""
     twice: Any = 0.0
     for body, T in zip(model.bodies, pose_rates(model, q, u)):
         twice = twice + np.sum((T @ body.inertial.pseudo_inertia) * T)
@@ -163,27 +154,17 @@ def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
 
 
 def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> Array:
-    """
-    Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by automatic differentiation.
-
-    Parameters
-    ----------
-    model : Model
-        The mechanism.
-    q, u, udot : (n,) arrays of float
-        Coordinates, speeds and their rates; rad or m, and s.
-
-    """
+    """Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by automatic differentiation."""
     n = model.n
     energy = lifted(kinetic_energy(model, seeded(q, u, 0, 2 * n),
                                    seeded(u, udot, n, 2 * n)), 2 * n)
     return energy.gradient[:n] - energy.gradient_rate[n:]
 
 
-def conservative_force(model: Model, q: Array, *, gravity: Any = None) -> Array:
+def conservative_force(model: Model, q: Array) -> Array:
     """Return -dPE/dq, (n,): the generalized active force of gravity and springs, N m or N."""
     n = model.n
-    energy = potential_energy(model, seeded(q, np.zeros(n), 0, n), gravity=gravity)
+    energy = potential_energy(model, seeded(q, np.zeros(n), 0, n))
     return -lifted(energy, n).gradient
 
 

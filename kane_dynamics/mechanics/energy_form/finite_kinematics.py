@@ -1,10 +1,10 @@
 """
 Kinematics of the energy formulation, by automatic differentiation of finite poses.
 
-The coordinates and the time are hyper-dual numbers with derivatives by the coordinates and along
-the motion. The derivatives of a frame's pose give its Jacobian (possible displacements and
-rotations) and its rate; no formula for partial velocities is used. No function is shared with
-`kane`, `kinematics` or `recursive`.
+The coordinates and the time are hyper-dual numbers with derivatives with respect to the
+coordinates and along the motion. The derivatives of a frame's pose give its Jacobian (possible
+displacements and rotations) and its rate; no formula for partial velocities is used. No function
+is shared with `kane`, `kinematics` or `recursive`.
 """
 
 from dataclasses import dataclass
@@ -61,8 +61,8 @@ class FiniteMechanismState(MechanismState):
     Notes
     -----
     Scalars are HyperDual. The variables are the coordinates, then the time; the direction is
-    that of the motion. Derivatives by the variables are NaN if unknown: in partial velocities
-    and everything computed from them.
+    that of the motion. Derivatives with respect to the variables are NaN if unknown: in
+    partial velocities and everything computed from them.
 
     """
 

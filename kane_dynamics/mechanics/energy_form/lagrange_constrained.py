@@ -56,7 +56,7 @@ class EnergyForm:
     ----------
     mechanism : Mechanism
         Model, speeds, constraints and the choice of independent ones
-        (`independent_speeds.structured`).
+        (`independent_speeds.choose_independent`).
     form : EnergyFormulation
         `PasserelloHuston` or `hamilton.HamiltonByVariations`.
     friction : bool

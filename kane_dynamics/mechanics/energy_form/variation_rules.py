@@ -61,15 +61,7 @@ def relative(absolute_change: Any, turn: Any, quantity: Any) -> Any:
     """
     Return the change of a vector or dyadic in frame B from its change in frame A.
 
-    Parameters
-    ----------
-    absolute_change : (3,) or (3, 3) array of scalars
-        Variation or time derivative in A.
-    turn : (3,) array of scalars
-        Possible rotation or angular velocity of B in A.
-    quantity : (3,) or (3, 3) array of scalars
-        The changing quantity.
-
+    Arguments as `absolute`, which it inverts.
     """
     return absolute_change - rotation_change(turn, quantity)
 

@@ -17,13 +17,9 @@ INTEGRATORS: dict[str, Integrator] = {each.name: each for each in (RungeKutta4()
 
 def integrator_of(name: str, equations: object = None) -> Integrator:
     """
-    Return the integrator of a name.
+    Return the integrator with this name.
 
-    Raises
-    ------
-    InputError
-        There is none of this name, or it does not support the equations of motion given.
-
+    Raise InputError if the name is unknown, or the integrator does not support the equations.
     """
     if name not in INTEGRATORS:
         raise InputError(f'integrator: {name!r}; expected one of {", ".join(INTEGRATORS)}')

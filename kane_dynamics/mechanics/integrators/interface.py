@@ -1,11 +1,11 @@
-"""The interface between integrators and the motions that they integrate."""
+"""The interface between integrators and the systems that they integrate."""
 
 from typing import Any, Protocol
 
 
 class System(Protocol):
     """
-    The motion during one step; its state is q, u and what is integrated beside them.
+    System to integrate over one step; its state is q, u and further quantities (quadratures).
 
     `moment` is 0 at the beginning of the step, 1 in the middle and 2 at the end: inputs such as a
     desired motion differ between them.
@@ -28,7 +28,7 @@ class System(Protocol):
         """Return friction over speed, (n,), N m s or N s/m."""
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the time derivative of what is integrated beside q and u."""
+        """Return the time derivative of the quadratures, which are integrated beside q and u."""
 
 
 class Integrator(Protocol):
@@ -40,8 +40,8 @@ class Integrator(Protocol):
     name : str
         Name by which users choose it.
     damps : bool
-        Whether it damps what the step does not resolve: then friction, springs and beams set no
-        longest step, and energy is lost where they vibrate.
+        Whether it damps vibrations that the step does not resolve. Friction, springs and beams
+        then do not limit the step, but their vibrations lose energy.
 
     """
 
@@ -57,4 +57,4 @@ class Integrator(Protocol):
         """Return whether it can integrate these equations of motion."""
 
     def step(self, system: System, state: Any, h: Any) -> Any:
-        """Return the state one step of length h, s, later."""
+        """Return the state after one step of length h, s."""

@@ -71,7 +71,7 @@ class ImplicitStep:
         equations = self.equations
         held = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
         M = (equations.mass_matrix(q, parameters) + np.diag(g * resistance)
-             + _where(self._C, g) + _where(self._K, g * g))
+             + _scaled(self._C, g) + _scaled(self._K, g * g))
         return solve(factorize(M, equations.order), equations.order, tau - held)
 
     def step(self, rates: Rates, q: Any, u: Any, torque: Callable[[Any, Any, int], Any], h: Any,
@@ -119,7 +119,7 @@ class Rosenbrock:
         return isinstance(equations, TreeEquations)
 
     def step(self, system: System, state: Any, h: Any) -> Any:
-        """Return the state one step later; beside q and u by the trapezoidal rule."""
+        """Return the state after one step of length h, s; quadratures by the trapezoidal rule."""
         n = system.equations.n
         q, u, rest = np.split(state, [n, 2 * n])
         q_1, u_1 = ImplicitStep(system.equations).step(
@@ -131,6 +131,6 @@ class Rosenbrock:
         return np.concatenate([q_1, u_1, sums])
 
 
-def _where(A: Any, factor: Any) -> Any:
-    """Return a matrix of numbers times a scalar; structural zeros stay zero."""
+def _scaled(A: Any, factor: Any) -> Any:
+    """Return a constant matrix times a scalar; zero entries cause no arithmetic."""
     return np.array([[factor * x if x else 0.0 for x in row] for row in A.tolist()])

@@ -42,5 +42,5 @@ class RungeKutta4:
         return True
 
     def step(self, system: System, state: Any, h: Any) -> Any:
-        """Return the state one step of length h, s, later."""
+        """Return the state after one step of length h, s."""
         return runge_kutta_4(system.rates, state, (0, 1, 2), h)

@@ -20,7 +20,7 @@ def center_of_mass_jacobian(links: Sequence[Link], q: Any) -> Any:
     """
     Return the velocity of the center of mass per unit of each speed, (3, n).
 
-    At rest, gravity -e_k asks for the generalized force m times row k, whatever the links are.
+    At rest under gravity -e_k, the generalized force is m times row k.
     """
     mass, _ = first_moment(links, np.zeros(len(q)))
     rest = np.zeros(len(q)).astype(object)
@@ -30,5 +30,5 @@ def center_of_mass_jacobian(links: Sequence[Link], q: Any) -> Any:
 
 def _reciprocal(mass: Any) -> Any:
     if is_zero(mass):
-        raise ModelError('the moving bodies have no mass; expected some, for a center of mass')
+        raise ModelError('moving bodies: no mass; expected at least one body with mass')
     return 1.0 / mass

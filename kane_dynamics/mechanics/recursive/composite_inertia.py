@@ -58,7 +58,7 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
 
 
 def _accelerated(step: JointStep, mass: Any, h: Any, S: Any) -> JointAxisMotion:
-    """Return the force and moment that accelerate a composite body by its own joint."""
+    """Return the force and moment of a composite body for a unit acceleration of its own joint."""
     if step.turns:
         return (dict(step.partials), np.array([-h[1], h[0], 0.0]),
                 np.array([-S[0, 2], -S[1, 2], S[0, 0] + S[1, 1]]))

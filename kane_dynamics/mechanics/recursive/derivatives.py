@@ -9,7 +9,7 @@ the acceleration of each of its points P changes by
 with r and v_P the position and velocity of P relative to the joint's origin. For a joint with
 axis s, with the origin's acceleration a and U = [alpha]x + [omega]x [omega]x,
 
-    by q:  delta = omega x s,  chi = U s,          da = a x s   (revolute);  0, 0, U s  (prismatic)
+    d/dq: delta = omega x s,  chi = U s,          da = a x s   (revolute);  0, 0, U s  (prismatic)
     by u:  delta = s,          chi = 2 omega x s,  da = 0       (revolute);  0, 0, 2 omega x s
 
 The torque of a joint i beyond j changes by f . da + n . chi + e . delta. The vectors f, n and e
@@ -77,7 +77,7 @@ class LinkState:
 
     def rows(self, carried: Any, state: Any) -> Any:
         """
-        Return (12,): entries of dtau/dq, dtau/du and M, then `carried` in the parent's axes.
+        Return entries of dtau/dq, dtau/du and M, then `carried` in the parent's axes, (12,).
 
         `carried`, (9,), are the vectors f, n and e (see the module) in this link's axes.
         """
@@ -112,21 +112,12 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     """
     Return dtau/dq, dtau/du and M of the links without friction and springs, (3, n, n).
 
-    Parameters
-    ----------
-    links : sequence of Link
-        Parents before children.
-    q, u, udot : (n,) arrays of scalars
-        Coordinates, speeds and their rates; rad or m, s.
-    gravity : (3,) array of scalars
-        m/s^2, world axes.
-    share : callable
-        Evaluates repeated parts, possibly as subroutines; see `subroutines`.
-
+    Arguments as `inverse_dynamics`; `share` evaluates repeated parts, possibly as subroutines (see
+    `subroutines`).
     """
     n = len(q)
     motion: list[LinkMotion] = []
-    places, carried = [], []
+    states, carried = [], []
     for link in links:
         step = JointStep(link, q)
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
@@ -135,14 +126,14 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
             velocity = cross(motion[link.parent][0], step.offset)
             if link.kind == 'prismatic':
                 velocity = velocity + (link.multiplier * u[link.coordinate]) * step.axis
-        places.append(LinkState(link, step, motion[-1], velocity))
+        states.append(LinkState(link, step, motion[-1], velocity))
         carried.append(_single_link(link, motion[-1]))
     by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
     for i in reversed(range(len(links))):
-        _add_row(places, carried[i], i, (by_q, by_u, M), share)
-        _add_column(places, carried[i], i, (by_q, by_u), share)
+        _add_row(states, carried[i], i, (by_q, by_u, M), share)
+        _add_column(states, carried[i], i, (by_q, by_u), share)
         if links[i].parent != WORLD:
-            _add_to_parent(places[i], carried[i], carried[links[i].parent])
+            _add_to_parent(states[i], carried[i], carried[links[i].parent])
     return np.array([by_q, by_u, M])
 
 
@@ -155,11 +146,11 @@ def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
                          *inertia_wrench(link, motion))
 
 
-def _add_row(places: Sequence[LinkState], body: CompositeBody, i: int,
+def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
              results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
-    """Add the derivatives of joint i's torque by itself and by the joints toward the root."""
+    """Add row i: derivatives with respect to joint i and the joints toward the root."""
     h, S, K, L = body.h, body.S, body.S_rate, body.L
-    own = places[i].link
+    own = states[i].link
     if own.kind == 'revolute':
         passed = np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
                            L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
@@ -168,8 +159,8 @@ def _add_row(places: Sequence[LinkState], body: CompositeBody, i: int,
                            2.0 * body.p[1], -2.0 * body.p[0], 0.0])
     j, row, M = i, own.coordinate, results[2]
     while j != WORLD:
-        link = places[j].link
-        answer = share(f'row_{j}', places[j].rows, passed, places[j].state)
+        link = states[j].link
+        answer = share(f'row_{j}', states[j].rows, passed, states[j].state)
         entries, passed = answer[:3], answer[3:]
         column, factor = link.coordinate, own.multiplier * link.multiplier
         for matrix, entry in zip(results, entries):
@@ -179,10 +170,10 @@ def _add_row(places: Sequence[LinkState], body: CompositeBody, i: int,
         j = link.parent
 
 
-def _add_column(places: Sequence[LinkState], body: CompositeBody, i: int,
+def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                 results: tuple[Matrix, Matrix], share: Share) -> None:
-    """Add the derivatives of the torques of the joints toward the root by q_i and u_i."""
-    link, (omega, _, a, U) = places[i].link, places[i].motion
+    """Add column i: derivatives of the torques toward the root with respect to q_i and u_i."""
+    link, (omega, _, a, U) = states[i].link, states[i].motion
     across = np.array([omega[1], -omega[0], 0.0])  # omega x s
     turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
     if link.kind == 'revolute':
@@ -195,10 +186,10 @@ def _add_column(places: Sequence[LinkState], body: CompositeBody, i: int,
         wrenches = np.concatenate([force, moment + turned,
                                    *_wrench_change(body, NONE, NONE, across + across)])
     j = i
-    while places[j].link.parent != WORLD:
-        wrenches = share(f'column_{j}', places[j].columns, wrenches, places[j].state)
-        j = places[j].link.parent
-        below = places[j].link
+    while states[j].link.parent != WORLD:
+        wrenches = share(f'column_{j}', states[j].columns, wrenches, states[j].state)
+        j = states[j].link.parent
+        below = states[j].link
         row, column = below.coordinate, link.coordinate
         along = 5 if below.kind == 'revolute' else 2  # index of the component along z
         for matrix, entry in zip(results, (wrenches[along], wrenches[along + 6])):
@@ -216,9 +207,9 @@ def _wrench_change(body: CompositeBody, delta: Any, chi: Any, da: Any) -> tuple[
     return force, moment
 
 
-def _add_to_parent(place: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
+def _add_to_parent(state: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
     """Add the composite body of a link to that of its parent."""
-    step, mass, r, w = place.step, body.mass, place.step.offset, place.velocity
+    step, mass, r, w = state.step, body.mass, state.step.offset, state.velocity
     h, p, force = step.inward(body.h), step.inward(body.p), step.inward(body.force)
     h_all, p_all = h + mass * r, p + mass * w
     grown = np.outer(h, w) + np.outer(p_all, r)

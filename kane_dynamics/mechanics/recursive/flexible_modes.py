@@ -3,7 +3,7 @@ Contribution of a beam's modes to the recursive equations, from precomputed inte
 
 The pseudo-inertia P(eta) of the bent beam enters as that of a rigid body. The modes add, with
 p_i = dS/d eta_i the momentum per unit modal speed (S the first moment), Q_i the angular momentum
-per unit modal speed, and ' the rate by eta' alone::
+per unit modal speed, and ' the time derivative due to eta' alone::
 
     force   =  2 omega x p_i eta_i' + p_i eta_i'' + S''(eta', eta')
     moment  =  J' omega + omega x Q_i eta_i' + Q_i eta_i'' + Q_i' eta_i'

@@ -10,7 +10,7 @@ import numpy as np
 
 
 class JointForces:
-    """The methods of `TreeEquations` on rotors, friction and springs."""
+    """The methods of `TreeEquations` for rotors, friction and springs."""
 
     model: Model
     n: int
@@ -18,7 +18,7 @@ class JointForces:
 
     @property
     def zeros(self) -> Any:
-        """Return n zeros that cost a traced program nothing."""
+        """Return n zeros, which add no operation to a traced program."""
         return np.zeros(self.n).astype(object)
 
     def armature(self, x: Any) -> Any:
@@ -26,7 +26,7 @@ class JointForces:
         return self._by_coordinate(lambda j: j.multiplier**2 * j.armature * x[j.coordinate])
 
     def friction_force(self, u: Any) -> Any:
-        """Return d u + mu tanh(u / u_s) + offset of every joint, (n,): what torque overcomes."""
+        """Return the friction torque d u + mu tanh(u / u_s) + offset of every joint, (n,)."""
         if not self.friction:
             return self.zeros
 
@@ -70,5 +70,5 @@ class JointForces:
 
 
 def position(joint: Joint, q: Any) -> Any:
-    """Return where a joint stands, rad or m."""
+    """Return the position of a joint, rad or m."""
     return joint.multiplier * q[joint.coordinate] + joint.offset

@@ -3,7 +3,7 @@ Joint reactions, and the joint torques due to each body.
 
 The reaction at a joint is the force and moment that the parent exerts on the child: the inertia
 and weight of the subtree minus the external wrenches on it. This is Kane's method of auxiliary
-speeds (Kane & Levinson, section 4.9): with six fictitious speeds of the joint along and about the
+speeds (Kane & Levinson, chapter 4): with six fictitious speeds of the joint along and about the
 world's axes, the partial velocities of the subtree are those of one rigid body.
 """
 
@@ -32,10 +32,8 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
     links : sequence of Link
         Links with their origins at the model's joints (`link_frames.linkage`) and with full
         inertial parameters.
-    q, u, udot : (n,) arrays of scalars
-        Coordinates, speeds and their rates; rad or m, s.
-    gravity : (3,) array of scalars
-        m/s^2, world axes.
+    q, u, udot, gravity
+        As `inverse_dynamics`.
     external : sequence of (Frame, (6,) array)
         External wrenches, force then moment at the frame's origin, world axes.
 

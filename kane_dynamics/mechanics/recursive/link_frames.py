@@ -27,24 +27,16 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.recursive.link import homogeneous, inverse, Link
 from kane_dynamics.model.beam import Deflection
 from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.placement import SNAP, snapped
 import numpy as np
 
-SNAP = 1e-14  # tolerance for rounding errors of entries 0, 1 and -1; a larger one loses accuracy
 NEARLY_PARALLEL = 1e-4  # rad; the common normal of such axes is far away, which loses digits
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def snap(array: Array) -> Array:
-    """Return the array with entries within `SNAP` of 0, 1 or -1 rounded to them."""
-    result = np.array(array, dtype=np.float64)
-    for value in (0.0, 1.0, -1.0):
-        result[np.abs(result - value) < SNAP] = value
-    return result
-
-
 def about_z(angle: float) -> Array:
     """Return the pose of a rotation about z, (4, 4); multiples of pi/2 are exact."""
-    c, s = snap(np.array([math.cos(angle), math.sin(angle)]))
+    c, s = snapped(np.array([math.cos(angle), math.sin(angle)]))
     return homogeneous([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -97,7 +89,7 @@ def carrying(links: Sequence[Link], body: int, pose: Array,
 
 def _turn_to_z(axis: Array) -> Array:
     """Return a rotation C with C z = axis; a permutation of axes if possible."""
-    axis = snap(axis)
+    axis = snapped(axis)
     k = int(np.argmax(np.abs(axis)))
     if np.count_nonzero(axis) == 1:  # not `max == 1`: true for an axis that is off by 1e-8
         C = np.roll(np.eye(3), k - 2, axis=0)
@@ -238,7 +230,7 @@ def _align_with_com(link: Link) -> Link:
 def _clean(pose: Array) -> Array:
     """Return a pose with rounding errors of zeros and ones removed."""
     translation = np.where(np.abs(pose[:3, 3]) < SNAP, 0.0, pose[:3, 3])
-    return homogeneous(snap(pose[:3, :3]), translation)
+    return homogeneous(snapped(pose[:3, :3]), translation)
 
 
 def _without_rounding(P: Any) -> Any:

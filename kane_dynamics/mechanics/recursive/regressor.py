@@ -43,17 +43,9 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
     """
     Return the regressor Y, (n, 10 n_bodies): inverse dynamics is Y times the parameters.
 
-    Parameters
-    ----------
-    links : sequence of Link
-        Links with their origins at the model's joints (`link_frames.linkage`).
-    q, u, udot : (n,) arrays of scalars
-        Coordinates, speeds and their rates; rad or m, s.
-    gravity : (3,) array of scalars
-        m/s^2, world axes.
-    share : callable
-        Evaluates repeated parts, possibly as subroutines; see `subroutines`.
-
+    Arguments as `inverse_dynamics`; the links have their origins at the model's joints
+    (`link_frames.linkage`). `share` evaluates repeated parts, possibly as subroutines (see
+    `subroutines`).
     """
     n = len(q)
     motion: list[LinkMotion] = []

@@ -7,9 +7,9 @@ functions; compilation traces them and tests run them on numbers.
 """
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
@@ -62,16 +62,16 @@ class TreeEquations(JointForces):
 
     timed = False  # no method depends on time
 
-    @cached_property
+    @lazy_property
     def _raw_links(self) -> tuple[Link, ...]:  # needed only for tracing
         return linkage(self.model)
 
-    @cached_property
+    @lazy_property
     def _links(self) -> tuple[Link, ...]:
         links = self._raw_links
         return denavit_hartenberg(links) if self.frame_reduction else links
 
-    @cached_property
+    @lazy_property
     def order(self) -> list[int]:
         """Return the coordinates, parents first: the order of the LTDL factorization."""
         return list(dict.fromkeys(k for link in self._raw_links for k in (
@@ -131,7 +131,7 @@ class TreeEquations(JointForces):
         return inverse(self.factors(q, parameters), self.order)
 
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
-        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL."""
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA."""
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
@@ -249,6 +249,5 @@ class TreeEquations(JointForces):
 
     def external_force(self, q: Any, wrench: Any) -> Any:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        pushes = () if wrench is None else zip(self.wrench_frames, wrench)
-        return sum((self.partial_velocities(frame, q).T @ pushed for frame, pushed in pushes),
-                   self.zeros)
+        wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches), self.zeros)

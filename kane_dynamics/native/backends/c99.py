@@ -68,7 +68,7 @@ class _Function:
 
     def _elementary_first(self, schedule: list[Expr]) -> list[Expr]:
         """
-        Write the elementary functions whose arguments need no other one, each kind in one call.
+        Emit the elementary functions with known arguments, each kind in one call.
 
         Their arguments are written before. Return the schedule of all the rest.
         """

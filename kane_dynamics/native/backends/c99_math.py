@@ -8,7 +8,7 @@ multiply-add; larger angles than `MOST`, fast-math and x87 arithmetic go to libm
 from dataclasses import dataclass
 import math
 
-from kane_dynamics.native.backends.llvm_math import COS, EXP, SIN
+from kane_dynamics.native.backends.llvm_math import COS, EXP, LN2, SIN
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ TEXTS = {'sin_cos': """\
 
 
 def literal(value: float, precision: Precision) -> str:
-    """Return a constant of a precision as C writes it."""
+    """Return a number as a C literal of a precision."""
     if precision.suffix:
         text = f'{value:.{precision.digits}g}'
         return (text if any(mark in text for mark in '.en') else f'{text}.0') + precision.suffix
@@ -179,9 +179,9 @@ def literal(value: float, precision: Precision) -> str:
 
 
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
-    """Return those C functions of sines, cosines and tanh; macros begin with `upper`."""
+    """Return the named C functions for sine, cosine and tanh; macros begin with `upper`."""
     def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
-        """Sum c_k x^k by pairs, which are shorter chains than Horner's."""
+        """Return C code for sum c_k x^k by pairs: shorter dependency chains than Horner's."""
         texts = [literal(c, precision) for c in coefficients]
         pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
         pairs += texts[-1:] if len(texts) % 2 else []
@@ -190,14 +190,13 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
             text = f'({pairs.pop()}) + {square} * ({text})'
         return text
     sine, cosine, exp = (table[:count] for table, count in zip((SIN, COS, EXP), precision.terms))
-    high = 6.93147180369123816490e-01 if not precision.suffix else 0.693359375
+    high, low = (0.693359375, math.log(2.0) - 0.693359375) if precision.suffix else LN2
     numbers = {
         'most': precision.most, 'inverse': 2.0 / math.pi, 'round': precision.rounding,
         'quarter': 0.25, 'four': 4.0, 'one': 1.0, 'half': 0.5, 'zero': 0.0, 'two': 2.0,
         'part0': precision.parts[0], 'part1': precision.parts[1], 'part2': precision.parts[2],
         'saturated': precision.saturated, 'log2e': 1.0 / math.log(2.0), 'ln2high': high,
-        'ln2low': (1.90821492927058770002e-10 if not precision.suffix
-                   else math.log(2.0) - high)}
+        'ln2low': low}
     words = {'UPPER': upper, 'real': precision.c, 'f': precision.suffix,
              'integer': precision.integer, 'bias': str(precision.bias),
              'mantissa': str(precision.mantissa), 'sine': polynomial(sine, 'z', 'zz'),

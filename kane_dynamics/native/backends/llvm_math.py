@@ -163,7 +163,7 @@ class Vector:
                         f'{self.type} {quotient}, {self.type} {x})')
 
     def exp(self, x: str) -> str:
-        """Return the exponential: 2^k of a whole k in two factors, times that of the rest."""
+        """Return exp x = 2^k exp r, with an integer k and 2^k in two factors."""
         for code, most in (('ogt', 710.0), ('olt', -746.0)):  # NaN stays NaN
             past = self.new(f'fcmp {code} {self.type} {x}, {self.const(most)}')
             x = self.select(past, self.const(most), x)

@@ -123,7 +123,7 @@ class Function:
         self.names[node.index] = name
 
     def _choice(self, name: str, comparison: str, a: str, b: str) -> None:
-        """Write a where a comparison, an instruction or the name of one, holds, else b."""
+        """Emit a selection: a if a comparison (instruction or name) holds, else b."""
         truth = 'i1' if self.lanes == 1 else f'<{self.lanes} x i1>'
         if not comparison.startswith('%'):
             self.lines.append(f'  {name}.if = {comparison}')

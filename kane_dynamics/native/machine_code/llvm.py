@@ -1,17 +1,29 @@
-"""Compile LLVM IR to machine code with llvmlite; the only module that imports llvmlite."""
+"""
+Compile LLVM IR to machine code with llvmlite; the only module that imports llvmlite.
+
+A fork waits until no other thread is inside LLVM, so that LLVM and its lock are usable in the
+child.
+"""
 
 from collections.abc import Callable
 from functools import cache
+import os
 from threading import local
 from typing import Any
+from weakref import finalize
 
 from kane_dynamics.errors import CompileError
 import llvmlite.binding as llvm
+import numpy as np
 
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
 _own = local()  # of each thread: code generators by level, each for one module at a time
+
+_lock = llvm.ffi.lib._lock  # llvmlite holds it in every call of LLVM
+os.register_at_fork(before=_lock.__enter__, after_in_parent=_lock.__exit__,
+                    after_in_child=_lock.__exit__)
 
 
 @cache
@@ -115,14 +127,21 @@ def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
 
 
 class Code:
-    """Machine code in executable memory; must outlive every use of its addresses."""
+    """
+    Machine code in executable memory; must outlive every use of its addresses.
+
+    The code is unloaded when an array that only this object holds is freed. The garbage collector
+    does not track arrays. An engine that it could find would be finalized, hence unloaded, before
+    other finalizers of the same garbage, which may call the code.
+    """
 
     def __init__(self, objects: bytes) -> None:
         """Load an object file into memory."""
-        machine = _target_machine(1)
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), machine)
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), _target_machine(1))
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(objects))
         self._engine.finalize_object()
+        self._loaded = np.empty(0)
+        finalize(self._loaded, self._engine.close).atexit = False  # threads may still run it
 
     def address(self, name: str) -> Address:
         """Return the address of a function; raise CompileError if it does not exist."""

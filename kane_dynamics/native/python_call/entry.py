@@ -7,6 +7,32 @@ control loop passes. For any other argument it calls the Python fallback, which 
 raises an error. The machine code reads ndarray fields at their public offsets (numpy's ABI) and
 the object header of CPython builds with a GIL. A self-test verifies this on the running
 interpreter; if it fails, the fallback serves every call.
+
+Lifetime
+    A function's `self` is its table, which holds the code, the arrays, and the fallback
+    (`EntryTable`). A method's object holds the tables of its methods. So the code lives as long as
+    its callers. It is unloaded when the last reference is gone, after all finalizers of the same
+    garbage (`llvm.Code`). The definitions of functions lie in the tables; those of methods are
+    never freed.
+Reference counts
+    `bound` and methods return the array of the result, with one more reference. `entry` returns a
+    new reference; it reuses an array only while it holds the one reference to it and nothing
+    refers to it weakly. Before it releases an old array, whose finalization may run any code, it
+    has stored the new one and holds its own reference to it.
+GIL
+    A single call holds the GIL throughout, so nothing changes beside it. Batches release it
+    (`runtime.batch_loop`); their callers hold kernel and arrays until all threads have ended.
+Exceptions
+    The machine code raises nothing itself. It returns what the fallback returns or raises. An
+    object without tables (made by ``object.__new__``) is refused with TypeError.
+Shutdown
+    No code is unloaded once the functions of `atexit` have run, so that finalizers and other
+    threads may call until the end. A function that was not called before then may be unable to
+    load its code, as modules are gone.
+Not supported
+    Free-threaded builds and subinterpreters use the fallback. numpy refuses interpreters that have
+    a GIL of their own. A pickled function is the method of its pickled robot; one of fixed arrays
+    is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,77 +43,16 @@ import sys
 import sysconfig
 from typing import Any
 
-from kane_dynamics.native.machine_code import llvm, object_cache
-from kane_dynamics.native.python_call.entry_ir import (bound_code, entry_code, method_code,
-                                                       placeholder_code)
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.python_call.entry_ir import bound_code, entry_code, method_code
+from kane_dynamics.native.python_call.entry_table import (assembled, bound_table, built_in,
+                                                          EntryTable, interpreter_words,
+                                                          METH_FASTCALL, METH_KEYWORDS, MethodDef,
+                                                          new_table, refusal, unmade_table)
 from kane_dynamics.native.python_call.object_layout import (ALL_FINITE, DATA, DTYPE, FLAGS, FRESH,
-                                                            NDIM, SHAPE, TABLE, TYPE, WEAKREFS)
+                                                            NDIM, SHAPE, TYPE, WEAKREFS)
 from kane_dynamics.native.tracing.program import Shape
 import numpy as np
-
-
-class _MethodDef(ctypes.Structure):
-    _fields_ = [('ml_name', ctypes.c_char_p), ('ml_meth', ctypes.c_void_p),
-                ('ml_flags', ctypes.c_int), ('ml_doc', ctypes.c_char_p)]
-
-
-class EntryTable(np.ndarray):
-    """
-    Table of 64-bit words that a native function reads; `owned` keeps the referenced objects.
-
-    The function's PyMethodDef is stored at the end of the table. CPython reads it when it frees
-    the function, possibly after the garbage collector has cleared `owned`, so it must share the
-    memory of the table.
-    """
-
-    owned: tuple[Any, ...]
-
-
-DEFINITION = ctypes.sizeof(_MethodDef) // 8  # words
-METH_FASTCALL, METH_KEYWORDS = 0x0080, 0x0002  # METH_NOARGS calls are slower: not specialized
-PY_ARRAY_NEW = 93  # slot of PyArray_New in numpy's C API table, fixed since numpy 1.0
-
-
-@cache
-def _interpreter_words() -> dict[str, int]:
-    """Return the table words that are equal for all functions."""
-    capsule = np._core.multiarray._ARRAY_API  # type: ignore[attr-defined]
-    pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    numpy_api = ctypes.cast(pointer(capsule, None), ctypes.POINTER(ctypes.c_void_p))
-    return {'NDARRAY': id(np.ndarray), 'FLOAT64': id(np.dtype(np.float64)),
-            'NEW_ARRAY': int(numpy_api[PY_ARRAY_NEW] or 0),
-            'VECTORCALL': _symbol('PyObject_Vectorcall'),
-            'NEW_FLOAT': _symbol('PyFloat_FromDouble'), 'RELEASE': _symbol('Py_DecRef')}
-
-
-def _symbol(name: str) -> int:
-    return int(ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0)
-
-
-def _table(words: Mapping[str, int], blocks: Sequence[np.ndarray],
-           owned: tuple[Any, ...]) -> EntryTable:
-    """Return a table with these words and the addresses of these blocks."""
-    words = {**_interpreter_words(), **words}
-    table = np.array([*(words.get(word, 0) for word in TABLE),
-                      *(block.ctypes.data for block in blocks), *[0] * DEFINITION],
-                     dtype=np.uint64).view(EntryTable)
-    table.owned = (tuple(blocks), *owned)
-    return table
-
-
-def _built_in(name: str, doc: str, address: llvm.Address, flags: int,
-              table: EntryTable) -> Callable[..., Any]:
-    """Create a built-in function from machine code and its table."""
-    at = table.ctypes.data + 8 * (len(table) - DEFINITION)
-    definition = _MethodDef.from_address(at)
-    definition.__init__(name.encode(), address, flags, doc.encode())  # type: ignore[misc]
-    table.owned = (definition, *table.owned)  # keeps the name and doc alive
-    make = ctypes.pythonapi.PyCFunction_NewEx
-    make.restype = ctypes.py_object
-    make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
-    function: Callable[..., Any] = make(at, table, None)
-    return function
 
 
 def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray], shape: Shape,
@@ -95,27 +60,15 @@ def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray],
     lengths = np.array(shape, dtype=np.int64)
     ring = np.array([None, None])  # holds references to the results
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
-    words = {'FALLBACK': id(fallback), 'RESULT_SHAPE': lengths.ctypes.data,
-             'RING': ring.ctypes.data}
-    return _built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
-                     _table(words, defaults, (lengths, ring, fallback, code)))
+    words = {'RESULT_SHAPE': lengths.ctypes.data, 'RING': ring.ctypes.data}
+    return built_in(name, doc, code.address('entry'), METH_FASTCALL | METH_KEYWORDS,
+                    new_table(words, fallback, code, defaults, (lengths, ring)))
 
 
 def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
            fallback: Callable[..., Any]) -> Callable[..., Any]:
-    return _built_in(name, doc, code.address('bound'), METH_FASTCALL,
-                     bound_table(code, blocks, fallback))
-
-
-def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
-                fallback: Callable[..., Any]) -> EntryTable:
-    """Return the table of a method for one object, which must keep it alive; see `bound`."""
-    if any(block.size == 0 for block in blocks):
-        code = _assembled('stand-ins', placeholder_code())
-        return _table({'CODE': code.address('refer'), 'FALLBACK': id(fallback)}, [],
-                      (fallback, code))
-    return _table({'CODE': code.address('bound'), 'FALLBACK': id(fallback),
-                   'RESULT': id(blocks[-1])}, blocks, (fallback, code))
+    return built_in(name, doc, code.address('bound'), METH_FASTCALL,
+                    bound_table(code, blocks, fallback))
 
 
 class NativeMethods:
@@ -129,7 +82,11 @@ class NativeMethods:
 def supported() -> bool:
     """Return whether native entry points work here: check the object layout, then a call."""
     if (sys.implementation.name != 'cpython' or sys.byteorder != 'little'
-            or sysconfig.get_config_var('Py_GIL_DISABLED')):
+            or sysconfig.get_config_var('Py_GIL_DISABLED') or not _in_main_interpreter()):
+        return False
+    try:
+        interpreter_words()
+    except AttributeError:  # an interpreter or numpy without these symbols
         return False
     probe = np.array([1.25, -2.5, 3.75])
     head = (ctypes.c_uint64 * 10).from_address(id(probe))
@@ -144,10 +101,12 @@ def supported() -> bool:
     return readable and _self_test(another)
 
 
-@cache
-def _assembled(name: str, text: str) -> llvm.Code:
-    return llvm.Code(object_cache.fetch(object_cache.key(name, text),
-                                        lambda: llvm.assemble(text)))
+def _in_main_interpreter() -> bool:
+    """Return whether this is not a subinterpreter, whose objects may be of another GIL."""
+    current, main = (getattr(ctypes.pythonapi, f'PyInterpreterState_{name}')
+                     for name in ('Get', 'Main'))
+    current.restype = main.restype = ctypes.c_void_p
+    return bool(current() == main())
 
 
 def _self_test(probe: np.ndarray) -> bool:
@@ -159,7 +118,7 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
                       entry_code('twice', [3], [math.inf], 0, (3,)),
                       bound_code('twice', [3], [math.inf], 0, (3,))])
-    code = _assembled('self-test', text)
+    code = assembled('self-test', text)
     twice = _entry('twice', '', code, [], (3,), lambda *args, **keywords: (args, keywords))
     bad = np.array([1.0, np.nan, 0.0])
     first, second, third = twice(probe), twice(probe), twice(probe)
@@ -251,24 +210,24 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
 
     """
     # A bound method reads its definition even after the class is freed: keep one reference.
-    definitions = (_MethodDef * len(docs))()
+    definitions = (MethodDef * len(docs))()
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
-    code = _assembled('methods', method_code(len(docs)))
-    stand_ins = _assembled('stand-ins', placeholder_code())
+    code = assembled('methods', method_code(len(docs)))
+    refusing = code.function('refuse_by', ctypes.PYFUNCTYPE(None, ctypes.c_void_p))
+    refusing(id(refusal()))
     new = ctypes.pythonapi.PyDescr_NewMethod
     new.restype, new.argtypes = ctypes.py_object, [ctypes.py_object, ctypes.c_void_p]
     unmade = []
     for place, (name, doc) in enumerate(docs.items()):
-        definitions[place] = _MethodDef(name.encode(), code.address(f'method{place}'),
-                                        METH_FASTCALL, doc.encode())
+        definitions[place] = MethodDef(name.encode(), code.address(f'method{place}'),
+                                       METH_FASTCALL, doc.encode())
         setattr(cls, name, new(cls, ctypes.addressof(definitions[place])))
 
         def first(owner: Any, name: str = name) -> EntryTable:
             return make(owner, name)
-        unmade.append(_table({'CODE': stand_ins.address('unmade'), 'FALLBACK': id(first)}, [],
-                             (first,)))
+        unmade.append(unmade_table(first))
     tables = np.array([id(table) for table in unmade], dtype=np.uint64).view(EntryTable)
-    tables.owned = (unmade, code, stand_ins)
+    tables.owned = (unmade, code)
     return tables
 
 

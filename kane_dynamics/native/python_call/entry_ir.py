@@ -175,13 +175,21 @@ def method_code(count: int) -> str:
     Return the LLVM IR of `method0`, `method1`, ...
 
     The first slot of a method's `self` holds an array of table addresses. Method k calls the
-    function that table k names and passes it the table and the object.
+    function that table k names and passes it the table and the object. An object without tables
+    was not initialized; the table given to `refuse_by` serves it.
     """
     a = Assembly()
+    a.put('@refusal = internal global ptr null', 'define void @refuse_by(ptr %table) {',
+          '  store ptr %table, ptr @refusal', '  ret void', '}')
     for place in range(count):
         a.put(f'define ptr @method{place}(ptr %self, ptr %args, i64 %nargs) {{')
-        tables = a.load('ptr', a.load('ptr', '%self', SLOT), DATA)
-        table = a.load('ptr', tables, 8 * place)
+        tables = a.load('ptr', '%self', SLOT)
+        made = a.new(f'icmp ne ptr {tables}, null')
+        a.put(f'  br i1 {made}, label %made, label %unmade', 'unmade:',
+              '  %refused = load ptr, ptr @refusal', '  br label %go', 'made:')
+        found = a.load('ptr', a.load('ptr', tables, DATA), 8 * place)
+        a.put('  br label %go', 'go:')
+        table = a.new(f'phi ptr [%refused, %unmade], [{found}, %made]')
         a.put('  ret ptr ' + a.new(f'tail call ptr {_code_word(a, table)}(ptr {table}, ptr %args, '
                                    'i64 %nargs, ptr %self)'), '}')
     return '\n'.join(a.lines)

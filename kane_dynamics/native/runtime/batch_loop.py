@@ -1,21 +1,27 @@
 """
 Batches: native loop that runs a lane kernel over blocks of states, shared by threads.
 
+The machine code starts the threads and joins them before it returns. No exception, signal, fork or
+shutdown of the interpreter can come between, so no thread outlives the call whose memory it uses.
+
 The last block is filled by repeating its last state, whose result is then written several times
 with equal bits. So a result depends only on its own state, not on its position in the batch.
 """
 
+from array import array
 from collections.abc import Callable, Sequence
 import ctypes
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
+from operator import or_
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
-from kane_dynamics.native.runtime.threads import run_in_threads
+from kane_dynamics.native.runtime.thread_ir import FLAGS, run_shares, WORDS
+from kane_dynamics.native.runtime.threads import Range, run_in_threads
 import numpy as np
 
 BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
@@ -157,21 +163,20 @@ class Strided:
 
 @cache
 def driver(width: int) -> llvm.Code:
-    """Return the machine code of `RUN_BATCH`."""
+    """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
     text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS))
     text = text.replace('<W x', f'<{width} x').replace('vWi64', f'v{width}i64')
-    text = text.replace(', W\n', f', {width}\n')
+    text = text.replace(', W\n', f', {width}\n') + run_shares()
     return llvm.Code(object_cache.fetch(object_cache.key('run_batch', text),
                                         lambda: llvm.assemble(text, 2, optimise=True)))
 
 
 @cache
-def _driver_function(width: int) -> Callable[..., int]:
-    """Return `RUN_BATCH` as a function that releases the GIL."""
-    arguments = [ctypes.c_void_p] * 2 + [ctypes.c_int64] * 2 + [ctypes.c_void_p] * 2
-    function: Callable[..., int] = driver(width).function('run_batch', ctypes.CFUNCTYPE(
-        ctypes.c_int64, *arguments, *[ctypes.c_int64] * 3))
+def _driver_function(width: int) -> Callable[..., None]:
+    """Return `run_shares` as a function that releases the GIL."""
+    function: Callable[..., None] = driver(width).function('run_shares', ctypes.CFUNCTYPE(
+        None, ctypes.c_void_p, ctypes.c_int64))
     return function
 
 
@@ -206,9 +211,13 @@ def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, step
     table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
     width = width or llvm_simd.width()
     function, address = _driver_function(width), table.ctypes.data
-    low, high = (array.ctypes.data for array in extremes) if extremes else (None, None)
+    low, high = (each.ctypes.data for each in extremes) if extremes else (0, 0)
     size = extremes[0].shape[1] if extremes else 0
 
-    def work(begin: int, end: int) -> int:
-        return function(kernel, address, len(rows), size, low, high, begin, end, steps)
-    return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps)) if count else 0
+    def work(ranges: Sequence[Range]) -> int:
+        shares = array('q', [word for begin, end in ranges for word in (
+            kernel, address, len(rows), size, low, high, begin, end, steps,
+            *[0] * (WORDS - FLAGS))])
+        function(shares.buffer_info()[0], len(ranges))
+        return reduce(or_, shares[FLAGS::WORDS])
+    return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps))

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
-from threading import Lock, RLock
 from typing import Any
 
+from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.backends.llvm_math import size_limit
@@ -13,7 +13,7 @@ from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry import EntryTable
+from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
 from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
                                                      Strided)
@@ -23,7 +23,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, size_of
 import numpy as np
 
 SYMBOL = 'kernel'  # name of the kernel function in its object file
-_TRACING = RLock()  # concurrent tracing would only contend for the GIL
+_TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
@@ -70,7 +70,7 @@ class Kernel:
         self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
         self._program, self._key = program, key
-        self._compiling = Lock()
+        self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
         self.code = self._compiled('', lambda: '\n'.join([module_text(program(), SYMBOL),
                                                           self._entry_points()]))
@@ -78,7 +78,7 @@ class Kernel:
 
     def _compiled(self, kind: str, text: Callable[[], str]) -> llvm.Code:
         def traced() -> str:
-            with _TRACING:
+            with _TRACING.held():
                 return text()
         key, source = self._key, traced
         with gc_paused():
@@ -92,7 +92,7 @@ class Kernel:
                         reason: ResultCheck | None = None) -> 'Kernel':
         """Return a kernel with the same machine code and other parameters."""
         other = copy(self)
-        other.parameters, other._compiling, other._reason = parameters, Lock(), reason
+        other.parameters, other._compiling, other._reason = parameters, ForkSafeLock(), reason
         return other
 
     def traced(self) -> Program:
@@ -108,7 +108,7 @@ class Kernel:
         lanes = self._lanes
         if lanes is None:
             driver(width())
-            with self._compiling:
+            with self._compiling.held():
                 lanes = self._lanes
                 if lanes is None:
                     code = self._compiled(f'{width()} lanes',
@@ -133,8 +133,8 @@ class Kernel:
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
         """Return the table of a native method that calls the kernel on fixed arrays."""
-        return entry.bound_table(self.code, [*arguments, self.parameters, result],
-                                 self._fallback(arguments, result))
+        return bound_table(self.code, [*arguments, self.parameters, result],
+                           self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
         def call() -> Any:

@@ -1,17 +1,22 @@
-"""Threads for native code that runs without the GIL."""
+"""Threads for native code that runs without the GIL, and for compiling."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
+from contextlib import suppress
 from itertools import pairwise
+from operator import itemgetter
 import os
+from threading import get_ident, Thread
 import time
 
 from kane_dynamics.errors import InputError
 
 VARIABLE = 'KANE_DYNAMICS_THREADS'
 MAX_THREADS = 256
-THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of waking one
+THREAD_WORK = 3e-4  # s; least work per thread, several times the cost of starting one
+LONGEST = 0.1  # s; a batch looks for interrupts at least about this often
+POLL = 1e-3  # s
+Range = tuple[int, int]
 
 
 def thread_count() -> int:
@@ -34,30 +39,23 @@ def thread_count() -> int:
     return int(setting)
 
 
-@cache
-def _pool() -> ThreadPoolExecutor:
-    """Return the thread pool that all batches share; threads start on demand."""
-    return ThreadPoolExecutor(MAX_THREADS, 'kane_dynamics')
-
-
-if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked child has no threads
-
-
-def run_in_threads(work: Callable[[int, int], int], count: int, quantum: int, probe: int) -> int:
+def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: int,
+                   probe: int) -> int:
     """
-    Run ``work(begin, end)`` for 0 <= i < count, in several threads if that is faster.
+    Run `work` on ranges that cover 0 <= i < count, in several threads if that is faster.
+
+    Between calls of `work`, which last about `LONGEST`, a signal handler may raise.
 
     Parameters
     ----------
     work : callable
-        Takes a range and returns flags; ranges run in any order and concurrently.
+        Takes ranges, runs each in a thread of its own, and returns flags when all have ended.
     count : int
         Size of the range.
     quantum : int
-        Subranges begin at multiples of this.
+        Ranges begin at multiples of this.
     probe : int
-        Quanta that the calling thread runs first, to measure the time per quantum.
+        Quanta of the first range, whose time per quantum determines the number of threads.
 
     Returns
     -------
@@ -65,24 +63,23 @@ def run_in_threads(work: Callable[[int, int], int], count: int, quantum: int, pr
         Bitwise or of all flags.
 
     """
-    threads = thread_count()
-    first = min(count, probe * quantum) if threads > 1 else count
-    started = time.perf_counter()
-    flags = work(0, first)
-    rest = count - first
-    if not rest:
-        return flags
-    expected = (time.perf_counter() - started) / first * rest
-    blocks = -(-rest // quantum)
-    threads = min(threads, int(expected / THREAD_WORK) + 1, blocks)
-    cuts = [first + quantum * (blocks * k // threads) for k in range(threads)] + [count]
-    others = [_pool().submit(work, begin, end) for begin, end in pairwise(cuts[1:])]
-    try:
-        flags |= work(cuts[0], cuts[1])
-    finally:
-        wait(others)  # also when interrupted: they use the caller's memory
-    for other in others:
-        flags |= other.result()
+    most, flags, begin, longest = thread_count(), 0, 0, LONGEST / 8.0
+    ranges = [(0, min(count, probe * quantum))]
+    while begin < count:
+        started = time.perf_counter()
+        flags |= work(ranges)
+        took = time.perf_counter() - started
+        done = ranges[-1][1]
+        if done == count:
+            break
+        blocks = -(-(count - done) // quantum)
+        each = took * len(ranges) * quantum / (done - begin)  # s per quantum
+        begin = done
+        threads = max(1, min(most, int(each * blocks / THREAD_WORK) + 1, blocks))
+        blocks = min(blocks, max(1, int(longest / max(each, 1e-12))) * threads)
+        longest = LONGEST  # the first time was that of one thread alone
+        cuts = [min(count, done + quantum * (blocks * k // threads)) for k in range(threads + 1)]
+        ranges = [*pairwise(cuts)]
     return flags
 
 
@@ -90,14 +87,55 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
     """
     Run jobs that compile, several at once; raise the first one's error when all have ended.
 
-    While LLVM works on one, without the GIL, another is traced.
+    While LLVM works on one, without the GIL, another is traced. An interrupt is raised when the
+    running jobs have ended; the others do not start. Where no thread can start, as at the exit of
+    the interpreter, the calling thread runs all jobs.
     """
-    threads = min(len(jobs), 2 * thread_count())
-    if thread_count() == 1 or threads < 2:
-        for job in jobs:
-            job()
-        return
-    with ThreadPoolExecutor(threads, 'kane_dynamics_compile') as pool:
-        started = [pool.submit(job) for job in jobs]
-    for each in started:
-        each.result()
+    waiting = deque(enumerate(jobs))
+    running: set[int] = set()  # threads
+    errors: list[tuple[int, BaseException]] = []
+
+    def work() -> None:
+        running.add(get_ident())
+        try:
+            while waiting:
+                place, job = waiting.popleft()
+                try:
+                    job()
+                except BaseException as error:
+                    errors.append((place, error))
+                    if not isinstance(error, Exception):
+                        waiting.clear()
+        except IndexError:  # another thread was faster
+            pass
+        finally:
+            running.discard(get_ident())
+
+    def wait() -> None:
+        while running:  # an interrupted `Thread.join` may take a running thread for ended
+            time.sleep(POLL)
+    count = thread_count()
+    try:
+        with suppress(RuntimeError):  # no more threads: those that run suffice
+            for _ in range(min(len(jobs), 2 * count) - 1 if count > 1 else 0):
+                Thread(target=work, name='kane_dynamics_compile').start()
+        work()
+    finally:
+        waiting.clear()
+        running.discard(get_ident())
+        uninterrupted(wait)
+    if errors:
+        raise min(errors, key=itemgetter(0))[1]
+
+
+def uninterrupted(wait: Callable[[], object]) -> None:
+    """Call `wait`, and again after each exception until it returns; then raise the last one."""
+    interrupt = None
+    while True:
+        try:
+            wait()
+            break
+        except BaseException as error:
+            interrupt = error
+    if interrupt is not None:
+        raise interrupt

@@ -120,17 +120,17 @@ class Expr:
         return math.prod([self] * int(power), start=1.0)
 
     def __lt__(self, other: Any) -> Any:
-        """Return 1.0 where this is less, else 0.0; `select` chooses by it."""
+        """Return 1.0 if this is less, else 0.0; a condition for `select`."""
         return self.trace.node('less', self, other) if isinstance(other, _SCALAR) else (
             NotImplemented)
 
     def __gt__(self, other: Any) -> Any:
-        """Return 1.0 where the other is less, else 0.0."""
+        """Return 1.0 if the other is less, else 0.0."""
         return self.trace.node('less', float(other), self) if isinstance(
             other, numbers.Real) else NotImplemented
 
     def select(self, x: Scalar, y: Scalar) -> Scalar:
-        """Return x where this is not 0, else y; neither is looked at where it is not chosen."""
+        """Return x if this is not 0, else y; the value that is not selected may be NaN."""
         if x is y or (not isinstance(x, Expr) and not isinstance(y, Expr) and x == y):
             return x
         return self.trace.node('select', self, *(
@@ -167,7 +167,7 @@ class Expr:
         return self.trace.node('arctan', self)
 
     def __floor__(self) -> Scalar:
-        """Return the largest whole number that is not larger."""
+        """Return the floor."""
         return self.trace.node('floor', self)
 
 

@@ -1,9 +1,10 @@
 """Neutral and random configurations of a robot, and its joint limits."""
 
-from functools import cached_property
+import warnings
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
 from kane_dynamics.robot.methods.dispatch import Dispatch
@@ -37,10 +38,17 @@ def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
     return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
 
 
+def warn_of_degrees(robot: 'Configurations', q: Array, what: str, stacklevel: int = 3) -> None:
+    """Warn if positions, (n_q,) or (K, n_q), look like degrees."""
+    text = suspected_degrees(robot, q)
+    if text is not None:
+        warnings.warn(f'{what}: {text}', ModelWarning, stacklevel=stacklevel)
+
+
 class Configurations(ConstraintMethods, Dispatch):
     """The methods of `Robot` that return configurations."""
 
-    @cached_property
+    @lazy_property
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
         limits = [joint.limits for joint in self.equations.model.coordinate_joints]
@@ -97,7 +105,7 @@ class Configurations(ConstraintMethods, Dispatch):
 
         """
         if count is not None and count < 0:
-            raise InputError(f'count: {count}; expected a whole number from 0 on')
+            raise InputError(f'count: {count}; expected an integer >= 0')
         rng = np.random.default_rng(seed)
         lower, upper = self.sampling_range()
         if not isinstance(self.equations, ConstrainedEquations):
@@ -120,9 +128,9 @@ class Configurations(ConstraintMethods, Dispatch):
 
     def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
         """Return one random configuration that meets constraints and limits."""
-        failure = ConstraintError('no configuration within the limits meets the constraints: '
-                                  f'{TRIES} random ones were tried; expected limits that leave '
-                                  'the constraints room')
+        failure = ConstraintError(f'{TRIES} random configurations: none satisfies limits and '
+                                  'constraints; expected limits within which the constraints '
+                                  'can be satisfied')
         for _ in range(TRIES):
             try:
                 q = self.closed_posture(rng.uniform(lower, upper))

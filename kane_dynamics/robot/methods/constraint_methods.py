@@ -18,7 +18,10 @@ class ConstraintMethods(Dispatch):
     """
     The methods of `Robot` for generalized speeds and constraints.
 
-    Without these, u = q' and the joint torques equal tau.
+    Without these, u = q' and the joint torques equal tau. Arguments are those of one state, or
+    (N, ...) arrays of a batch: q (n_q,), the independent speeds u, udot and the generalized forces
+    tau (n,), rad or m, s, N m or N; the time `t`, s, a float or (N,) array; and `out`, which is
+    written to and returned.
     """
 
     _choices: dict[str, Any]
@@ -44,19 +47,7 @@ class ConstraintMethods(Dispatch):
 
     def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                     out: Array | None = None) -> Array:
-        """
-        Return q', (n_q,), of the independent speeds.
-
-        Parameters
-        ----------
-        q, u : (n_q,), (n,) or (N, n_q), (N, n) arrays
-            Coordinates and independent speeds; rad or m, and s.
-        t : float or (N,) array
-            Time, s.
-        out : array, optional
-            Written to and returned.
-
-        """
+        """Return q', (n_q,), of the independent speeds."""
         if not isinstance(self.equations, ConstrainedEquations):
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
@@ -69,17 +60,7 @@ class ConstraintMethods(Dispatch):
         By default each entry of tau acts on its own independent speed without constraint forces;
         with `Robot(actuated=)`, the actuators have the torques of minimum norm.
 
-        Parameters
-        ----------
-        tau : (n,) or (N, n) array
-            Dual to the independent speeds, N m or N.
-        q : (n_q,) or (N, n_q) array, optional
-            Coordinates, rad or m; ignored for a robot in joint rates without constraints.
-        t : float or (N,) array
-            Time, s.
-        out : array, optional
-            Written to and returned.
-
+        Robots in joint rates without constraints ignore q.
         """
         if not isinstance(self.equations, ConstrainedEquations):
             return self._same('tau', tau, out)
@@ -94,22 +75,11 @@ class ConstraintMethods(Dispatch):
         """
         Return the force of every constraint row, (m,), in the order of `constraint_names`.
 
-        These are the equations of auxiliary speeds (Kane & Levinson, section 4.9): a row's force
+        These are the equations of auxiliary speeds (Kane & Levinson, chapter 4): a row's force
         acts along the velocity that the row constrains, N or N m. With the tau of inverse dynamics
         they are the forces in that motion. The forces of redundant rows are not unique: the result
         has minimum norm, with moments divided by `mechanism.length` (or as `Robot(redundant=)`).
-
-        Parameters
-        ----------
-        q, u, tau : (n_q,), (n,), (n,) or (N, ...) arrays
-            Coordinates, independent speeds, and generalized forces; rad or m, s, N m or N.
-        wrench : (k, 6) or (N, k, 6) array, optional
-            As in `inverse_dynamics`.
-        t : float or (N,) array
-            Time, s.
-        out : array, optional
-            Written to and returned.
-
+        `wrench` is as in `inverse_dynamics`.
         """
         self._require('constraint_forces')
         return self._loaded(self.kernels.quantity('constraint_forces'), (q, u, tau), wrench, out,
@@ -117,7 +87,7 @@ class ConstraintMethods(Dispatch):
 
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
-        """Return the residual of every row, (m,), m or rad; 0 for a row of velocities alone."""
+        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
         return self._special('constraint_residual', (q,), t, out)
 
     def constraint_gap(self, q: ArrayLike, *, t: ArrayLike = 0.0,
@@ -132,26 +102,14 @@ class ConstraintMethods(Dispatch):
 
     def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                             t: ArrayLike = 0.0, out: Array | None = None) -> Array:
-        """
-        Return q'', (n_q,), of all joints, dependent ones included.
-
-        Parameters
-        ----------
-        q, u, udot : (n_q,), (n,), (n,) or (N, n_q), (N, n), (N, n) arrays
-            Coordinates, independent speeds and their rates; rad or m, and s.
-        t : float or (N,) array
-            Time, s.
-        out : array, optional
-            Written to and returned.
-
-        """
+        """Return q'', (n_q,), of all joints, dependent ones included."""
         if not isinstance(self.equations, ConstrainedEquations):
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
     def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
         """
-        Return the configuration near q, (n_q,), at which all conditions on positions are met.
+        Return the configuration near q, (n_q,), that satisfies all position constraints.
 
         For a robot with a given `configuration`, and with fixed coordinates, it is on the branch
         of that configuration: the fixed coordinates move from there to their values in small

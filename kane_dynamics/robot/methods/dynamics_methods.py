@@ -91,7 +91,7 @@ class DynamicsMethods(Dispatch):
 
     @compiled
     def friction_force(self, u: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return d u + mu tanh(u / u_s), (n,): the torque of damping and Coulomb friction."""
+        """Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction, N m or N."""
         return self._call('friction_force', (u,), out)
 
     @compiled
@@ -204,12 +204,8 @@ class DynamicsMethods(Dispatch):
         ----------
         joint : str
             A moving joint; fixed and locked joints are merged into bodies.
-        q, u, udot : (n,) or (N, n) arrays
-            Coordinates, speeds and their rates; rad or m, s.
-        wrench : (k, 6) or (N, k, 6) array, optional
+        q, u, udot, wrench, t
             As in `inverse_dynamics`.
-        t : float or (N,) array
-            Time, s.
 
         Raises
         ------

@@ -23,12 +23,12 @@ class FrameMethods(Dispatch):
 
     def frame_velocity(self, frame: str, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
-        """Return (6,): linear then angular velocity at a frame's origin, world axes."""
+        """Return the velocity of a frame, (6,): linear at its origin, then angular; world axes."""
         return self._at_frame('frame_velocity', frame, (q, u), out, t)
 
     def frame_acceleration(self, frame: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
-        """Return (6,): classical linear then angular acceleration, without gravity."""
+        """Return the classical acceleration of a frame, (6,): linear, angular; without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
 
     def forward_kinematics(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -71,12 +71,12 @@ class FrameMethods(Dispatch):
 
     def partial_velocities(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
                            out: Array | None = None) -> Array:
-        """Return (6, n), as `jacobian`: column r is the frame's velocity per unit u_r."""
+        """Return the partial velocities of a frame, (6, n): the columns of `jacobian`."""
         return self._at_frame('partial_velocities', frame, (q,), out, t)
 
     def partial_velocity_rates(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                                t: ArrayLike = 0.0, out: Array | None = None) -> Array:
-        """Return (6, n), as `jacobian_rate`: the time derivative of `partial_velocities`."""
+        """Return the time derivative of `partial_velocities`, (6, n), as `jacobian_rate`."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
 
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,
@@ -93,15 +93,11 @@ class FrameMethods(Dispatch):
 
         Parameters
         ----------
-        frame : str
-            One of `frame_names`.
-        q : (n_q,) or (N, n_q) array_like
-            Coordinates, rad or m.
+        frame, q, t
+            As in `jacobian`.
         directions : sequence of str
             The k directions, of 'x', 'y', 'z' (linear) and 'rx', 'ry', 'rz' (angular), world
             axes. All six by default, which needs at least six joints.
-        t : float or (N,) array_like
-            Time, s; ignored unless speeds or constraints depend on it.
 
         Raises
         ------
@@ -129,7 +125,7 @@ class FrameMethods(Dispatch):
 
     def _mobility(self, frame: str, q: ArrayLike, directions: Sequence[str],
                   t: ArrayLike) -> tuple[Array, Array, Array, list[int]]:
-        """Return J M^-1 J^T, J, M^-1, and the numbers of the chosen rows of J."""
+        """Return J M^-1 J^T, J, M^-1, and the indices of the chosen rows of J."""
         wrong = [name for name in directions if name not in DIRECTIONS]
         if wrong or not len(directions) or len(set(directions)) < len(directions):
             raise InputError(f'directions: {list(directions)}; expected some of '
@@ -144,6 +140,6 @@ class FrameMethods(Dispatch):
         if lost.any():
             able = int((~lost).sum(axis=-1).min())
             raise InputError(f"directions: {', '.join(directions)}; frame '{frame}' accelerates "
-                             f'independently in only {able} of these {len(rows)} at this q: '
+                             f'independently in only {able} of these {len(rows)} at this q; '
                              'expected fewer directions, or a q that is not singular')
         return mobility, J, inverse, rows

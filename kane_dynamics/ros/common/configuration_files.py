@@ -20,11 +20,7 @@ def resolve_path(parameter: str, name: str) -> Path:
     """
     Return the path that a parameter gives, either plain or as package://<package>/<path>.
 
-    Raises
-    ------
-    InputError
-        The package is not installed, or the file does not exist.
-
+    Raise InputError if the package is not installed, or the file does not exist.
     """
     if name.startswith('package://'):
         package, _, rest = name.removeprefix('package://').partition('/')
@@ -70,15 +66,7 @@ def load_model(source: str | Path, values: Mapping[str, Any],
 
 
 def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return the options of Robot that the parameters give: frames and constraints.
-
-    Raises
-    ------
-    KaneError
-        The file of constraints does not exist or is invalid.
-
-    """
+    """Return the options of Robot that the parameters give; KaneError for invalid constraints."""
     options: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
                                'wrench_frames': values['wrench.frames']}
     if values['constraints']:

@@ -10,12 +10,11 @@ import signal
 import threading
 from typing import Any
 
+from kane_dynamics.ros.common.early_signals import SIGNALS
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def make_executor() -> Any:
@@ -37,9 +36,9 @@ def stop_on_signal(stop: Future) -> None:
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)  # first, so that no signal is lost
     for number in SIGNALS:
         signal.signal(number, lambda number, frame: None)
-    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
 
     def wait() -> None:
         os.read(reading, 1)

@@ -36,11 +36,7 @@ def schedule(priority: int) -> None:
     """
     Schedule the torque path with SCHED_FIFO; threads that it starts later do not inherit it.
 
-    Raises
-    ------
-    OSError
-        The process lacks the rights, or the system has no SCHED_FIFO.
-
+    Raise OSError if the process lacks the rights, or the system has no SCHED_FIFO.
     """
     for thread in path_threads():
         os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK,
@@ -48,15 +44,7 @@ def schedule(priority: int) -> None:
 
 
 def pin(cpus: Sequence[int]) -> None:
-    """
-    Pin the torque path to processors.
-
-    Raises
-    ------
-    OSError
-        The processors are not available to this process.
-
-    """
+    """Pin the torque path to processors; raise OSError if this process may not use them."""
     for thread in path_threads():
         os.sched_setaffinity(thread, cpus)
 
@@ -74,7 +62,7 @@ def lock_memory() -> None:
     """
     bound = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if bound != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
-        raise PermissionError(f'the limit is {bound} bytes')
+        raise PermissionError(f'RLIMIT_MEMLOCK: {bound} bytes; expected no limit')
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(MCL_CURRENT | MCL_FUTURE):
         number = ctypes.get_errno()

@@ -88,7 +88,7 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '', namespace:
 
 class ConfigurationExamination:
     """
-    Checks one block of parameters.
+    Examination of one block of parameters.
 
     Parameters
     ----------

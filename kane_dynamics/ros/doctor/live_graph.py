@@ -28,13 +28,6 @@ WEIGHTLESS = 1e-3  # N m or N: below this gravity torque, zero efforts are plaus
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
-class Topics(NamedTuple):
-    """The names of the topics of the torque path."""
-
-    commands: str
-    joint_states: str
-
-
 class ReceivedState(NamedTuple):
     """A joint state and its time of reception, on the steady and the node's clock, ns."""
 
@@ -62,19 +55,18 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
         Names of the topics, for example those of a controller.
 
     """
-    topics = Topics(commands, joint_states)
     context = Context()
     rclpy.init(context=context)
     try:
         node = Node('kane_dynamics_doctor', namespace=namespace, context=context)
         received: list[ReceivedState] = []
         node.create_subscription(
-            JointState, topics.joint_states, lambda message: received.append(ReceivedState(
+            JointState, joint_states, lambda message: received.append(ReceivedState(
                 time.monotonic_ns(), node.get_clock().now().nanoseconds, message)),
             EXAMINED_STATES)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        _spin(executor, DISCOVERY, lambda: _discovered(node, topics))
+        _spin(executor, DISCOVERY, lambda: _discovered(node, commands, joint_states))
         foreign: set[tuple[str, ...]] = set()
         if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
             node.set_parameters([Parameter('use_sim_time', value=True)])
@@ -83,7 +75,8 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
             received.clear()
             _spin(executor, seconds, lambda: False)
         found = [*examine_states(robot, received, seconds),
-                 *_endpoint_findings(node, topics, len(foreign | _foreign_names(robot, received)))]
+                 *_endpoint_findings(node, commands, joint_states,
+                                     len(foreign | _foreign_names(robot, received)))]
         executor.remove_node(node)
         node.destroy_node()
         return found
@@ -191,48 +184,39 @@ def _not_finite(robot: Robot, values: Array) -> list[str]:
     return [name for name, good in zip(robot.joint_names, np.isfinite(values)) if not good]
 
 
-def _publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    ends: list[TopicEndpointInfo] = node.get_publishers_info_by_topic(
-        node.resolve_topic_name(topic))
-    return ends
-
-
-def _subscribers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    ends: list[TopicEndpointInfo] = node.get_subscriptions_info_by_topic(
-        node.resolve_topic_name(topic))
-    return ends
-
-
 def _names(ends: list[TopicEndpointInfo]) -> str:
     """Return the names of the nodes of these endpoints, as text."""
     return listed('an unnamed node' if end.node_name == NAMELESS else end.node_name
                   for end in ends)
 
 
-def _discovered(node: Node, topics: Topics) -> bool:
+def _discovered(node: Node, commands: str, joint_states: str) -> bool:
     """Return whether all topics of the torque path have endpoints with known node names."""
-    lines = (_publishers(node, topics.joint_states), _publishers(node, topics.commands),
-             _subscribers(node, topics.commands))
+    lines = (node.get_publishers_info_by_topic(joint_states),
+             node.get_publishers_info_by_topic(commands),
+             node.get_subscriptions_info_by_topic(commands))
     return all(lines) and all(end.node_name != NAMELESS for line in lines for end in line)
 
 
-def _endpoint_findings(node: Node, topics: Topics, foreign: int) -> list[Finding]:
+def _endpoint_findings(node: Node, commands: str, joint_states: str,
+                       foreign: int) -> list[Finding]:
     """Return the findings of the publishers and subscribers of the torque path."""
     found = []
-    states = _publishers(node, topics.joint_states)
+    states = node.get_publishers_info_by_topic(joint_states)
     if len(states) - foreign > 1:
         others = f', {foreign} of other joints' if foreign else ''
-        found.append(Finding('problem', f'{topics.joint_states}: {len(states)} publishers'
+        found.append(Finding('problem', f'{joint_states}: {len(states)} publishers'
                              f'{others}: {_names(states)}; expected one'))
-    given, taken = _publishers(node, topics.commands), _subscribers(node, topics.commands)
+    given = node.get_publishers_info_by_topic(commands)
+    taken = node.get_subscriptions_info_by_topic(commands)
     if len(given) > 1:
-        found.append(Finding('problem', f'{topics.commands}: {len(given)} publishers: '
+        found.append(Finding('problem', f'{commands}: {len(given)} publishers: '
                              f'{_names(given)}; expected one'))
     elif not given:
-        found.append(Finding('warning', f'{topics.commands}: no publisher; expected the dynamics '
+        found.append(Finding('warning', f'{commands}: no publisher; expected the dynamics '
                              'node, with this topic of commands (--commands)'))
     if not taken:
-        found.append(Finding('warning', f'{topics.commands}: no subscriber; expected an effort '
+        found.append(Finding('warning', f'{commands}: no subscriber; expected an effort '
                              'controller, with this topic of commands'))
     if given and taken:
         unreliable = given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE
@@ -240,12 +224,12 @@ def _endpoint_findings(node: Node, topics: Topics, foreign: int) -> list[Finding
             end for end in taken
             if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
             or (unreliable and end.qos_profile.reliability == ReliabilityPolicy.RELIABLE)]
-        found.append(Finding('problem', f'QoS of {topics.commands}: incompatible with '
+        found.append(Finding('problem', f'QoS of {commands}: incompatible with '
                              f'{_names(incompatible)}; expected a reliable publisher and a '
                              'volatile subscriber') if incompatible else
-                     Finding('fine', f'{topics.commands}: from {_names(given)} to '
+                     Finding('fine', f'{commands}: from {_names(given)} to '
                              f'{_names(taken)}'))
-    volatile = [end for end in _publishers(node, 'robot_description')
+    volatile = [end for end in node.get_publishers_info_by_topic('robot_description')
                 if end.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]
     if volatile:
         found.append(Finding('problem', f'robot_description of {_names(volatile)}: volatile; '

@@ -19,10 +19,10 @@ from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
-from kane_dynamics.ros.services.payload_request import payload_from_request
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload, parameter_loads
+from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
+                                                           parameter_loads)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import compile_simulation
@@ -201,7 +201,11 @@ class ConfiguredRobot:
             A field is invalid, or the node has no payload frame.
 
         """
-        payload = payload_from_request(request, self.robot.model, self.values)
+        given = request.payload
+        payload = checked_payload(
+            self.robot.model, self.values, request.frame, given.m,
+            (given.com.x, given.com.y, given.com.z),
+            (given.ixx, given.ixy, given.ixz, given.iyy, given.iyz, given.izz))
         self._payload_from_service = True
         self._change(payload=payload)
 
@@ -227,6 +231,5 @@ class ConfiguredRobot:
         """Pass loads and parameters to the torque path and the services."""
         self.path.set_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
-        self._server.served = ServedRobot.from_values(self._for_requests, self._for_simulations,
-                                                      self.loads, self.values,
-                                                      self._request_frames)
+        self._server.served = ServedRobot(self._for_requests, self._for_simulations, self.loads,
+                                          self.values, self._request_frames)

@@ -1,62 +1,19 @@
-"""
-The entry point of the dynamics node: signals, executors, threads, shutdown.
-
-The torque path spins in the main thread on the EventsExecutor, whose overhead for each message is
-an order of magnitude lower than that of the other executors; the services spin in a second thread.
-Signals do not interrupt callbacks, and the node commands zeros before it exits.
-"""
+"""The entry point of the dynamics node. It handles signals before the long imports begin."""
 
 from collections.abc import Sequence
 import sys
-import threading
-from typing import Any
 
-from kane_dynamics.errors import KaneError
-from kane_dynamics.ros.common.process import make_executor, run_until_signal
-from kane_dynamics.ros.dynamics_node.node import DynamicsNode
-from rclpy.exceptions import ParameterException
-from rclpy.task import Future
+from kane_dynamics.ros.common.early_signals import exit_on_signal
 
 # Longest time for which another thread holds the interpreter while the torque path waits, s.
 SWITCH_INTERVAL = 5e-5
-SPIN_TIMEOUT = 1e6  # s; the EventsExecutor's spin needs a finite timeout to wait
-
-
-def spin(node: DynamicsNode, executor: Any, stop: Future) -> None:
-    """Spin until `stop`; if a callback fails, command zeros and continue."""
-    while not stop.done():
-        try:
-            executor.spin_until_future_complete(stop, SPIN_TIMEOUT)
-        except Exception as error:
-            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
-            if node.state == 'active':
-                node.trigger_deactivate()
-
-
-def run(stop: Future) -> int:
-    """Run the node until `stop`; return the exit code."""
-    try:
-        node = DynamicsNode()
-    except (KaneError, ParameterException) as error:
-        print(f'dynamics_node: {error}', file=sys.stderr)
-        return 1
-    executor = make_executor()
-    executor.add_node(node)
-    thread = threading.Thread(target=node.server.spin, name='services', daemon=True)
-    thread.start()
-    try:
-        node.autostart()
-        spin(node, executor, stop)
-    finally:
-        node.halt()
-        node.server.stop()
-        thread.join(timeout=1.0)
-        executor.shutdown()
-    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `dynamics_node`; return the exit code."""
+    exit_on_signal()
+    from kane_dynamics.ros.common.process import run_until_signal
+    from kane_dynamics.ros.dynamics_node.spinning import run
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run_until_signal(run, arguments)
 

@@ -151,11 +151,7 @@ class DynamicsNode(LifecycleNode):
         self._release()
         return SUCCESS
 
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command zeros and return to the unconfigured state."""
-        self.halt()
-        self._release()
-        return SUCCESS
+    on_error = on_shutdown  # the node is then unconfigured
 
     def halt(self) -> None:
         """Command zeros and wait, with a timeout, until subscribers acknowledge them."""

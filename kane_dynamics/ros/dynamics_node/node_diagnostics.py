@@ -1,27 +1,15 @@
 """The diagnostics of the dynamics node."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from kane_dynamics.ros.common.node_statistics import Statistics, status
-from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
-from kane_dynamics.ros.torque_path.sim_time_watchdog import SimTimeWatchdog
+from kane_dynamics.ros.common.node_statistics import status
+
+if TYPE_CHECKING:
+    from kane_dynamics.ros.dynamics_node.node import DynamicsNode
 
 
-class DiagnosedNode(Protocol):
-    """The attributes of the node that its diagnostics use."""
-
-    state: str
-    statistics: Statistics
-    arm: ConfiguredRobot | None
-    sim_time: SimTimeWatchdog
-    values: dict[str, object]
-
-    def get_fully_qualified_name(self) -> str:
-        """Return the fully qualified name of the node."""
-
-
-def node_status(node: DiagnosedNode, period: float) -> DiagnosticStatus:
+def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
     """Close a reporting period of `period` seconds and return its diagnostic status."""
     rate, dropped, figures = node.statistics.period(period)
     arm = node.arm

@@ -11,7 +11,7 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
-from kane_dynamics.ros.parameters.parameter_checks import per_joint
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, per_joint_of_effort
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, wrench_stamped
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
@@ -34,20 +34,14 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     """
     Return the settings of momentum observer and collision detector.
 
-    Raises
-    ------
-    InputError
-        A list has the wrong length, or a joint has neither a threshold nor an effort limit.
-
+    Raise InputError if a list has the wrong length, or a joint has neither a threshold
+    nor an effort limit.
     """
     joints = robot.joint_names
     limits = np.minimum(np.array(robot.limits.effort),
                         per_joint(values, 'limits.effort', joints, np.inf))
-    threshold = per_joint(values, 'observer.threshold', joints, DEFAULT_THRESHOLD * limits)
-    if not values['observer.threshold'].size and not np.isfinite(threshold).all():
-        joint = joints[int(np.flatnonzero(~np.isfinite(threshold))[0])]
-        raise InputError(f"parameter 'observer.threshold': empty, and joint '{joint}' has no "
-                         'effort limit; expected one number or one per joint, N m or N')
+    threshold = per_joint_of_effort(values, 'observer.threshold', joints, limits,
+                                    DEFAULT_THRESHOLD)
     return {'gain': per_joint(values, 'observer.gain', joints, 0.0), 'threshold': threshold,
             'confirm': values['observer.confirm'], 'release': values['observer.release'],
             'clear': values['observer.clear']}
@@ -119,9 +113,7 @@ class ContactMonitor:
         self._origin = self._last = 0
         self._publishers.collision.publish(Bool(data=False))
 
-    def stop(self) -> None:
-        """Reset observer and detector, and publish that there is no collision."""
-        self.start()
+    stop = start
 
     def on_loads_changed(self) -> None:
         """Adapt the observer to the new gravity and payload, without a jump of the estimate."""

@@ -10,7 +10,7 @@ from kane_dynamics.identification.payload.payload_estimator import PayloadEstima
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
-from kane_dynamics.ros.parameters.parameter_checks import per_joint
+from kane_dynamics.ros.parameters.parameter_checks import per_joint_of_effort
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 from kane_dynamics_interfaces.msg import PayloadEstimate
@@ -37,22 +37,14 @@ def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     """
     Return the settings of the payload estimator.
 
-    Raises
-    ------
-    InputError
-        payload.frame is empty, a list has the wrong length, or a joint has neither a deviation nor
-        an effort limit.
-
+    Raise InputError if payload.frame is empty, a list has the wrong length, or a joint has no
+    deviation and no effort limit.
     """
     if not values['payload.frame']:
         raise InputError("parameter 'payload.frame': empty; expected the frame of the payload, "
                          'as estimator.enabled is true')
-    limits, names = np.array(robot.limits.effort), robot.joint_names
-    sigma = per_joint(values, 'estimator.torque_deviation', names, DEFAULT_DEVIATION * limits)
-    if not np.isfinite(sigma).all():
-        joint = names[int(np.flatnonzero(~np.isfinite(sigma))[0])]
-        raise InputError(f"parameter 'estimator.torque_deviation': empty, and joint '{joint}' "
-                         'has no effort limit; expected one number or one per joint, N m or N')
+    sigma = per_joint_of_effort(values, 'estimator.torque_deviation', robot.joint_names,
+                                np.array(robot.limits.effort), DEFAULT_DEVIATION)
     return {'frame': values['payload.frame'], 'sigma': sigma,
             'memory': max(values['estimator.memory'] * NANO / PERIOD, 2.0)}
 

@@ -57,9 +57,7 @@ class TorqueBreakdownTopic:
         """Drop the stored state."""
         self._latest = None
 
-    def stop(self) -> None:
-        """Drop the stored state."""
-        self._latest = None
+    stop = start
 
     def on_loads_changed(self) -> None:
         """Do nothing: the robot of the services has its own loads."""

@@ -87,15 +87,7 @@ _READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
 
 
 def read(spec: Spec, value: Any) -> Any:
-    """
-    Return the checked value of one parameter.
-
-    Raises
-    ------
-    InputError
-        The value is invalid.
-
-    """
+    """Return the checked value of one parameter; raise InputError if it is invalid."""
     try:
         return _READERS[spec.kind](spec, value)
     except (TypeError, ValueError):
@@ -105,15 +97,7 @@ def read(spec: Spec, value: Any) -> Any:
 
 
 def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
-    """
-    Declare parameters on `node` and return the checked values by name.
-
-    Raises
-    ------
-    InputError
-        An initial value is invalid.
-
-    """
+    """Declare parameters on `node`; return the checked values by name, or raise InputError."""
     values = {}
     for spec in specs:
         # Dynamic typing, because `read` checks the type with a clearer error.
@@ -168,6 +152,25 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
         raise InputError(f"parameter '{name}': {value.size} entries; expected one number, or one "
                          f"for each of the {len(joints)} joints ({', '.join(joints)})")
     return np.broadcast_to(value, (len(joints),)).copy()
+
+
+def per_joint_of_effort(values: Mapping[str, Any], name: str, joints: Sequence[str],
+                        limits: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """
+    Return a per-joint parameter, (n,); if it is not set, a share of the effort limits.
+
+    Raises
+    ------
+    InputError
+        The list has the wrong length, or it is empty and a joint has no effort limit.
+
+    """
+    result = per_joint(values, name, joints, share * limits)
+    if not values[name].size and not np.isfinite(result).all():
+        joint = joints[int(np.flatnonzero(~np.isfinite(result))[0])]
+        raise InputError(f"parameter '{name}': empty, and joint '{joint}' has no effort limit; "
+                         'expected one number or one per joint, N m or N')
+    return result
 
 
 def terms(values: Mapping[str, Any]) -> Terms:

@@ -10,7 +10,7 @@ BLOCK = 2000  # steps that are kept and checked together
 
 class EnergyCheck:
     """
-    Keep states and torques of a block of steps and check the energy balance at its end.
+    Checks the energy balance of the simulated arm at the end of each block of steps.
 
     Parameters
     ----------
@@ -18,12 +18,12 @@ class EnergyCheck:
     step : float
         s.
     integrator : str
-        One of `stepping.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
 
     Attributes
     ----------
     warning : str
-        What the first block said whose balance did not close; empty while all of them close.
+        The warning of the first block with an energy error; empty if there is none.
 
     """
 
@@ -36,7 +36,7 @@ class EnergyCheck:
         self.restart(self._states[0, 0])
 
     def restart(self, state: Array) -> None:
-        """Begin a block at a state: what moved the arm there is no part of the balance."""
+        """Begin a block at a state; the balance does not include earlier motion."""
         self._states[0, 0], self._count = state, 0
         self._balance = EnergyBalance(*self._arguments, self._states[:, 0], self._integrator)
 

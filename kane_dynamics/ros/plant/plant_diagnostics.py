@@ -1,29 +1,15 @@
 """The diagnostics of the plant node."""
 
-from collections import Counter
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from kane_dynamics.ros.common.node_statistics import status
-from kane_dynamics.ros.plant.plant_state import PlantState
-from kane_dynamics.ros.plant.tick_schedule import TickSchedule
+
+if TYPE_CHECKING:
+    from kane_dynamics.ros.plant.plant_node import PlantNode
 
 
-class DiagnosedPlant(Protocol):
-    """The attributes of the node that its diagnostics use."""
-
-    plant: PlantState
-    schedule: TickSchedule
-    paused: bool
-    failure: str
-    received: int
-    rejected: Counter[str]
-
-    def get_fully_qualified_name(self) -> str:
-        """Return the fully qualified name of the node."""
-
-
-def plant_status(node: DiagnosedPlant, speed: float) -> DiagnosticStatus:
+def plant_status(node: 'PlantNode', speed: float) -> DiagnosticStatus:
     """Return the diagnostic status of a period at `speed` times real time."""
     plant, schedule = node.plant, node.schedule
     level, message = DiagnosticStatus.OK, f'running at {speed:.2f} times real time'

@@ -44,11 +44,7 @@ def close_loops(robot: Robot, q: Array) -> Array:
     """
     Return the configuration near q that satisfies the constraints; q without constraints.
 
-    Raises
-    ------
-    InputError
-        The constraint residual at q is larger than `MAX_RESIDUAL`.
-
+    Raise InputError if the constraint residual at q is larger than `MAX_RESIDUAL`.
     """
     if not robot.constraint_names:
         return q

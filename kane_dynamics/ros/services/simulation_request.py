@@ -1,6 +1,6 @@
 """Check and run a simulation request, for the service and the action."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 import time
@@ -12,8 +12,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index, motion_from_message,
                                                  trajectory_message, vector)
+from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
-from kane_dynamics.ros.services.served_robot import RequestLimits, ServedRobot
+from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.simulation.simulate import simulate
 from kane_dynamics.simulation.step_size import step_warning
@@ -41,19 +42,11 @@ class SimulationRequest:
 
     @classmethod
     def from_request(cls, request: Any, served: ServedRobot) -> 'SimulationRequest':
-        """
-        Check a Simulate request or a SimulateMotion goal.
-
-        Raises
-        ------
-        InputError
-            A field is invalid.
-
-        """
-        robot, n = served.robot, served.robot.n
+        """Check a Simulate request or a SimulateMotion goal; InputError names an invalid field."""
+        robot, n, values = served.robot, served.robot.n, served.values
         names = JointOrder.of(robot, request.joint_names)
         index = names.speeds
-        duration, step, sample = _times(request, served.bounds)
+        duration, step, sample = _times(request, values)
         torque: Array | ComputedTorque | None = None
         if request.torque_source == request.TABLE:
             torque = _torque_table(request, index, n, duration, step)
@@ -62,10 +55,11 @@ class SimulationRequest:
                 raise InputError('torque_source: COMPUTED_TORQUE, for an arm with constraints; '
                                  'expected ZERO or TABLE')
             motion = motion_from_message(request.reference, robot.joint_names,
-                                         served.bounds.max_reference)
-            torque = ComputedTorque(served.simulated, motion,
-                                    vector(request.kp, index, n, 'kp', served.kp),
-                                    vector(request.kd, index, n, 'kd', served.kd))
+                                         values['trajectory.max_points'])
+            torque = ComputedTorque(served.simulated, motion, *(
+                vector(getattr(request, name), index, n, name,
+                       per_joint(values, f'gains.{name}', robot.joint_names, 0.0))
+                for name in ('kp', 'kd')))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source: {request.torque_source}; expected ZERO '
                              f'{request.ZERO}, TABLE {request.TABLE} or COMPUTED_TORQUE '
@@ -73,7 +67,7 @@ class SimulationRequest:
         q0 = vector(request.position, names.joints, robot.n_q, 'position')
         return cls(served.simulated, served.loads, names, close_loops(robot, q0),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
-                   torque, served.integrator)
+                   torque, values['simulation.integrator'])
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; end early when `proceed(t)` returns False."""
@@ -106,27 +100,29 @@ def _seconds(request: Any, field: str, default: float | None = None) -> float:
     return positive_time(value, field, '' if default is None else ', or 0 for the default')
 
 
-def _times(request: Any, bounds: RequestLimits) -> tuple[float, float, float]:
-    """Return duration, step and sample period, s, checked against the bounds."""
+def _times(request: Any, values: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Return duration, step and sample period, s, checked against the parameters."""
+    max_duration, max_steps, max_points = (values[f'simulation.max_{name}']
+                                           for name in ('duration', 'steps', 'points'))
     duration = _seconds(request, 'duration')
-    if duration > bounds.max_duration:
-        raise InputError(f'duration: {duration:g} s; expected at most {bounds.max_duration:g} s '
+    if duration > max_duration:
+        raise InputError(f'duration: {duration:g} s; expected at most {max_duration:g} s '
                          '(parameter simulation.max_duration)')
     step = _seconds(request, 'step', DEFAULT_STEP)
     if step > duration:
         raise InputError(f'step: {step:g} s; expected at most the duration, {duration:g} s')
-    if duration / step > bounds.max_steps * (1.0 + 1e-9):
+    if duration / step > max_steps * (1.0 + 1e-9):
         raise InputError(f'duration {duration:g} s with step {step:g} s: '
-                         f'{duration / step:.0f} steps; expected at most {bounds.max_steps} '
+                         f'{duration / step:.0f} steps; expected at most {max_steps} '
                          '(parameter simulation.max_steps)')
     # A multiple of the step that gives about DEFAULT_POINTS points: the conversion of more points
     # would block the torque path for too long.
     default = step * max(1, math.ceil(duration / step / DEFAULT_POINTS - 1e-9))
     sample = _seconds(request, 'sample_period', default)
-    if duration / sample + 1.0 > bounds.max_points * (1.0 + 1e-9):
+    if duration / sample + 1.0 > max_points * (1.0 + 1e-9):
         raise InputError(f'duration {duration:g} s with sample_period {sample:g} s: '
                          f'{duration / sample + 1.0:.0f} points; expected at most '
-                         f'{bounds.max_points} (parameter simulation.max_points)')
+                         f'{max_points} (parameter simulation.max_points)')
     return duration, step, sample
 
 

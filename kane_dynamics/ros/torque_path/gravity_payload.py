@@ -27,22 +27,7 @@ class GravityAndPayload:
             robot.parameters.payload = self.payload
 
 
-@dataclass(frozen=True)
-class PayloadBounds:
-    """The payload frame, and the largest accepted mass and distance, kg and m."""
-
-    frame: str
-    max_mass: float
-    max_distance: float
-
-    @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> 'PayloadBounds':
-        """Return the bounds that the node's parameters give."""
-        return cls(values['payload.frame'], values['payload.max_mass'],
-                   values['payload.max_distance'])
-
-
-def checked_payload(model: Model, bounds: PayloadBounds, frame: str, mass: float,
+def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: float,
                     com: Sequence[float], inertia: Sequence[float]) -> Inertial | None:
     """
     Check a payload and return it in the axes of the payload frame; None for zero mass.
@@ -51,8 +36,8 @@ def checked_payload(model: Model, bounds: PayloadBounds, frame: str, mass: float
     ----------
     model : Model
         Model of the robot that carries the payload.
-    bounds : PayloadBounds
-        Largest accepted mass and distance.
+    values : mapping
+        The node's parameters: payload frame, largest accepted mass and distance.
     frame : str
         Frame of com and inertia, fixed to the same body as the payload frame; empty: the payload
         frame.
@@ -69,21 +54,23 @@ def checked_payload(model: Model, bounds: PayloadBounds, frame: str, mass: float
         A field is invalid, or the node has no payload frame.
 
     """
-    if not bounds.frame:
+    carrying, max_mass, max_distance = (values[f'payload.{name}']
+                                        for name in ('frame', 'max_mass', 'max_distance'))
+    if not carrying:
         raise InputError('payload: parameter payload.frame is empty; expected a frame, set before '
                          'the node configures')
-    if not (math.isfinite(mass) and 0.0 <= mass <= bounds.max_mass):
-        raise InputError(f'mass: {mass:g} kg; expected 0 to {bounds.max_mass:g} kg (parameter '
+    if not (math.isfinite(mass) and 0.0 <= mass <= max_mass):
+        raise InputError(f'mass: {mass:g} kg; expected 0 to {max_mass:g} kg (parameter '
                          'payload.max_mass)')
     distance = math.hypot(*com)
-    if not distance <= bounds.max_distance:
+    if not distance <= max_distance:
         raise InputError(f'center of mass: {list(com)} m; expected finite numbers, at most '
-                         f'{bounds.max_distance:g} m from the frame (parameter '
+                         f'{max_distance:g} m from the frame (parameter '
                          'payload.max_distance)')
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    _check_inertia(tensor, mass * bounds.max_distance ** 2)
-    at, carrier = model.frame(frame or bounds.frame), model.frame(bounds.frame)
+    _check_inertia(tensor, mass * max_distance ** 2)
+    at, carrier = model.frame(frame or carrying), model.frame(carrying)
     if at.body != carrier.body:
         expected = ', '.join(sorted(each.name for each in model.frames
                                     if each.body == carrier.body))
@@ -112,21 +99,12 @@ def _check_inertia(tensor: Array, most: float) -> None:
 
 
 def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:
-    """
-    Return gravity and payload as the parameters gravity and payload.* give them.
-
-    Raises
-    ------
-    InputError
-        The payload is invalid, or payload.frame is empty and the mass is not zero.
-
-    """
+    """Return gravity and payload of the parameters; raise InputError for an invalid payload."""
     payload = None
     if values['payload.frame'] or values['payload.mass'] > 0.0:
         try:
-            payload = checked_payload(model, PayloadBounds.from_values(values), '',
-                                      values['payload.mass'], values['payload.com'],
-                                      values['payload.inertia'])
+            payload = checked_payload(model, values, '', values['payload.mass'],
+                                      values['payload.com'], values['payload.inertia'])
         except InputError as error:
             raise InputError(f"parameters 'payload.*': {error}") from None
     return GravityAndPayload(values['gravity'], payload)

@@ -100,7 +100,7 @@ class WrenchInput:
         self._most = np.repeat([values['wrench.max_force'], values['wrench.max_moment']], 3)
 
     def clear(self) -> None:
-        """Unload all frames and forget the stamps."""
+        """Remove the wrenches of all frames, and reset the stamps."""
         self._last: dict[int, tuple[int, Array]] = {}
         self._stamps = [0] * len(self._frames.names)
         self.world[:] = 0.0
@@ -192,11 +192,7 @@ def wrenches_of_request(frames: WrenchFrames, q: Array,
     """
     Return the wrenches of a request, (k, 6) in world axes; None without any.
 
-    Raises
-    ------
-    InputError
-        A frame is unknown or used twice, or a number is not finite.
-
+    Raise InputError if a frame is unknown or used twice, or a number is not finite.
     """
     given: dict[int, Array] = {}
     for message in messages:

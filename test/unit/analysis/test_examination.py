@@ -25,7 +25,7 @@ def arm(effort):
 
 
 @pytest.mark.parametrize(('share', 'level'), [(0.9999, 'problem'), (1.0001, 'fine')])
-def test_a_motor_that_fails_in_one_posture_of_many_is_found(share, level):
+def test_a_motor_that_fails_in_one_configuration_of_many_is_found(share, level):
     robot = arm(share * STRETCHED)
     found = [finding for finding in examine_model(robot.model, robot, [])
              if 'hold' in finding.words]
@@ -38,7 +38,7 @@ def test_a_motor_that_fails_in_one_posture_of_many_is_found(share, level):
     (Limits(), Limits(-0.5, 5.0), 9.81 * 5.0),  # metres are no radians
     (Limits(1.4, math.inf), Limits(-0.5, 0.5), 9.81 * 0.5),
     (Limits(), Limits(2.0, math.inf), 9.81 * 3.0)])
-def test_postures_are_tried_up_to_the_limits_and_not_beyond(limits, slide, expected):
+def test_configurations_are_tried_up_to_the_limits_and_not_beyond(limits, slide, expected):
     builder = ModelBuilder()
     builder.body('turn', axis=(0, 1, 0), limits=limits)
     builder.body('slide', 'turn', 'prismatic', axis=(1, 0, 0), matter=point_mass(1.0),

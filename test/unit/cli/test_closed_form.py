@@ -148,3 +148,10 @@ def test_numbers_become_exact():
     y = (2.0 / x - x / 4.0) * np.array([1.0, 0.5])
     assert [sp.expand(unwrapped(value) - k * (2 / x.value - x.value / 4))
             for value, k in zip(y, (1, sp.Rational(1, 2)))] == [0, 0]
+
+
+def test_legend_names_every_axis_of_a_shared_moment_of_inertia():
+    b = ModelBuilder()
+    b.body('rod', matter=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
+    meaning, = (p.meaning for p in closed_form(b.model()).parameters if p.unit == 'kg m^2')
+    assert meaning == 'central moment of inertia of rod, yy and zz'

@@ -252,7 +252,7 @@ OTHER = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=NAMES[::-1])
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    ((np.nan, Q, U), ['t is nan']),
+    ((np.nan, Q, U), ['t: nan']),
     ((T, ['a', 'b'], U), ['position', "['a', 'b']", 'lift']),
     ((T, Q[:1], U), ['position', '(1,)', '(2,)', 'slide']),
     ((T, Q, np.zeros((2, 2))), ['speed', '(2, 2)']),

@@ -136,8 +136,8 @@ def test_a_payload_that_is_announced_is_no_push():
 
 
 @pytest.mark.parametrize(('words', 'values'), [
-    ('t is nan', {'t': math.nan}), ('q', {'q': [0.0, math.nan, 0, 0]}),
-    ('u has shape', {'u': [0.0]}), ('tau is .*inf', {'tau': [0.0, 0, 0, math.inf]})])
+    ('t: nan', {'t': math.nan}), ('q', {'q': [0.0, math.nan, 0, 0]}),
+    ('u: shape', {'u': [0.0]}), ('tau: .*inf', {'tau': [0.0, 0, 0, math.inf]})])
 def test_a_bad_sample_is_refused_and_the_observer_starts_anew(words, values):
     observer = MomentumObserver(robot(), gain=GAIN)
     rest(observer, 0.0, np.ones(4))
@@ -152,9 +152,9 @@ def test_a_bad_sample_is_refused_and_the_observer_starts_anew(words, values):
 def test_what_cannot_be_observed_is_refused():
     with pytest.raises(InputError, match='chosen speeds'):
         MomentumObserver(Robot(robot().model, speeds=absolute_rates(robot().model)))
-    with pytest.raises(InputError, match="gain of joint 'joint2' is 0"):
+    with pytest.raises(InputError, match="gain of joint 'joint2': 0"):
         MomentumObserver(robot(), gain=[1.0, 1.0, 0.0, 1.0])
-    with pytest.raises(InputError, match='max_gap is 0'):
+    with pytest.raises(InputError, match='max_gap: 0'):
         MomentumObserver(robot(), max_gap=0.0)
 
 
@@ -202,12 +202,12 @@ def test_a_clock_that_jumps_back_neither_holds_an_alarm_nor_keeps_it_away():
 
 
 @pytest.mark.parametrize(('words', 'settings'), [
-    ('confirm is -1', {'confirm': -1.0}), ('clear is nan', {'clear': math.nan}),
-    ('release is 0', {'release': 0.0}), ('release is 2', {'release': 2.0})])
+    ('confirm: -1', {'confirm': -1.0}), ('clear: nan', {'clear': math.nan}),
+    ('release: 0', {'release': 0.0}), ('release: 2', {'release': 2.0})])
 def test_bad_settings_are_refused(words, settings):
     with pytest.raises(InputError, match=words):
         detector(**settings)
-    with pytest.raises(InputError, match="threshold of joint 'a' is 0"):
+    with pytest.raises(InputError, match="threshold of joint 'a': 0"):
         CollisionDetector(('a', 'b'), [0.0, 1.0])
 
 
@@ -224,7 +224,7 @@ def test_a_wrench_at_the_frame_is_recovered_where_the_arm_feels_all_of_it():
     np.testing.assert_allclose(found.rest, elsewhere, atol=1e-9)
 
 
-def test_near_a_singular_posture_the_unseen_direction_is_small_and_smooth():
+def test_near_a_singular_configuration_the_unseen_direction_is_small_and_smooth():
     left, _, right = np.linalg.svd(np.random.default_rng(4).normal(size=(7, 6)),
                                    full_matrices=False)
     sizes = []

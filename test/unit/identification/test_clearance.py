@@ -129,5 +129,5 @@ def test_links_of_meshes_and_without_shapes_have_boxes_and_rods(tmp_path):
 @pytest.mark.parametrize('distance', [-0.1, float('nan'), float('inf')])
 def test_distance_that_is_none_is_refused(distance):
     model, shapes = loaded('ur10e')
-    with pytest.raises(InputError, match=r'distance is .*; expected a finite number not below 0'):
+    with pytest.raises(InputError, match=r'distance: .*; expected a finite number >= 0'):
         excite(model, shapes=shapes, distance=distance)

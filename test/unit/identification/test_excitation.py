@@ -1,11 +1,13 @@
 """Promises of exciting motions: better than random ones, within limits, from rest to rest."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 import math
 from pathlib import Path
 
-from kane_dynamics import ComputedTorque, InputError, load_urdf, Robot, simulate
+from kane_dynamics import (ComputedTorque, InputError, load_urdf, ModelWarning, Robot,
+                           simulate)
 from kane_dynamics.identification import excite, fit_base, Recording, rows
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
@@ -13,6 +15,7 @@ from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.excitation.optimal_excitation import random_motion, within
 import numpy as np
 import pytest
+import threadpoolctl
 
 FOLDER = Path(__file__).resolve().parents[3] / 'urdf'
 FLOOR, SHARE = 0.05, 0.8
@@ -30,7 +33,7 @@ def arm():
 @cache
 def found():
     """Return a motion for the arm."""
-    return excite(arm(), starts=1, share=SHARE, floor=FLOOR)
+    return excite(arm(), starts=1, share=SHARE, floor=FLOOR, distance=None)
 
 
 def design(model, floor=None):
@@ -108,13 +111,14 @@ def small():
 
 
 def test_same_seed_gives_the_same_motion_and_another_does_not():
-    again = [excite(small(), seed=seed, velocity=2.0, harmonics=2).coefficients
+    again = [excite(small(), seed=seed, velocity=2.0, harmonics=2, distance=None).coefficients
              for seed in (1, 1, 2)]
     assert np.array_equal(again[0], again[1]) and not np.allclose(again[0], again[2])
 
 
 def test_further_limits_of_speed_and_acceleration_are_kept():
-    got = excite(small(), velocity=[1.0, 2.0], acceleration=1.5, periods=2, starts=1, share=1.0)
+    got = excite(small(), velocity=[1.0, 2.0], acceleration=1.5, periods=2, starts=1, share=1.0,
+                 distance=None)
     _, u, udot = got.sample(np.linspace(0.0, 10.0, 5000))
     assert (np.abs(u).max(axis=0) <= [1.0, 2.0]).all() and np.abs(udot).max() <= 1.5
     assert np.abs(udot).max() > 1.3
@@ -122,20 +126,32 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'duration': 0.0}, 'duration is 0'), ({'harmonics': 1}, 'harmonics is 1; expected two'),
-    ({'floor': float('nan')}, 'floor is nan; expected a finite height'),
-    ({'share': 1.1}, 'share is 1.1'), ({'starts': 0}, 'starts is 0; expected one'),
-    ({'seed': -1}, 'seed is -1; expected'),
-    ({'velocity': 0.0}, 'has the limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
-    ({'velocity': 1.0, 'floor': 100.0}, "no motion keeps frame '.*' above 100 m"),
+    ({'duration': 0.0}, 'duration: 0'), ({'harmonics': 1}, 'harmonics: 1; expected two'),
+    ({'floor': float('nan')}, 'floor: nan; expected a finite height'),
+    ({'share': 1.1}, 'share: 1.1'), ({'starts': 0}, 'starts: 0; expected one'),
+    ({'seed': -1}, 'seed: -1; expected'),
+    ({'velocity': 0.0}, 'limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
+    ({'velocity': 1.0, 'floor': 100.0}, "motion: none satisfies frame '.*' above 100 m"),
     ({'velocity': 1.0, 'floor': 0.0, 'floor_frames': ['none']}, "no frame 'none'")])
 def test_what_cannot_be_searched_is_refused(change, words):
     with pytest.raises(InputError, match=words):
-        excite(small(), **{'starts': 1, **change})
+        excite(small(), **{'starts': 1, 'distance': None, **change})
 
 
 def test_arm_that_cannot_hold_itself_is_refused_by_joint():
     weak = replace(small(), bodies=tuple(replace(body, joint=replace(body.joint, limits=replace(
         body.joint.limits, effort=1e-3))) for body in small().bodies))
-    with pytest.raises(InputError, match="no motion keeps the effort limit of joint '"):
-        excite(weak, starts=1, velocity=1.0)
+    with pytest.raises(InputError, match="motion: none satisfies the effort limit of joint '"):
+        excite(weak, starts=1, velocity=1.0, distance=None)
+
+
+def test_search_without_shapes_says_that_links_are_not_kept_apart_and_uses_one_thread(monkeypatch):
+    threads = []
+
+    def limited(count):
+        threads.append(count)
+        return nullcontext()
+    monkeypatch.setattr(threadpoolctl, 'threadpool_limits', limited)
+    with pytest.warns(ModelWarning, match='links are not kept apart.*load_collision_shapes'):
+        excite(small(), velocity=2.0, harmonics=2, starts=1)
+    assert threads == [1]

@@ -95,7 +95,7 @@ def test_payload_is_known_within_ten_seconds_of_motion_and_its_loss_is_noticed()
     ({'tau': np.array([np.nan, *np.zeros(5)])}, r"tau\[0\] \(joint 'shoulder_pan_joint'\): nan"),
     ({'tau': 3.0}, r'tau: shape \(\)'), ({'tau': np.zeros(5)}, r'tau: shape \(5,\)'),
     ({'tau': ['a'] * 6}, 'tau: dtype'), ({'u': np.full(6, np.inf)}, r'u\[0\] .*: inf'),
-    ({'tau': np.full(6, 1e308)}, 'too large'),
+    ({'tau': np.full(6, 1e308)}, 'in a physical range'),
     ({name: np.zeros((2, 6)) for name in ('q', 'u', 'udot', 'tau')}, 'expected one sample')])
 def test_sample_that_is_none_is_refused_and_leaves_the_estimate_as_it_was(change, words):
     estimator, given = PayloadEstimator(bare(), 'tool0', np.full(6, 0.5)), recording()
@@ -110,12 +110,12 @@ def test_sample_that_is_none_is_refused_and_leaves_the_estimate_as_it_was(change
 
 def test_recording_that_does_not_tell_the_mass_is_refused():
     for count in (0, 3, 19):
-        with pytest.raises(InputError, match=f'has {count} rows; a payload needs 20'):
+        with pytest.raises(InputError, match=f'recording: {count} rows; expected at least 20'):
             identify_payload(bare(), recording().rows(slice(0, count)), 'tool0')
     small = load_urdf(URDF.with_name('two_link.urdf'))
     hanging = Recording(np.arange(30.0), np.tile([np.pi / 2, 0.0], (30, 1)),
                         *np.zeros((2, 30, 2)), 0.1 * np.random.default_rng(0).normal(size=(30, 2)))
-    with pytest.raises(InputError, match=r"not tell the mass at 'tip': .* is 31\.6 kg"):
+    with pytest.raises(InputError, match=r"the mass at 'tip' is not identifiable.* is 31\.6 kg"):
         identify_payload(small, hanging, 'tip')
 
 
@@ -130,5 +130,5 @@ def test_estimator_refuses_what_cannot_be(change, words):
 def test_recording_of_other_joints_is_refused():
     other = replace(recording(), **{name: getattr(recording(), name)[:, :5]
                                     for name in ('q', 'u', 'udot', 'tau')})
-    with pytest.raises(InputError, match='of 5 joints, the model has 6'):
+    with pytest.raises(InputError, match='recording: 5 joints; expected 6: '):
         identify_payload(bare(), other, 'tool0')

@@ -3,11 +3,11 @@
 from functools import cache
 from pathlib import Path
 
-from kane_dynamics import (Closure, Inertial, InputError, inverse_kinematics, load_urdf,
-                           ModelBuilder, pose_error, pose_exp, pose_log, Robot, rod, rotation_exp,
-                           rotation_log)
+from kane_dynamics import (Inertial, InputError, inverse_kinematics, load_urdf, pose_error,
+                           pose_exp, pose_log, Robot, rotation_exp, rotation_log)
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates
 from kane_dynamics.mechanics.definition import kinematics
+from linkages import four_bar
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -15,28 +15,13 @@ from scipy.linalg import expm
 
 URDF = Path(__file__).parents[3] / 'urdf'
 ANGLES = (0.0, 1e-300, 1e-9, 1e-4, 0.0099, 0.0101, 1.0, 3.0, np.pi - 1e-7, np.pi)
+LOOP = four_bar('crank')
 
 
 @cache
 def arm(name='ur10e'):
     """Return a shipped arm."""
     return Robot(load_urdf(URDF / f'{name}.urdf', supplement=URDF / f'{name}.supplement.yaml'))
-
-
-@cache
-def four_bar():
-    """Return a closed loop of three links, driven by its crank."""
-    builder, carrier, joint = ModelBuilder('four-bar'), 'world', (0, 0, 0)
-    for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
-        end = (length, 0, 0)
-        builder.body(name, carrier, 'revolute', axis=(0, -1, 0), at=joint,
-                     matter=rod(2 * length, (0, 0, 0), end))
-        carrier, joint = name, end
-    builder.frame('end', 'rocker', at=joint)
-    builder.frame('ground', 'world', at=(1, 0, 0))
-    builder.frame('middle', 'coupler', at=(0.45, 0, 0.1))
-    pin = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
-    return Robot(builder.model(), constraints=[pin], independent=['crank'])
 
 
 def skew(w):
@@ -159,7 +144,7 @@ def test_a_pose_out_of_reach_is_not_called_reached_and_the_nearest_is_returned()
 
 
 def test_inverse_kinematics_closes_the_loop_too():
-    robot = four_bar()
+    robot = LOOP
     q = robot.closed_posture((2.2, -1.0, -1.5), fixed=['crank'])
     place = robot.frame_pose('middle', q)[:3, 3]
     found = inverse_kinematics(robot, 'middle', place)
@@ -211,7 +196,7 @@ def test_the_center_of_mass_is_the_mean_place_of_mass_and_its_jacobian_the_slope
 
 
 def test_the_jacobian_of_the_center_of_mass_follows_the_independent_speeds():
-    robot, h = four_bar(), 1e-6
+    robot, h = LOOP, 1e-6
     q = robot.closed_posture((0.8, 0.0, -1.5), fixed=['crank'])
     u = np.ones(1)
     rate = robot.joint_rates(q, u)
@@ -260,7 +245,7 @@ def test_the_operational_space_force_gives_the_frame_the_acceleration_asked_for(
     for robot, frame, q, directions in (
             (arm(), 'tool0', arm().random_configuration(3), ('x', 'y', 'z', 'rx', 'ry', 'rz')),
             (arm(), 'tool0', arm().random_configuration(4), ('z', 'rx')),
-            (four_bar(), 'middle', four_bar().closed_posture((0.8, 0.0, -1.5)), ('x',))):
+            (LOOP, 'middle', LOOP.closed_posture((0.8, 0.0, -1.5)), ('x',))):
         rows = [('x', 'y', 'z', 'rx', 'ry', 'rz').index(name) for name in directions]
         u = np.full(robot.n, 0.7)
         wanted = np.arange(1.0, 1.0 + len(rows))
@@ -288,8 +273,8 @@ def test_operational_space_takes_batches():
 
 def test_directions_in_which_a_frame_cannot_accelerate_are_refused():
     with pytest.raises(InputError, match='in only 1 of these 2 at this q'):
-        four_bar().operational_space_inertia('middle', four_bar().closed_posture((0.8, 0, -1.5)),
-                                             directions=('x', 'z'))
+        LOOP.operational_space_inertia('middle', LOOP.closed_posture((0.8, 0, -1.5)),
+                                       directions=('x', 'z'))
     with pytest.raises(InputError, match="frame 'tool0' accelerates independently in only 5"):
         arm().operational_space_inertia('tool0', np.zeros(6))
     with pytest.raises(InputError, match=r"directions: \['yaw'\]; expected some of x, y, z"):
@@ -299,7 +284,7 @@ def test_directions_in_which_a_frame_cannot_accelerate_are_refused():
 def test_the_rate_of_the_jacobian_is_its_slope_along_the_motion():
     h = 1e-6
     for robot, frame, q in ((arm(), 'tool0', arm().random_configuration(1)),
-                            (four_bar(), 'middle', four_bar().closed_posture((0.8, 0.0, -1.5)))):
+                            (LOOP, 'middle', LOOP.closed_posture((0.8, 0.0, -1.5)))):
         u = np.full(robot.n, 0.9)
         rate = robot.joint_rates(q, u)
         slope = (robot.jacobian(frame, q + h * rate) - robot.jacobian(frame, q - h * rate)) / (2*h)
@@ -321,7 +306,7 @@ def test_random_configurations_are_within_the_limits_and_repeatable():
 
 
 def test_random_and_neutral_configurations_of_a_loop_close_it():
-    robot = four_bar()
+    robot = LOOP
     for q in (*robot.random_configuration(0, 10), robot.neutral()):
         assert np.abs(robot.constraint_gap(q)).max() < 1e-9
     assert robot.random_configuration(0).shape == (3,)

@@ -122,11 +122,11 @@ def test_forces_of_a_planar_loop_do_not_depend_on_the_heading_of_its_base(kind, 
 
 
 @pytest.mark.parametrize(('make', 'words'), [
-    (lambda: Closure('a', 'b', 'distance'), 'length is missing'),
-    (lambda: Closure('a', 'b', 'distance', length=-1.0), 'length is -1.0; expected a positive'),
-    (lambda: Closure('a', 'b', 'weld', length=1.0), "length is given with kind 'weld'"),
-    (lambda: Closure('a', 'b', 'weld', second_axis=(1, 0, 0)), 'second_axis is given with kind'),
-    (lambda: Closure('a', 'b', 'universal', second_axis=(0, 0, 0)), 'second_axis is')])
+    (lambda: Closure('a', 'b', 'distance'), 'length: missing'),
+    (lambda: Closure('a', 'b', 'distance', length=-1.0), 'length: -1.0; expected a positive'),
+    (lambda: Closure('a', 'b', 'weld', length=1.0), "length, given with kind 'weld'"),
+    (lambda: Closure('a', 'b', 'weld', second_axis=(1, 0, 0)), 'second_axis, given with kind'),
+    (lambda: Closure('a', 'b', 'universal', second_axis=(0, 0, 0)), 'second_axis: ')])
 def test_parameters_that_a_kind_has_not_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()
@@ -158,12 +158,13 @@ def motion_of_a_rounded_loop(kind, tolerance, digits):
 
 
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
-@pytest.mark.parametrize('digits', [4, 2])
-def test_a_rounded_loop_is_refused_and_moves_with_the_tolerance_and_the_kind_advised(kind, digits):
+@pytest.mark.parametrize(('digits', 'off'), [(4, 1e-7), (2, 5e-5)])
+def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advised(
+        kind, digits, off):
     with pytest.raises(ConstraintError, match='singular values') as told:
         rounded(kind, digits=digits)
-    tolerance = float(re.search(r'rank_tolerance=(\S+) takes them for zero', str(told.value))[1])
+    tolerance = float(re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
     assert tolerance < 10.0**-digits
     assert "'pin' as kind 'inline' would leave 1" in str(told.value)
     np.testing.assert_allclose(motion_of_a_rounded_loop(kind, tolerance, digits),
-                               motion_of_a_rounded_loop('inline', 1e-9, digits), rtol=tolerance)
+                               motion_of_a_rounded_loop('inline', 1e-9, digits), rtol=off)

@@ -68,22 +68,22 @@ def test_its_constraints_are_those_of_the_robot():
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('constraints: {}', 'it holds no constraint'),
+    ('constraints: {}', 'constraints file: no constraint'),
     ('loops: {}', "unknown key 'loops'; expected one of constraints, independent"),
     ('constraints: {pin: {weld: {}}}',
      "constraint 'pin': unknown key 'weld'; expected one of closure"),
-    ('constraints: {pin: {}}', "constraint 'pin' is []; expected one of closure"),
-    ('constraints: {pin: {closure: {first: a}}}', 'closure lacks second'),
-    ('constraints: {pin: {closure: {first: a, second: 3}}}', 'second is 3; expected a name'),
-    ('constraints: {pin: {closure: {first: a, second: b, kind: glued}}}', "kind is 'glued'"),
+    ('constraints: {pin: {}}', "constraint 'pin': []; expected one of closure"),
+    ('constraints: {pin: {closure: {first: a}}}', 'closure without second'),
+    ('constraints: {pin: {closure: {first: a, second: 3}}}', 'second: 3; expected a name'),
+    ('constraints: {pin: {closure: {first: a, second: b, kind: glued}}}', "kind: 'glued'"),
     ('constraints: {pin: {closure: {first: a, second: b, axis: [0, 0]}}}', 'axis'),
-    ('constraints: {g: {coupling: {joint: a, ratios: {b: true}}}}', "ratio of 'b' is True"),
-    ('constraints: {w: {rolling: {frame: a, radius: -1.0}}}', 'radius is -1.0'),
-    ('constraints: {w: {rolling: {frame: a, radius: wide}}}', "radius is 'wide'; expected a num"),
+    ('constraints: {g: {coupling: {joint: a, ratios: {b: true}}}}', "ratio of 'b': True"),
+    ('constraints: {w: {rolling: {frame: a, radius: -1.0}}}', 'radius: -1.0'),
+    ('constraints: {w: {rolling: {frame: a, radius: wide}}}', "radius: 'wide'; expected a num"),
     ('constraints: {d: {point_velocity: {frame: a, direction: [1, 0, 0], angular: 1}}}',
-     'angular is 1; expected true or false'),
+     'angular: 1; expected true or false'),
     ('{constraints: {d: {coupling: {joint: a, ratios: {b: 1}}}}, independent: a}',
-     "independent is 'a'; expected a list"),
+     "independent: 'a'; expected a list"),
     ('constraints: {d: {}, d: {}}', 'given more than once: d'),
     ('constraints: [', 'not valid YAML')])
 def test_a_slip_is_told_by_name(tmp_path, text, words):

@@ -36,7 +36,7 @@ def arm(n=3):
     ([Prescribed('joint0', np.sin), Prescribed('joint0', np.cos, name='again')],
      "for '(again|prescribed joint0)'"),
     ([PointVelocity('tip', (1, 0, 0), value=1.0), PointVelocity('tip', (1, 0, 0), name='b')],
-     "'b' contradicts the others: its velocity is off by 1"),
+     "'b' contradicts the others: its velocity residual is 1"),
     ([Closure('tip', 'near', 'weld')],
      'fewer than the 3 speeds, because these leave no degree of freedom'),
     ([PointVelocity('tip', (1, 0, 0)), PointVelocity('tip', (0, 0, 1))], 'different names'),
@@ -51,10 +51,10 @@ def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
 
 
 @pytest.mark.parametrize(('make', 'words'), [
-    (lambda: PointVelocity('tip', (0, 0, 0)), r'direction is \[0.0, 0.0, 0.0\]'),
-    (lambda: Rolling('tip', -1.0), 'radius is -1.0; expected a positive number'),
+    (lambda: PointVelocity('tip', (0, 0, 0)), r'direction: \[0.0, 0.0, 0.0\]'),
+    (lambda: Rolling('tip', -1.0), 'radius: -1.0; expected a positive number'),
     (lambda: Closure('tip', 'near', 'glue'),
-     "kind is 'glue'; expected one of weld, revolute, prismatic")])
+     "kind: 'glue'; expected one of weld, revolute, prismatic")])
 def test_values_that_no_constraint_has_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()
@@ -67,7 +67,7 @@ def test_values_that_no_constraint_has_are_refused(make, words):
      r'Z\(q, t\) returns shape \(2,\); expected \(3,\)'),
     (Speeds(lambda q, t: np.diag([1.0, 1.0, 0.0])), ConstraintError, r'Y is singular at q = \['),
     (Speeds(lambda q, t: np.eye(3), names=('a', 'b')), InputError, 'expected 3 different ones'),
-    ('rates', InputError, 'speeds is a str; expected Speeds, or a function'),
+    ('rates', InputError, 'speeds: a str; expected Speeds, or a function'),
     (body_angular_velocity('rod1'), ConstraintError, r'2 revolute joints \(joint0, joint1\)')])
 def test_speeds_that_cannot_be_are_refused_by_name(speeds, error, words):
     with pytest.raises(error, match=words):
@@ -130,23 +130,23 @@ def test_rates_follow_the_rules_of_differentiation():
 
 @pytest.mark.parametrize(('options', 'words'), [
     ({'constraints': Coupling('joint1', {'joint0': 2.0})},
-     r'constraints is a Coupling; .*\[pin\]'),
-    ({'constraints': ['pin']}, r"constraints\[0\] is 'pin'; expected one of .*Closure"),
-    ({'constraints': 'pin'}, "constraints is 'pin'; expected a sequence"),
-    ({'constraints': 3}, r'constraints\[0\] is 3'),
-    ({'independent': 'joint0'}, r"independent is 'joint0'; .*such as \['joint0'\]"),
-    ({'independent': [3]}, r'independent is \[3\]'), ({'actuated': 'joint0'}, 'actuated is'),
+     r'constraints: a Coupling; .*\[pin\]'),
+    ({'constraints': ['pin']}, r"constraints\[0\]: 'pin'; expected one of .*Closure"),
+    ({'constraints': 'pin'}, "constraints: 'pin'; expected a sequence"),
+    ({'constraints': 3}, r'constraints\[0\]: 3'),
+    ({'independent': 'joint0'}, r"independent: 'joint0'; .*such as \['joint0'\]"),
+    ({'independent': [3]}, r'independent: \[3\]'), ({'actuated': 'joint0'}, 'actuated: '),
     ({'constraints': [Coupling('joint1', {'joint0': 2.0})], 'rank_tolerance': -1.0},
-     'rank_tolerance is -1.0; expected a positive')])
+     'rank_tolerance: -1.0; expected a positive')])
 def test_arguments_of_a_wrong_type_are_told_by_name(options, words):
     with pytest.raises(ConstraintError, match=words):
         Robot(arm(), **options)
 
 
 @pytest.mark.parametrize(('q', 'options', 'words'), [
-    ([1.0, 2.0], {}, r'q is \[1.0, 2.0\]'), ([np.nan, 1.0, 2.0], {}, 'expected 3 finite numbers'),
-    ('abc', {}, "q is 'abc'"), ([0.0, 1.0, 2.0], {'t': np.inf}, 't is inf'),
-    ([0.0, 1.0, 2.0], {'fixed': 'joint0'}, "fixed is 'joint0'; expected a sequence")])
+    ([1.0, 2.0], {}, r'q: \[1.0, 2.0\]'), ([np.nan, 1.0, 2.0], {}, 'expected 3 finite numbers'),
+    ('abc', {}, "q: 'abc'"), ([0.0, 1.0, 2.0], {'t': np.inf}, 't: inf'),
+    ([0.0, 1.0, 2.0], {'fixed': 'joint0'}, "fixed: 'joint0'; expected a sequence")])
 def test_what_no_loop_can_be_closed_from_is_told_by_name(q, options, words):
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     with pytest.raises((ConstraintError, InputError), match=words):

@@ -127,10 +127,10 @@ def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
 
 
 @pytest.mark.parametrize(('options', 'words'), [
-    ({'surface': 'cone'}, "surface is 'cone'; expected one of plane, cylinder, sphere"),
-    ({'surface': 'sphere'}, 'surface_radius is None of a sphere'),
-    ({'surface_radius': 1.0}, 'surface_radius is 1.0 of a plane'),
-    ({'inside': True}, 'inside is true of a plane'),
+    ({'surface': 'cone'}, "surface: 'cone'; expected one of plane, cylinder, sphere"),
+    ({'surface': 'sphere'}, 'surface_radius: None, of a sphere'),
+    ({'surface_radius': 1.0}, 'surface_radius: 1.0, of a plane'),
+    ({'inside': True}, 'inside: true, of a plane'),
     ({'surface': 'sphere', 'surface_radius': 0.1, 'inside': True}, 'expected a smaller radius'),
     ({'surface': 'sphere', 'surface_radius': np.nan}, 'surface_radius: ')])
 def test_surfaces_that_nothing_rolls_on_are_refused(options, words):

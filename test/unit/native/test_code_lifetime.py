@@ -85,8 +85,37 @@ kernel(*STATE)
 """
 
 
-@pytest.mark.parametrize('program', [ENTRY, METHOD, FIRST_TOGETHER],
-                         ids=['entry', 'method', 'first together'])
+# A finalizer that calls what is collected with it: functions of a robot and of a workspace, and
+# methods, whose code must not be unloaded by a finalizer of its own.
+FINALIZERS = START + """
+called = []
+
+class Caller:
+    def __init__(self, call, *given):
+        self.me, self.call, self.given = self, call, given
+
+    def __del__(self):
+        assert self.call(*self.given).shape
+        called.append(self)
+
+gc.disable()
+for kind in range(4):
+    robot = Robot(MODEL, wrench_frames=['frame4'])
+    workspace = robot.bind()
+    pose = workspace.at_frame('frame_pose', 'frame4')
+    for call, *given in ([robot.gravity_force, STATE[0]], [workspace.gravity_force], [pose],
+                         [robot.mass_matrix, STATE])[kind:kind + 1]:
+        call(*given)
+        Caller(call, *given)
+    del robot, workspace, pose, call, given
+    assert gc.collect()
+    assert len(called) == kind + 1
+    called[-1].me = called[-1].call = None
+"""
+
+
+@pytest.mark.parametrize('program', [ENTRY, METHOD, FIRST_TOGETHER, FINALIZERS],
+                         ids=['entry', 'method', 'first together', 'finalizers'])
 def test_freed_code_and_tables_are_never_used(program):
     environment = {**os.environ, 'PYTHONMALLOC': 'malloc', 'MALLOC_PERTURB_': '2',
                    'PYTHONFAULTHANDLER': '1', 'PYTHONPATH': os.pathsep.join(sys.path)}

@@ -17,20 +17,17 @@ import pytest
 N = 1000
 
 
-@pytest.fixture(scope='module', params=[1, 2, 4, 8])
-def functions(request):
-    """Evaluate (sin, cos, tanh) of an array, in lanes of every width."""
-    width = request.param
-    program = trace_program('f', lambda x, none: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])],
-                            [('x', (1,)), ('none', (1,))])
+def evaluator(f, entries, width):
+    """Return a compiled function of rows of entries, in lanes of a width."""
+    program = trace_program('f', f, [('x', (entries,)), ('none', (1,))])
     code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
                                    else lane_text(program, 'f', width)))
 
     def run(x):
-        x = np.ascontiguousarray(x, dtype=np.float64)
-        none, out = np.zeros(1), np.empty((len(x), 3))
-        rows = [Strided(x.ctypes.data, 8), Strided(none.ctypes.data),
-                Strided(out.ctypes.data, 24)]
+        x, none = np.ascontiguousarray(x, dtype=np.float64), np.zeros(1)
+        out = np.empty((len(x), program.n_outputs))
+        rows = [Strided(x.ctypes.data, 8 * entries), Strided(none.ctypes.data),
+                Strided(out.ctypes.data, out.strides[0])]
         if width == 1:
             repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
                    len(x))
@@ -38,6 +35,12 @@ def functions(request):
             run_batch(code.address('f'), rows, len(x), width=width)
         return out
     return run
+
+
+@pytest.fixture(scope='module', params=[1, 2, 4, 8])
+def functions(request):
+    """Evaluate (sin, cos, tanh) of an array, in lanes of every width."""
+    return evaluator(lambda x, none: [np.sin(x[0]), np.cos(x[0]), np.tanh(x[0])], 1, request.param)
 
 
 @pytest.mark.parametrize('size', [1e-300, 1e-8, 1e-3, 0.3, 1.0, 3.0, 100.0, 1e4, 1e6])
@@ -103,27 +106,10 @@ def test_positions_beyond_the_limit_are_rejected_by_every_entry_point(size):
 @pytest.fixture(scope='module', params=[1, 2, 4, 8])
 def further_functions(request):
     """Evaluate exp, log, arctan, floor, a comparison and a choice, in lanes of every width."""
-    width = request.param
-
     def f(x, none):
         return [np.exp(x[0]), np.log(x[0]), np.arctan(x[0]), np.floor(x[0]),
                 (x[0] < x[1]) * 1.0, (x[0] < x[1]).select(x[0], 2.0 * x[1])]
-    program = trace_program('f', f, [('x', (2,)), ('none', (1,))])
-    code = llvm.Code(llvm.assemble(module_text(program, 'f') if width == 1
-                                   else lane_text(program, 'f', width)))
-
-    def run(x):
-        x, none = np.ascontiguousarray(x, dtype=np.float64), np.zeros(1)
-        out = np.empty((len(x), 6))
-        rows = [Strided(x.ctypes.data, 16), Strided(none.ctypes.data),
-                Strided(out.ctypes.data, 48)]
-        if width == 1:
-            repeat(code.address('f'), [row.address for row in rows], [row.lane for row in rows],
-                   len(x))
-        else:
-            run_batch(code.address('f'), rows, len(x), width=width)
-        return out
-    return run
+    return evaluator(f, 2, request.param)
 
 
 @pytest.mark.parametrize('size', [1e-300, 1e-8, 0.3, 1.0, 3.0, 100.0, 700.0])

@@ -1,9 +1,6 @@
 """Batches: results equal those of single states for any batch, lanes and threads."""
 
-import os
 import re
-import subprocess
-import sys
 import threading
 import time
 
@@ -58,7 +55,7 @@ def test_a_batch_is_its_states_one_by_one(robot, name, count):
         result = getattr(robot, name)(*state)
         return np.stack(result, axis=-3) if isinstance(result, tuple) else result
     single = [method(*np.ascontiguousarray(row)) for row in given.transpose(1, 0, 2)]
-    shape = QUANTITIES[name].shape(Sizes(5, 5, len(robot.model.bodies), 0))
+    shape = Sizes(5, 5, len(robot.model.bodies), 0).shape(QUANTITIES[name].shape)
     close(method(*given), np.array(single).reshape(count, *shape))
 
 
@@ -236,9 +233,10 @@ def test_threads_process_every_state_once(monkeypatch):
     for count in (1, 8, 9, 63, 64, 65, 1000):
         ranges = []
 
-        def work(begin, end, ranges=ranges):
-            ranges.append((begin, end))
-            return 1 << (begin % 3)
+        def work(given, ranges=ranges):
+            assert len(given) <= 5
+            ranges.extend(given)
+            return sum({1 << (begin % 3) for begin, _ in given})
         flags = threads.run_in_threads(work, count, 8, 2)
         assert [k for begin, end in sorted(ranges) for k in range(begin, end)] == [*range(count)]
         assert all(begin % 8 == 0 and begin < end for begin, end in ranges)
@@ -273,24 +271,3 @@ def test_first_batches_of_many_threads_at_once_are_right():
     assert len(results) == 6
     close(results[0], [robot.inverse_dynamics(*row) for row in given.transpose(1, 0, 2)])
     assert all(np.array_equal(result, results[0]) for result in results)
-
-
-FORK = """
-import os, time, warnings
-warnings.simplefilter('ignore')
-from kane_dynamics.native.runtime import threads
-threads.THREAD_WORK = 1e-12
-work = lambda begin, end: 1
-threads.run_in_threads(work, 100, 1, 1)
-time.sleep(0.1)  # the threads wait for more
-child = os.fork()
-if not child:
-    os._exit(threads.run_in_threads(work, 100, 1, 1))
-assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
-"""
-
-
-@pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
-def test_forked_process_has_its_own_threads():
-    subprocess.run([sys.executable, '-c', FORK], check=True, timeout=20,
-                   env={**os.environ, threads.VARIABLE: '2'})

@@ -3,8 +3,9 @@
 import copy
 import pickle
 
-from kane_dynamics import (ComputedTorque, frame_wrench, Inertial, InputError, ModelWarning,
-                           Motion, Robot, simulate)
+from kane_dynamics import (CollisionDetector, ComputedTorque, Controller, frame_wrench, Inertial,
+                           InputError, ModelBuilder, ModelWarning, MomentumObserver, Motion,
+                           Robot, simulate)
 from kane_dynamics._util.attribute_hints import COUNTERPARTS
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
@@ -156,3 +157,59 @@ def test_a_wrench_is_exact_where_the_arm_is_well_conditioned_and_damping_says_th
     assert frame_wrench(J, J.T @ wrench, length=1.0, damping=0.01).damped == 1, 'without a word'
     with pytest.raises(InputError, match='damping: 0'):
         frame_wrench(J, J.T @ wrench, damping=0.0)
+
+
+def owners():
+    """Return an object of each public class that users read and assign to, by name."""
+    arm = robot(payload_frame='frame3')
+    motion = Motion.from_points([0.0, 1.0], [Q, Q + 0.1], joint_names=arm.joint_names)
+    body = MODEL.bodies[0]
+    return {'robot': arm, 'parameters': arm.parameters, 'motion': motion, 'model': MODEL,
+            'controller': Controller(arm), 'observer': MomentumObserver(arm), 'body': body,
+            'detector': CollisionDetector(arm.joint_names, 5.0), 'joint': body.joint,
+            'inertial': body.inertial, 'limits': arm.limits, 'builder': ModelBuilder(),
+            'trajectory': simulate(arm, Q, 0 * Q, 0.01)}
+
+
+OWNERS = owners()
+
+
+@pytest.mark.parametrize(('owner', 'name', 'ours'), [
+    ('robot', 'paramters', 'robot.parameters'), ('robot', 'gravty', 'robot.parameters.gravity'),
+    ('parameters', 'gravty', 'gravity'), ('parameters', 'paylod', 'payload'),
+    ('trajectory', 'tourque', 'tau'), ('trajectory', 'velocities', 'u'),
+    ('motion', 'time', 'times'), ('motion', 'joint_name', 'joint_names'),
+    ('controller', 'compensat', 'compensate'), ('observer', 'tourque', 'torque'),
+    ('detector', 'colision', 'collision'), ('joint', 'dampng', 'damping'),
+    ('inertial', 'mas', 'mass'), ('body', 'inertia', 'inertial'), ('model', 'frams', 'frames'),
+    ('limits', 'velocty', 'velocity'), ('builder', 'gravty', 'gravity')])
+def test_misspelt_attribute_is_refused_with_the_right_one(owner, name, ours):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}'; expected {ours}$"):
+        getattr(OWNERS[owner], name)
+    with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned.*; expected {ours}$"):
+        setattr(OWNERS[owner], name, 1.0)
+
+
+@pytest.mark.parametrize(('owner', 'name', 'words'), [
+    ('controller', 'kp', r'expected update\(kp=...\)'),
+    ('controller', 'mode', r'expected update\(mode=...\)'),
+    ('observer', 'gain', r'expected tune\(gain=...\)'), ('motion', 'positions', 'replaced'),
+    ('inertial', 'mass', r'expected dataclasses.replace\(..., mass=...\)')])
+def test_assignment_without_effect_is_refused_with_the_way_to_change_it(owner, name, words):
+    for each in (OWNERS[owner], copy.copy(OWNERS[owner])):
+        with pytest.raises(AttributeError, match=f"'{name}' cannot be assigned: .*{words}"):
+            setattr(each, name, 1.0)
+
+
+def test_entry_of_the_gravity_cannot_be_assigned_without_effect():
+    with pytest.raises(ValueError, match='read-only'):
+        robot().parameters.gravity[2] = 0.0
+
+
+def test_parameters_print_on_one_line_with_gravity_and_payload():
+    arm = robot(payload_frame='frame3')
+    assert repr(robot().parameters) == (
+        f'<Parameters: gravity {MODEL.gravity.tolist()} m/s^2>')
+    assert repr(arm.parameters).endswith(', no payload>')
+    arm.parameters.payload = Inertial(2.0, (0.0, 0.0, 0.1))
+    assert repr(arm.parameters).endswith(", payload 2 kg at [0.0, 0.0, 0.1] m of 'frame3'>")

@@ -63,7 +63,7 @@ def test_redundant_rows_share_their_force_with_the_least_sum_of_squares():
         forces = named(kept, q, u, kept.inverse_dynamics(q, u, rest))
         first = order[0].name
         assert forces[f'{first}/z'] == pytest.approx(once[2], abs=1e-9)
-    with pytest.raises(InputError, match="redundant is 'none'; expected 'minimum_norm' or 'kept'"):
+    with pytest.raises(InputError, match="redundant: 'none'; expected 'minimum_norm' or 'kept'"):
         Robot(model, constraints=twice, redundant='none')
 
 
@@ -97,7 +97,7 @@ def test_the_tolerance_of_closures_can_be_set_and_put_off():
     robot.parameters.closure_tolerance = 1e-5
     with pytest.raises(ConstraintError, match='expected at most 1e-05 m'):
         robot.mass_matrix(q)
-    with pytest.raises(InputError, match='closure_tolerance is -1; expected a positive number'):
+    with pytest.raises(InputError, match='closure_tolerance: -1; expected a positive number'):
         robot.parameters.closure_tolerance = -1
 
 
@@ -169,5 +169,5 @@ def test_a_given_configuration_says_which_branch_is_meant():
                                    atol=1e-9)
     with pytest.raises(ConstraintError, match=r'configuration: closing its loops moves'):
         Robot(model, constraints=[PIN], configuration=(0.8, 0.0, -1.5))
-    with pytest.raises(ConstraintError, match=r'configuration is .*expected 3 finite numbers'):
+    with pytest.raises(ConstraintError, match=r'configuration: .*expected 3 finite numbers'):
         Robot(model, constraints=[PIN], configuration=(0.8, 0.0))

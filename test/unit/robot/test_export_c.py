@@ -187,7 +187,7 @@ def test_names_that_c_cannot_hold_do_no_harm(tmp_path):
 
 @pytest.mark.parametrize('kernels, words', [
     (['inverse_dynamic'], "no kernel 'inverse_dynamic'; expected some of inverse_dynamics, "),
-    ([], 'kernels is empty; expected some of inverse_dynamics, '),
+    ([], 'kernels: none; expected some of inverse_dynamics, '),
     ('mass_matrix', "the string 'mass_matrix'")])
 def test_an_unknown_kernel_is_named_with_the_valid_ones(kernels, words, tmp_path):
     with pytest.raises(InputError, match=words):
@@ -206,7 +206,7 @@ def test_a_bad_path_is_named_and_only_files_of_ours_are_replaced(tmp_path):
     robot.export_c(source, ['mass_matrix'])
     assert header.read_text() != first
     header.write_text('#define MINE\n')
-    with pytest.raises(InputError, match=r'arm\.h.*is not of export_c'):
+    with pytest.raises(InputError, match=r'arm\.h.*was not written by export_c'):
         robot.export_c(source)
     assert header.read_text() == '#define MINE\n'
     assert sorted(path.name for path in tmp_path.iterdir()) == ['arm.c', 'arm.h']
@@ -312,7 +312,7 @@ def test_the_self_test_can_be_left_out_when_writing_and_when_compiling(tmp_path)
     assert 'self_test' in header.read_text()
     library = built(source, tmp_path, ('gcc', '-std=c99', '-DARM_NO_SELF_TEST'))
     assert not hasattr(library, 'arm_self_test')
-    with pytest.raises(InputError, match=r"scalar is 'half'; expected float64 or float32"):
+    with pytest.raises(InputError, match=r"scalar: 'half'; expected float64 or float32"):
         robot.export_c(tmp_path / 'arm.c', scalar='half')
 
 

@@ -187,7 +187,7 @@ def test_verify_finds_a_wrong_kernel():
 
 @pytest.mark.parametrize('states', [0, -1, 1.5, True])
 def test_verify_without_a_state_is_refused(states):
-    with pytest.raises(InputError, match=f'states is {states}; expected a whole number'):
+    with pytest.raises(InputError, match=f'states: {states}; expected an integer >= 1'):
         Robot(random_model(1, 3)).verify(states)
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import pickle
 import sys
 import tracemalloc
 import weakref
@@ -100,7 +101,7 @@ def test_no_infinite_result_is_returned(robot):
 def test_memory_stays_where_it_is(robot):
     workspace = bound(robot)
     for name in ('q', 'inverse_dynamics', 'nothing'):
-        with pytest.raises(InputError, match=rf'{name} cannot be rebound.*{name}\[:\]'):
+        with pytest.raises(InputError, match=rf'workspace.{name}: assigned; .*{name}\[:\]'):
             setattr(workspace, name, np.zeros(5))
     for array in (workspace.q, workspace.tau, workspace.mass_matrix()):
         with pytest.raises(ValueError, match='own'):
@@ -187,3 +188,48 @@ def test_a_call_allocates_nothing():
     tracemalloc.stop()
     assert peak - before < 200  # the loops' own iterators
     assert [sys.getrefcount(call()) for call in calls] == references
+
+
+@pytest.mark.parametrize('name', ['gravity_force', 'mass_matrix', 'kinetic_energy'])
+def test_an_object_that_was_not_initialized_is_refused(robot, name):
+    kind = type(robot.bind())
+    for owner in (object.__new__(kind), object.__new__(type('Own', (kind,), {}))):
+        for _ in range(2):
+            with pytest.raises(TypeError, match=r'not initialized; expected .*bind'):
+                getattr(owner, name)()
+    with pytest.raises(TypeError, match='kernels'):
+        kind.__new__(kind)
+
+
+@pytest.mark.parametrize('base', ['Workspace', 'its kind'])
+def test_a_subclass_that_forgets_its_base_is_initialized_all_the_same(robot, base):
+    class Own(Workspace if base == 'Workspace' else type(robot.bind())):
+        def __init__(self, kernels):
+            pass
+    expected = robot.gravity_force(STATE[0])
+    own, made = Own(robot.kernels), Workspace.__new__(Workspace, robot.kernels)
+    assert isinstance(own, Own)
+    for workspace in (own, made):
+        workspace.q[:] = STATE[0]
+        assert np.array_equal(workspace.gravity_force(), expected)
+
+
+def test_what_the_compiled_calls_read_cannot_be_deleted(robot):
+    workspace = bound(robot)
+    for name in ('q', '_tables', '_owned'):
+        with pytest.raises(InputError, match=f'{name} cannot be deleted'):
+            delattr(workspace, name)
+    for function in (robot.gravity_force, workspace.at_frame('frame_pose', 'frame4')):
+        if isinstance(getattr(function, '__self__', None), np.ndarray):
+            with pytest.raises(ValueError, match='read-only'):
+                function.__self__[:] = 0
+
+
+def test_a_method_of_the_robot_is_pickled_with_it_and_a_bound_one_is_refused(robot):
+    robot.parameters.gravity = (1.0, 2.0, 3.0)
+    call = pickle.loads(pickle.dumps(robot.gravity_force))
+    assert np.array_equal(call(STATE[0]), robot.gravity_force(STATE[0]))
+    workspace = bound(robot)
+    for function in (workspace.gravity_force, workspace.at_frame('frame_pose', 'frame4')):
+        with pytest.raises((TypeError, AttributeError), match='pickle'):
+            pickle.dumps(function)

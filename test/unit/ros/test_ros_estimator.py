@@ -83,10 +83,12 @@ class Rig:
                 self.publish()
 
 
-@pytest.mark.parametrize('loads', [None, Inertial(MASS, COM, 0.01 * np.eye(3))],
-                         ids=['no payload parameter', 'payload parameter'])
-def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(loads):
-    rig = Rig()
+@pytest.mark.parametrize(('loads', 'memory', 'rise'), [
+    (None, 1e4, 1.0), (Inertial(MASS, COM, 0.01 * np.eye(3)), 20.0, 1.05)],
+    ids=['no payload parameter', 'payload parameter'])
+def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_motion(
+        loads, memory, rise):
+    rig = Rig(memory=memory)
     rig.path.set_loads(GravityAndPayload(MODEL.gravity, loads))
     rig.run(8.0, desired_motion())
     found = rig.published[-1]
@@ -98,9 +100,10 @@ def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_mot
     deviation = found.com_deviation
     assert (np.abs(off) < 3.0 * np.array([deviation.x, deviation.y, deviation.z])).all()
     assert rig.rejected == []
-    # The deviation falls as the arm moves; it follows the residuals, so it may rise a little.
+    # The deviation falls as the arm moves, at every message. With a memory as short as the motion
+    # it may rise a little at the end: the forgotten part excited the payload more than the last.
     deviations = np.array([message.mass_deviation for message in rig.published])
-    assert (deviations[1:] < 1.05 * np.minimum.accumulate(deviations)[:-1]).all()
+    assert (deviations[1:] < rise * np.minimum.accumulate(deviations)[:-1]).all()
     assert deviations[-1] < 0.25 * deviations[0]
 
 

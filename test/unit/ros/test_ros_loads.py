@@ -8,15 +8,14 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
-from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
-                                                           PayloadBounds)
+from kane_dynamics.ros.torque_path.gravity_payload import checked_payload, GravityAndPayload
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu
 
 NOW = 7 * 10**9  # ns, reception of a message without stamp
 MODEL = load_urdf(resource_path('urdf', 'ur10e.urdf'))
-BOUNDS = PayloadBounds('wrist_3_link', 10.0, 0.5)
+VALUES = {'payload.frame': 'wrist_3_link', 'payload.max_mass': 10.0, 'payload.max_distance': 0.5}
 COM, INERTIA = (0.01, -0.02, 0.05), (0.02, 0.001, -0.002, 0.025, 0.003, 0.03)
 STATE = [np.linspace(-1.0, 1.0, 6), np.linspace(0.5, -0.7, 6), np.linspace(1.0, 2.0, 6)]
 
@@ -28,7 +27,7 @@ def tensor(xx, xy, xz, yy, yz, zz):
 @pytest.mark.parametrize('frame', ['', 'wrist_3_link', 'tool0'])
 def test_a_payload_in_any_frame_of_its_link_equals_a_model_with_payload(frame):
     robot = Robot(MODEL, payload_frame='wrist_3_link')
-    payload = checked_payload(MODEL, BOUNDS, frame, 3.0, COM, INERTIA)
+    payload = checked_payload(MODEL, VALUES, frame, 3.0, COM, INERTIA)
     GravityAndPayload(MODEL.gravity, payload).apply(robot)
     heavier = Robot(with_payload(MODEL, frame or 'wrist_3_link',
                                  Inertial(3.0, np.array(COM), tensor(*INERTIA))))
@@ -39,7 +38,7 @@ def test_a_payload_in_any_frame_of_its_link_equals_a_model_with_payload(frame):
 def test_a_mass_of_zero_removes_the_payload():
     robot, plain = Robot(MODEL, payload_frame='wrist_3_link'), Robot(MODEL)
     for mass in (3.0, 0.0):
-        payload = checked_payload(MODEL, BOUNDS, '', mass, COM, (0.0,) * 6)
+        payload = checked_payload(MODEL, VALUES, '', mass, COM, (0.0,) * 6)
         GravityAndPayload(MODEL.gravity, payload).apply(robot)
     np.testing.assert_allclose(robot.inverse_dynamics(*STATE), plain.inverse_dynamics(*STATE),
                                rtol=1e-12)
@@ -61,12 +60,12 @@ def test_a_mass_of_zero_removes_the_payload():
 def test_an_invalid_payload_is_refused_by_name(words, changes):
     given = {'frame': '', 'mass': 3.0, 'com': COM, 'inertia': INERTIA, **changes}
     with pytest.raises(InputError, match=words):
-        checked_payload(MODEL, BOUNDS, **given)
+        checked_payload(MODEL, VALUES, **given)
 
 
 def test_without_a_payload_frame_a_payload_is_refused():
     with pytest.raises(InputError, match=r'payload\.frame is empty; expected a frame'):
-        checked_payload(MODEL, PayloadBounds('', 10.0, 0.5), '', 1.0, COM, INERTIA)
+        checked_payload(MODEL, VALUES | {'payload.frame': ''}, '', 1.0, COM, INERTIA)
 
 
 def imu(t, force, turn=0.0, frame='base_link'):

@@ -44,7 +44,7 @@ def test_each_refusal_is_one_warning_with_the_remedy(monkeypatch):
          'realtime.collect_rarely': True}, warnings.append)
     assert len(warnings) == 3
     for words, warning in zip(('realtime.priority 40: .*rtprio', 'realtime.cpus',
-                               'the limit is 65536 bytes'), warnings):
+                               'RLIMIT_MEMLOCK: 65536 bytes; expected no limit'), warnings):
         assert 'the node runs without it' in warning
         assert re.search(words, warning)
     assert not gc.isenabled()

@@ -7,7 +7,7 @@ from kane_dynamics import (absolute_rates, Closure, ComputedTorque, FlexibleLink
                            Robot, rod, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from mechanisms import random_model
+from mechanisms import random_model, wheel
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -25,13 +25,6 @@ def arm():
     joints = {name: {'friction': float(mu), 'friction_speed': float(speed), 'damping': 3.0}
               for name, mu, speed in zip(load_urdf(UR10E).joint_names, COULOMB, SETS_IN)}
     return Robot(load_urdf(UR10E, supplement={'joints': joints}))
-
-
-def wheel(**joint):
-    """Return a wheel of 1 kg m^2."""
-    b = ModelBuilder('wheel')
-    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
-    return Robot(b.model())
 
 
 def bending():

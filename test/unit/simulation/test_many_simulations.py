@@ -135,7 +135,7 @@ def test_without_a_sample_time_rows_get_fewer_as_states_get_more(robot, monkeypa
     ({'q0': np.where(np.arange(N)[:, None] == 3, np.nan, Q0)}, ['q0[3, 0]', "'joint0'", 'nan']),
     ({'torque': lambda t, q, u: q}, ['a function', f'{N} initial states']),
     ({'torque': np.zeros((N - 1, 100, 4))}, [f'({N - 1}, 100, 4)', f'each of the {N} states']),
-    ({'torque': np.zeros((N, 99, 4))}, ['torque has 99 rows', '100']),
+    ({'torque': np.zeros((N, 99, 4))}, ['torque: 99 rows', '100']),
     ({'torque': np.zeros((N, 100, 3))}, ['torque', '(100, 4)']),
     ({'torque': np.full((N, 100, 4), np.nan)}, ['torque[0, 0, 0]', 'nan']),
     ({'duration': 1e3, 'sample': 1e-3}, [f'for each of {N} initial states',
@@ -163,12 +163,12 @@ def test_files_keep_every_number_and_pictures_need_one_motion(robot, tmp_path):
         np.testing.assert_array_equal(getattr(back, name), getattr(run, name))
     assert back.limit_events == run.limit_events
     for what in ('save_csv', 'plot'):
-        with pytest.raises(InputError, match=rf'{what} takes a single motion.*state\(k\)'):
+        with pytest.raises(InputError, match=rf'{what}: trajectory of \d+ motions.*state\(k\)'):
             getattr(run, what)(tmp_path / 'x')
     run.state(-1).save_csv(tmp_path / 'last.csv')
     assert run.state(-1).limit_events == run.state(N - 1).limit_events
     for trajectory, k in ((run, N), (run.state(0), 0)):
-        with pytest.raises(InputError, match=re.escape(f'state is {k}; the trajectory holds')):
+        with pytest.raises(InputError, match=re.escape(f'state: {k}, of ')):
             trajectory.state(k)
 
 

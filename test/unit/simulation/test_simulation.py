@@ -169,7 +169,7 @@ def test_files_keep_every_number(robot, tmp_path):
     ({'sample': 1.5e-3}, ['sample', 'whole number']),
     ({'duration': 1e9}, ['duration', 'at most 100000000']),
     ({'duration': 1e4, 'sample': 1e-3}, ['10000000 steps', 'at most 1000000']),
-    ({'torque': np.zeros((5, 4))}, ['torque has 5 rows', '100']),
+    ({'torque': np.zeros((5, 4))}, ['torque: 5 rows', '100']),
     ({'torque': np.zeros(3)}, ['torque', '(3,)']),
     ({'torque': lambda t, q, u: [1.0]}, ['torque at 0 s', '(1,)']),
     ({'torque': lambda t, q, u: [np.nan] * 4}, ['torque at 0 s', 'nan']),

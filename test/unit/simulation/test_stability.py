@@ -11,6 +11,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.sweep import run_sweep, Sweep
+from mechanisms import wheel
 import numpy as np
 import pytest
 
@@ -21,13 +22,6 @@ RUB = {'friction': 2.0, 'friction_speed': 0.04}
 def growth(z):
     """Return what a Runge-Kutta step multiplies by."""
     return abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0)
-
-
-def wheel(**joint):
-    """Return a wheel of 1 kg m^2."""
-    b = ModelBuilder('wheel')
-    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
-    return Robot(b.model())
 
 
 @pytest.fixture(scope='module')
@@ -47,6 +41,13 @@ def test_a_step_grows_beyond_the_longest_and_not_before(joint, rate):
     assert name == 'wheel'
     assert growth(rate * step * (1.0 - 1e-4)) <= 1.0 + 1e-9
     assert growth(rate * step * (1.0 + 1e-3)) > 1.0
+
+
+@pytest.mark.parametrize('q', ['x', [0.0, 0.0], [math.nan], None])
+def test_longest_step_refuses_what_is_no_configuration_with_and_without_friction(q):
+    for robot in (wheel(), wheel(**RUB)):
+        with pytest.raises(InputError, match=r'q: .*; expected'):
+            longest_step(robot, q)
 
 
 def test_nothing_but_weight_sets_no_step():
@@ -121,7 +122,7 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
     from kane_dynamics.ros.parameters.parameter_checks import read
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
-    from kane_dynamics.ros.services.served_robot import RequestLimits, ServedRobot
+    from kane_dynamics.ros.services.served_robot import ServedRobot
     from kane_dynamics.ros.services.simulation_request import SimulationRequest
     from kane_dynamics.ros.parameters.parameter_table import SPECS
     from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
@@ -133,9 +134,8 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
     for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
-        served = ServedRobot.from_values(robot, robot, GravityAndPayload(robot.model.gravity),
-                                         values | {'simulation.integrator': integrator},
-                                         WrenchFrames(robot))
+        served = ServedRobot(robot, robot, GravityAndPayload(robot.model.gravity),
+                             values | {'simulation.integrator': integrator}, WrenchFrames(robot))
         request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
             Simulate.Response())
         with warnings.catch_warnings():
@@ -145,8 +145,9 @@ def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
     assert answers[0] == answers[2] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
     stiff = wheel(stiffness=1e6)
-    served = replace(served, robot=stiff, simulated=stiff, integrator='rk4',
-                     bounds=RequestLimits(10.0, 200, 200, 20))
+    served = replace(served, robot=stiff, simulated=stiff, values=values | {
+        'simulation.max_duration': 10.0, 'simulation.max_steps': 200,
+        'simulation.max_points': 200, 'trajectory.max_points': 20})
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'the state diverged.*: a step of 0.1 s is too long'):

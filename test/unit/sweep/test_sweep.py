@@ -283,7 +283,7 @@ def test_workers_that_die_repeatedly_are_an_error(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize('change, words', [
-    ({'samples': 0}, 'samples: 0; expected a whole number from 1'),
+    ({'samples': 0}, 'samples: 0; expected an integer from 1'),
     ({'seed': -1}, 'seed: -1; expected'),
     ({'duration': 0.0011}, 'expected a whole number of steps'),
     ({'integrator': 'euler'}, "integrator: 'euler'; expected one of rk4, implicit"),

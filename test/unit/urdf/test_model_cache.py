@@ -207,3 +207,12 @@ print(time.process_time() - begin, *(set(sys.modules) & {'yourdfpy', 'trimesh', 
     again, modules = run()
     assert modules == []
     assert again < 0.2 * first
+
+
+def test_deeply_nested_entry_is_ignored_and_written_again(place, reads):
+    first, _ = loaded(SHIPPED[0])
+    entry, = (path for path in place.rglob('*') if path.is_file())
+    stored = entry.read_bytes()
+    entry.write_bytes(b'[' * 200_000)
+    assert loaded(SHIPPED[0])[0].digest() == first.digest() and len(reads) == 2
+    assert entry.read_bytes() == stored

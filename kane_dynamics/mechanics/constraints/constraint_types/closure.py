@@ -39,43 +39,48 @@ Kind = Literal['weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'sph
 @dataclass(frozen=True, eq=False)
 class Closure:
     """
-    Two frames of the mechanism are joined: the joint at which a closed loop was cut.
+    Closed loop: two frames of the mechanism, joined by the joint at which the loop was cut.
 
     Parameters
     ----------
     first, second : str
         The frames; one of them may be fixed in the world.
     kind : str
-        The remaining relative motion: `weld` none; `revolute` rotation about `axis`; `prismatic`
-        sliding along it; `cylindrical` both; `universal` the turns about `axis` and `second_axis`;
-        `spherical` every turn; `planar` sliding across `axis` and the turn about it; `inline`
-        sliding along `axis` and every turn (the origin of `first` stays on a line of `second`);
-        `distance` everything but a change of the distance between the origins.
+        The relative motion that remains free: `weld` none; `revolute` rotation about `axis`;
+        `prismatic` translation along it; `cylindrical` both; `universal` rotations about `axis`
+        and `second_axis`; `spherical` all rotations; `planar` translation normal to `axis` and
+        rotation about it; `inline` translation along `axis` and all rotations (the origin of
+        `first` stays on a line of `second`); `distance` everything except a change of the distance
+        between the origins.
     axis : (3,) array
         The same direction in the axes of both frames; of a universal closure, in those of `first`.
     second_axis : (3,) array, optional
         Of a universal closure: in the axes of `second`, perpendicular to `axis` wherever the loop
-        is closed; by default the direction that `side` is below.
+        is closed; by default the direction `side` (see Notes).
     length : float, optional
         Of a distance closure, m; positive.
     name : str
 
     Notes
     -----
-    Every row is in axes of a body of the loop, so that the same rows are redundant in every
-    configuration. Rows of position hold the velocity of `second`'s origin relative to `first`'s,
-    along x, y and z (labels `x`, `y`, `z`) of the last body that carries both frames (of the
-    world, where none does), as that body sees it; or, in kinds with an axis, along the triad
-    (`side`, `up`, `axis`) of `second` that `axis` completes (for the axis z these are its x, y,
-    z), as `second` sees it. They are the exact rates of their residuals. Rows of orientation hold
-    the angular velocity of `second` relative to `first` about side, up and axis (`turn_1`,
-    `turn_2`, `turn_3`). Their residual is 2 tan(angle / 2) times the axis of the missing turn: it
-    vanishes at the right orientation alone, grows without bound towards a half turn, and its
-    rate is the row's velocity where the loop is closed (elsewhere the velocity times a regular
-    matrix that tends to the unit matrix). So Newton's method with these rows converges
-    quadratically, and never to frames that face each other the wrong way. The row of a universal
-    closure, `turn_1`, is about axis x second_axis; its residual, the cosine of the angle between
-    the two, is exact.
+    Every row is in the axes of a body of the loop, so that the same rows are redundant in every
+    configuration.
+
+    Position rows are the velocity of the origin of `second` relative to that of `first`. Without
+    an axis, they are along x, y and z (labels `x`, `y`, `z`) of the outermost body that moves both
+    frames (of the world, if there is none), and relative to that body. Kinds with an axis use the
+    right-handed triad `side`, `up`, `axis` fixed in `second` (x, y, z if the axis is z). The rows
+    are the exact time derivatives of their residuals.
+
+    Orientation rows are the angular velocity of `second` relative to `first` about side, up and
+    axis (labels `turn_1`, `turn_2`, `turn_3`). The residual is 2 tan(angle / 2) times the axis of
+    the remaining rotation. It is zero only at the correct orientation and tends to infinity at a
+    half turn; its time derivative is the row's velocity where the loop is closed (elsewhere a
+    regular matrix times that velocity). Newton's method with these rows converges quadratically,
+    and never to frames that are flipped.
+
+    The row of a universal closure, `turn_1`, is about axis x second_axis. Its residual is the
+    cosine of the angle between the two, of which it is the exact time derivative.
 
     """
 
@@ -92,19 +97,19 @@ class Closure:
         freeze(self, 'name', self.name or f'closure of {self.first} and {self.second}')
         what = f"constraint '{self.name}'"
         if self.kind not in ROWS:
-            raise ConstraintError(f'{what}: kind is {self.kind!r}; expected one of '
+            raise ConstraintError(f'{what}: kind: {self.kind!r}; expected one of '
                                   f'{", ".join(ROWS)}')
         freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
         for key, kind in (('second_axis', 'universal'), ('length', 'distance')):
             if getattr(self, key) is not None and self.kind != kind:
-                raise ConstraintError(f'{what}: {key} is given with kind {self.kind!r}; expected '
-                                      f'it with {kind!r} alone')
+                raise ConstraintError(f'{what}: {key}, given with kind {self.kind!r}; expected '
+                                      f'it with kind {kind!r} only')
         if self.kind == 'universal':
             given = triad(self.axis)[0] if self.second_axis is None else self.second_axis
             freeze(self, 'second_axis', unit(given, f'{what}: second_axis'))
         if self.kind == 'distance':
             if self.length is None:
-                raise ConstraintError(f'{what}: length is missing; expected the distance in m')
+                raise ConstraintError(f'{what}: length: missing; expected the distance in m')
             freeze(self, 'length', positive(self.length, f'{what}: length'))
 
     @property
@@ -114,7 +119,7 @@ class Closure:
         return tuple(f'{self.name}/{part}' for part in (*moves, *(TURNS[x] for x in turns)))
 
     def rows(self, here: Geometry) -> ConstraintRows:
-        """Return the rows."""
+        """Return the rows of the constrained relative translations, then rotations."""
         moves, turns = ROWS[self.kind]
         side, up, axis = triad(self.axis)
         constant = {'side': side, 'up': up, 'axis': axis}
@@ -149,13 +154,13 @@ class Closure:
 
 
 def _turn(Q: Any) -> Any:
-    """Return 2 tan(angle / 2) times the axis of the rotation Q^T, (3,)."""
+    """Return the residual of a rotation Q^T: 2 tan(angle / 2) times its axis, (3,)."""
     sine = np.array([Q[1, 2] - Q[2, 1], Q[2, 0] - Q[0, 2], Q[0, 1] - Q[1, 0]])
     return (2.0 * sine + NUDGE) / _floored(Q[0, 0] + Q[1, 1] + Q[2, 2] + 1.0)
 
 
 def _tilt(direction: Any, axis: Any) -> Any:
-    """Return the same for the shortest rotation of a direction onto an axis, (3,)."""
+    """Return the residual of the shortest rotation of a direction onto an axis, (3,)."""
     return (2.0 * cross(direction, axis) + NUDGE) / _floored(direction @ axis + 1.0)
 
 

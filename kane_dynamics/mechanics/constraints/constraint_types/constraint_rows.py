@@ -18,7 +18,7 @@ class Geometry(Protocol):
     t: Any
 
     def carrier(self, first: str, second: str) -> Frame:
-        """Return the axes of the last body that carries both frames, or of the world."""
+        """Return the axes of the outermost body that moves both frames, or of the world."""
 
     def axle_carrier(self, frame: str, axis: Any) -> Frame:
         """Return the axes of the body that carries a wheel's axle: the wheel's own, if none."""
@@ -36,7 +36,7 @@ class Geometry(Protocol):
 
     def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
         """
-        Return (6, n_q): linear, then angular, per unit joint rate.
+        Return the Jacobian (partial velocities), (6, n_q): linear, then angular.
 
         They are those of the point of the frame's body at position `at`, (3,), m; by default of
         the frame's origin.
@@ -63,8 +63,8 @@ class ConstraintRows:
         J q' = b.
     b : (m,) array
     residual : tuple of m
-        Residual of each row's condition on positions, m or rad; None for a row that has no such
-        condition (nonholonomic).
+        Residual of each row, m or rad, if it is of a position constraint; None if it is of a
+        velocity constraint (nonholonomic).
 
     """
 
@@ -81,7 +81,7 @@ def unit(value: Any, what: str) -> Array:
         raise ConstraintError(str(error)) from None
     length = float(np.sqrt(vector @ vector))
     if length < 1e-12:
-        raise ConstraintError(f'{what} is {vector.tolist()}; expected a nonzero direction')
+        raise ConstraintError(f'{what}: {vector.tolist()}; expected a nonzero direction')
     return constant(vector / length, (3,), what)
 
 
@@ -92,7 +92,7 @@ def positive(value: Any, what: str) -> float:
     except ModelError as error:
         raise ConstraintError(str(error)) from None
     if number <= 0.0:
-        raise ConstraintError(f'{what} is {number}; expected a positive number')
+        raise ConstraintError(f'{what}: {number}; expected a positive number')
     return number
 
 

@@ -93,7 +93,7 @@ class Prescribed:
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
         if not callable(self.position):
-            raise ConstraintError(f'{what}: position is a {type(self.position).__name__}; '
+            raise ConstraintError(f'{what}: position: a {type(self.position).__name__}; '
                                   'expected a function of t, a Motion, or a table (times, '
                                   'positions)')
 

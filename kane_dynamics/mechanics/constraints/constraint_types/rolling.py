@@ -31,7 +31,7 @@ class Rolling:
     radius : float
         m, positive.
     axis : (3,) array, optional
-        The wheel's axle in the frame's axes; a ball without.
+        The wheel's axle in the frame's axes; None for a ball.
     normal : (3,) array
         Of the plane, in the axes of the surface's frame.
     height : float
@@ -59,11 +59,10 @@ class Rolling:
     normal of the contact (undefined where the two are opposite). The residual of `normal` is the
     distance between the bodies, m; the tangents have none.
 
-    The point of a rim that touches a cylinder is found by Newton's method from the direction of
-    the cylinder's axis, exact to rounding on the outer side for any axle that is not across the
-    cylinder's axis by more than 60 degrees; on the inner side for an axle about parallel to the
-    axis, since a tilted rim touches there at two points. Where the method fails the residual of
-    `normal` is not zero.
+    The contact point of a rim on a cylinder is found by Newton's method. On the outer side it is
+    exact to rounding if the angle between axle and cylinder axis is at most 60 degrees; on the
+    inner side the axle must be nearly parallel to that axis, since a tilted rim touches at two
+    points. If the method fails, the residual of `normal` is not zero.
 
     """
 
@@ -90,14 +89,14 @@ class Rolling:
         if self.axis is not None:
             freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
         if self.surface not in SURFACES:
-            raise ConstraintError(f'{what}: surface is {self.surface!r}; expected one of '
+            raise ConstraintError(f'{what}: surface: {self.surface!r}; expected one of '
                                   f'{", ".join(SURFACES)}')
         curved = self.surface != 'plane'
         if curved != (self.surface_radius is not None):
-            raise ConstraintError(f'{what}: surface_radius is {self.surface_radius} of a '
-                                  f'{self.surface}; expected it for a cylinder or sphere alone')
+            raise ConstraintError(f'{what}: surface_radius: {self.surface_radius}, of a '
+                                  f'{self.surface}; expected it for a cylinder or sphere only')
         if self.inside and not curved:
-            raise ConstraintError(f'{what}: inside is true of a plane; expected it for a cylinder '
+            raise ConstraintError(f'{what}: inside: true, of a plane; expected it for a cylinder '
                                   'or sphere alone')
         if self.surface_radius is not None:
             freeze(self, 'surface_radius', positive(self.surface_radius,

@@ -81,7 +81,7 @@ def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
 @dataclass(frozen=True, eq=False)
 class DependentSpeeds:
     """
-    The general form: u_D = A(q, t) u_I + B(q, t).
+    General linear constraint on the speeds: u_D = A(q, t) u_I + B(q, t).
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class DependentSpeeds:
         freeze(self, 'labels', tuple(f'{self.name}/{speed}' for speed in self.dependent))
 
     def rows(self, here: Geometry) -> ConstraintRows:
-        """Return Y_D - A Y_I and B - Z_D + A Z_I; ConstraintError where a shape is wrong."""
+        """Return Y_D - A Y_I and B - Z_D + A Z_I; ConstraintError for a wrong shape."""
         Y_D, Z_D = here.speed_rows(self.dependent)
         Y_I, Z_I = here.speed_rows(here.other_speeds(self.dependent))
         A, B = self.functions(here).values()

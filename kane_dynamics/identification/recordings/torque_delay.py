@@ -1,0 +1,150 @@
+"""
+Delays between measured torques and the motion of a recording.
+
+The torque of each joint, shifted by a number of rows, is fitted by all terms of the equations of
+motion: base parameters, friction, armature, offset. Masses of the model do not matter. The sum of
+squares is a parabola in the shift near its minimum, at the delay. Torque that the equations lack
+(play, elasticity, friction with a memory) shifts the minimum too. It is correlated in time, which
+noise is not, so its part of the residual is known, and widens the standard deviation.
+"""
+
+from dataclasses import dataclass
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import NDArray
+
+NOISE = 0.3  # largest fraction of accelerations that are used unfiltered
+LONGEST = 0.2  # s, either way
+MOST_LAGS = 81
+MOST_ROWS = 1500  # used rows, evenly distributed
+NEAR = 0.03  # s, of the minimum: where the sum of squares is fitted by a parabola
+BLOCKS = 8  # of consecutive rows, for the jackknife
+FRICTION_SPEEDS = (0.02, 0.1)  # rad/s or m/s
+RANK = 1e-4  # relative size of singular values that are regarded as zero
+LIKENESS = 0.25  # assumed correlation of missing torque with that of a delay; RMS of real arms
+JUDGED = 0.025  # s, largest standard deviation of a known delay
+EXACT = 1e-5  # s, no standard deviation is smaller
+SHORTEST = 0.003  # s, of a delay that is reported
+SURE, DIFFERENT = 2.0, 3.0  # standard deviations: of a common delay, of a joint's from the common
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueDelays:
+    """
+    Delays of torques after the motion, negative for torques before it.
+
+    Attributes
+    ----------
+    delay, deviation : (n,) arrays
+        Of each joint, s. The deviation is infinite where there is no minimum within 0.2 s.
+    common, common_deviation : float
+        Of the joints that agree with each other, s; NaN and infinite if none can be judged.
+
+    """
+
+    delay: Array
+    deviation: Array
+    common: float
+    common_deviation: float
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Return for each joint whether its standard deviation is at most 25 ms, (n,)."""
+        return self.deviation <= JUDGED
+
+    @property
+    def delayed(self) -> bool:
+        """Return whether the common delay differs from zero, by two standard deviations."""
+        return abs(self.common) > max(SURE * self.common_deviation, SHORTEST)
+
+    @property
+    def different(self) -> NDArray[np.bool_]:
+        """Return for each joint whether its delay is not the common one, (n,)."""
+        return self.judged & _outlying(self.delay, self.deviation, self.common)
+
+
+def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
+    """Return the delays of the torques of a recording; noisy accelerations are filtered first."""
+    recording = smoothed(recording)
+    if recording.uneven:
+        recording = recording.resampled()
+    n = recording.tau.shape[1]
+    delay, deviation = np.zeros(n), np.full(n, np.inf)
+    step = float(np.median(np.diff(recording.t)))
+    most = min(int(np.ceil(LONGEST / step)), len(recording) // 4)
+    lags = np.unique(np.linspace(-most, most, min(2 * most + 1, MOST_LAGS)).round().astype(int))
+    inner = np.arange(most, len(recording) - most, max(1, len(recording) // MOST_ROWS))
+    if len(lags) >= 3 and not model.flexible:  # beams have no regressor
+        robot = Robot(model, friction=False)
+        q, u, udot = (x[inner] for x in (recording.q, recording.u, recording.udot))
+        Y, rigid = robot.regressor(q, u, udot), robot.inverse_dynamics(q, u, udot)
+        for j in np.flatnonzero(np.ptp(u, axis=0) > 0.0):
+            A = np.column_stack([Y[:, j], u[:, j], *(coulomb(u[:, j], v)
+                                                     for v in FRICTION_SPEEDS),
+                                 udot[:, j], np.ones(len(u))])
+            torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
+            delay[j], deviation[j] = _vertex(step * lags, _residuals(A, torques))
+    return TorqueDelays(delay, deviation, *_common(delay, deviation))
+
+
+def smoothed(recording: Recording) -> Recording:
+    """Return the recording, filtered at up to 10 Hz if its accelerations are noise."""
+    if len(recording) > 100 and (recording.acceleration_noise() > NOISE).any():
+        return recording.filtered(min(10.0, 0.2 / float(np.diff(recording.t).mean())))
+    return recording
+
+
+def _common(delay: Array, deviation: Array) -> tuple[float, float]:
+    """Return the mean delay of the joints that agree, and its deviation; NaN, inf of none."""
+    known = np.flatnonzero(deviation <= JUDGED)
+    if not len(known):
+        return np.nan, np.inf
+    delay, deviation = delay[known], np.maximum(deviation[known], EXACT)
+    candidates = delay[np.argsort(np.abs(delay), kind='stable')]
+    cost = np.minimum(np.abs(delay - candidates[:, None]) / deviation, DIFFERENT)**2
+    best = float(candidates[np.argmin(cost.sum(axis=1))])
+    agree = ~_outlying(delay, deviation, best)
+    weight = deviation[agree]**-2.0
+    return float(np.average(delay[agree], weights=weight)), float(weight.sum()**-0.5)
+
+
+def _outlying(delay: Array, deviation: Array, from_delay: float) -> NDArray[np.bool_]:
+    """Return where a delay clearly differs from another."""
+    found: NDArray[np.bool_] = np.abs(delay - from_delay) > np.maximum(
+        DIFFERENT * deviation, SHORTEST)
+    return found
+
+
+def _residuals(A: Array, torques: Array) -> Array:
+    """Return what the columns of A miss of each column of torques."""
+    size = np.linalg.norm(A, axis=0)
+    U, s, _ = np.linalg.svd(A[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    U = U[:, s > RANK * s[0]]
+    missed: Array = torques - U @ (U.T @ torques)
+    return missed
+
+
+def _vertex(lags: Array, missed: Array) -> tuple[float, float]:
+    """Return the lag of the least residual, and its standard deviation, s."""
+    squares = missed**2
+    sums = squares.sum(axis=0)
+    best = int(np.argmin(sums))
+    if best in (0, len(lags) - 1):
+        return 0.0, np.inf
+    near = np.abs(lags - lags[best]) <= max(NEAR, 1.01 * float(np.diff(lags).max()))
+    x = lags[near] - lags[best]
+    parabola = np.linalg.pinv(np.column_stack([x * x, x, np.ones(len(x))]))
+    parts = np.array([part.sum(axis=0) for part in np.array_split(squares[:, near], BLOCKS)])
+    steep, slope, _ = parabola @ np.column_stack([sums[near], (sums[near] - parts).T])
+    if not (steep > 0.0).all():
+        return 0.0, np.inf
+    at = -0.5 * slope / steep
+    spread = (BLOCKS - 1) / BLOCKS * float(np.sum((at[1:] - at[1:].mean())**2))
+    error = missed[:, best]
+    missing = max(float(error[1:] @ error[:-1]), 0.0)
+    return float(lags[best] + at[0]), float(np.sqrt(spread + LIKENESS**2 * missing / steep[0]))

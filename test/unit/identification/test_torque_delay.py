@@ -1,0 +1,87 @@
+"""Delays of torques: each is found within its deviation, and none where there is none."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from kane_dynamics import load_urdf
+from kane_dynamics.cli import main
+from kane_dynamics.identification import diagnose, read_recording, torque_delays
+import numpy as np
+import pytest
+from recordings import present, quiet, real, simulated
+
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
+LOSSES = {'damping': 3.0, 'friction': 4.0, 'armature': 0.2, 'friction_offset': 1.0}
+REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7),
+        'ur10': ('ur10_unisa.csv', 'ur10.urdf', 6)}
+
+
+@cache
+def recorded(name):
+    """Return a model and a recording of it: a real one, or that of an arm with other masses."""
+    if name in REAL:
+        if not present(*REAL[name][:2]):
+            pytest.skip('no recordings of real arms here')
+        path, urdf, joints = real(*REAL[name])
+        return quiet(urdf, joints=joints), read_recording(str(path), joints)
+    model = load_urdf(URDF)
+    rng = np.random.default_rng(0)
+    truth = load_urdf(URDF, supplement={'joints': dict.fromkeys(model.joint_names, LOSSES)})
+    truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
+        body.inertial.mass * rng.uniform(0.7, 1.4), body.inertial.com, body.inertial.inertia))
+        for body in truth.bodies))
+    return model, simulated(truth, 2, {'noisy': 0.5, 'exact': 0.0}[name], duration=10.0)
+
+
+def late(r, delay, joints=slice(None)):
+    """Return the recording with torques of some joints delayed."""
+    tau = r.tau.copy()
+    tau[:, joints] = np.column_stack([np.interp(r.t - delay, r.t, x) for x in r.tau.T])[:, joints]
+    return replace(r, tau=tau).rows(slice(np.searchsorted(r.t, r.t[0] + max(delay, 0.0)), None))
+
+
+@pytest.mark.parametrize('delay', [0.01, 0.02, 0.05])
+@pytest.mark.parametrize('name', ['panda', 'ur10', 'noisy', 'exact'])
+def test_common_delay_of_torques_is_found_within_its_deviation(name, delay):
+    model, r = recorded(name)
+    found = torque_delays(model, late(r, delay))
+    assert found.delayed and not found.different.any()
+    own = torque_delays(model, r).common if name in REAL else 0.0  # a real arm may have one
+    assert abs(found.common - own - delay) < 0.003
+    assert abs(found.common - delay) < 3.0 * found.common_deviation
+    words = [f.words for f in diagnose(model, late(r, delay))]
+    assert len(words) == 1 and 's) after the motion' in words[0]
+
+
+@pytest.mark.parametrize('name', ['panda', 'ur10', 'noisy', 'exact'])
+def test_recording_without_delay_has_none(name):
+    model, r = recorded(name)
+    found = torque_delays(model, r)
+    assert not (found.delayed or found.different.any())
+    assert diagnose(model, r) == []
+
+
+@pytest.mark.parametrize('joint', range(6))
+def test_delay_of_one_joint_is_that_joints(joint):
+    model, r = recorded('noisy')
+    found = torque_delays(model, late(r, 0.03, joint))
+    assert list(np.flatnonzero(found.different)) == [joint] and not found.delayed
+    assert abs(found.delay[joint] - 0.03) < 3.0 * found.deviation[joint]
+    words, = (f.words for f in diagnose(model, late(r, 0.03, joint)))
+    assert f"efforts of joint '{model.joint_names[joint]}' come 0.0" in words
+
+
+def test_joint_without_motion_or_torque_of_its_own_cannot_be_judged(tmp_path, capsys):
+    model, r = recorded('noisy')
+    q, u, udot, tau = (x.copy() for x in (r.q, r.u, r.udot, r.tau))
+    q[:, 5], u[:, 5], udot[:, 5] = 0.3, 0.0, 0.0
+    tau[:, 4] = np.random.default_rng(1).normal(size=len(r))
+    still = replace(r, q=q, u=u, udot=udot, tau=tau)
+    found = torque_delays(model, still)
+    assert list(found.judged) == [True] * 4 + [False] * 2 and not found.delayed
+    assert torque_delays(model, late(still, 0.02)).delayed
+    path = tmp_path / 'still.npz'
+    np.savez(path, t=r.t, q=q, u=u, udot=udot, tau=tau)
+    assert main(['replay', str(URDF), str(path)]) == 0
+    assert 'cannot be judged: wrist_2_joint, wrist_3_joint' in capsys.readouterr().out

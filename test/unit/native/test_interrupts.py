@@ -1,0 +1,152 @@
+"""An exception that a signal raises leaves nothing running: batches, simulations, compiling."""
+
+from contextlib import contextmanager
+from pathlib import Path
+import signal
+import threading
+import time
+
+from kane_dynamics import CompileError, Robot, simulate
+from kane_dynamics.native.runtime import threads
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+N = 5
+MODEL = random_model(3, N)
+TASKS = Path('/proc/self/task')
+BATCHES = ('forward_dynamics', 'kinetic_energy', 'potential_energy')
+
+
+def tasks():
+    """Return the number of threads, without those that are just ending."""
+    time.sleep(0.02)
+    return len([*TASKS.iterdir()])
+
+
+class Interrupt(KeyboardInterrupt):
+    """Raised by the handler of the timer."""
+
+
+@pytest.fixture(scope='module')
+def robot():
+    robot = Robot(MODEL)
+    robot.compile(*BATCHES, batches=True)
+    return robot
+
+
+@pytest.fixture(autouse=True)
+def many_threads(monkeypatch):
+    """More threads than processors, so that the caller's own share ends before the others."""
+    monkeypatch.setenv(threads.VARIABLE, '8')
+
+
+@contextmanager
+def interrupts(first, interval):
+    """Raise Interrupt in the main thread, repeatedly; yield the times."""
+    times = []
+
+    def interrupt(number, frame):
+        times.append(time.monotonic())
+        raise Interrupt
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, first, interval)
+    try:
+        yield times
+    finally:
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def time_to_end(call, first, interval=0.0):
+    """Call until interrupts have ended it; return the time from the first one to the end, s."""
+    ended = 0.0
+    with pytest.raises(Interrupt), interrupts(first, interval) as times:
+        try:
+            call()
+        finally:
+            ended = time.monotonic()
+    return ended - times[0]
+
+
+def repeated_batch(robot, out, steps):
+    """Compute forward dynamics of random states many times, as a batch of long work."""
+    kernel = robot.kernels.quantity('forward_dynamics')
+    given = np.random.default_rng(0).normal(size=(3, len(out), N))
+    parameters = robot.parameters.block.copy()
+    rows = [*(Strided(x.ctypes.data, x.strides[0]) for x in given),
+            Strided(parameters.ctypes.data), Strided(out.ctypes.data, out.strides[0])]
+    run_batch(kernel.lane_address, rows, len(out), steps=steps)
+    return given
+
+
+@pytest.mark.parametrize('interval', [0.0, 0.001], ids=['one', 'many'])
+def test_no_thread_writes_after_an_interrupted_batch(robot, interval):
+    out, before = np.empty((20_000, N)), tasks()
+    for first in (0.02, 0.13):
+        out.fill(np.nan)
+        time_to_end(lambda: repeated_batch(robot, out, 2000), first, interval)
+        assert tasks() <= before
+        left = out.copy()
+        assert np.isnan(left).any(), 'the batch was complete'
+        time.sleep(0.1)
+        assert np.array_equal(out, left, equal_nan=True)
+    given = repeated_batch(robot, out, 1)
+    assert np.array_equal(out, robot.forward_dynamics(*given))
+
+
+def test_an_interrupt_ends_a_long_batch_in_a_fraction_of_a_second(robot):
+    out = np.empty((20_000, N))
+    taken = [time_to_end(lambda: repeated_batch(robot, out, 5000), 0.2) for _ in range(3)]
+    assert min(taken) < 2.5 * threads.LONGEST
+
+
+@pytest.mark.parametrize('states', [None, 50], ids=['single', 'many'])
+def test_no_thread_survives_an_interrupted_simulation(robot, states):
+    before = tasks()
+    q0 = np.ones(N) if states is None else np.ones((states, N))
+
+    def run():
+        simulate(robot, q0, np.zeros_like(q0), 100.0, step=1e-3)
+    run_once = simulate(robot, q0, np.zeros_like(q0), 0.01, step=1e-3)  # compiles
+    assert np.isfinite(run_once.q).all()
+    assert time_to_end(run, 0.05, 0.01) < 1.0
+    assert tasks() <= before
+
+
+def test_interrupted_compiling_ends_when_its_threads_have_ended(monkeypatch):
+    monkeypatch.setenv('KANE_DYNAMICS_CACHE', 'off')
+    robot = Robot(MODEL)
+    time_to_end(robot.compile, 0.1, 0.005)
+    tasks()
+    assert not [thread for thread in threading.enumerate()
+                if thread.is_alive() and thread.name.startswith('kane_dynamics')]
+    assert robot.verify() < 1e-9
+
+
+def test_waiting_for_jobs_survives_interrupts_and_starts_no_more():
+    started, ended = [], []
+
+    def job():
+        started.append(0)
+        time.sleep(0.1)
+        ended.append(0)
+    time_to_end(lambda: threads.run_concurrently([job] * 100), 0.05, 0.001)
+    assert 8 < len(started) < 60
+    assert len(started) - len(ended) <= 1, 'only the job of the interrupted thread'
+
+
+def test_an_exception_of_a_job_is_raised_when_all_have_ended():
+    ended = []
+
+    def late():
+        time.sleep(0.1)
+        ended.append(0)
+
+    def fail():
+        raise CompileError('of a job')
+    with pytest.raises(CompileError, match='of a job'):
+        threads.run_concurrently([fail, *[late] * 5])
+    assert len(ended) == 5
