@@ -14,6 +14,8 @@ import numpy as np
 
 SMALL = 1e-2  # relative singular value below which it may be rounding of the description
 STARTS = 12  # initial guesses for nearly closed configurations
+ITERATIONS = 30  # from each
+OPEN = 0.1  # m or rad: largest residual from which another kind of closure is tried
 
 
 def advice(mechanism: Mechanism, q: Array) -> str:
@@ -26,11 +28,12 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     size = _singular_values(stacked(mechanism, q))
     shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
     words = [f'singular values of the rows, relative to the largest: {shown}']
-    rounding = _rounding(mechanism, q)
-    if rounding is not None:
+    places = _nearly_closed(mechanism, q)
+    rounding = _rounding(mechanism, places)
+    if rounding > RANK:
         words.append(f'if singular values and residuals up to {rounding:.3g} are rounding of the '
                      f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
-    words += _kinds(mechanism, q)
+    words += _kinds(mechanism, places[0] if places else q)
     return '; '.join(words)
 
 
@@ -41,24 +44,26 @@ def _singular_values(stack: Stack) -> Array:
     return np.asarray(size / max(float(size.max(initial=0.0)), 1e-300))
 
 
-def _rounding(mechanism: Mechanism, q: Array) -> float | None:
-    """
-    Return the largest small singular value or residual where loops nearly close; None if none is.
-
-    It differs between configurations, so many are tried, q first.
-    """
+def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
+    """Return configurations where loops close but for residuals below `SMALL`, near q first."""
     loose = Mechanism(mechanism.model, mechanism.speeds, mechanism.constraints,
                       rank_tolerance=SMALL)
-    moves = np.ones(len(q), dtype=bool)
-    rng, largest = np.random.default_rng(0), 0.0
-    for start in (q, *q + rng.uniform(-np.pi, np.pi, (STARTS, len(q))) * mechanism.units):
-        here, residual, _, closed = closing_iterations(loose, start, moves, 0.0)
-        if closed:
-            size = _singular_values(stacked(loose, here))
-            small = size[(size > 1e-15) & (size < SMALL)]
-            if small.size:
-                largest = max(largest, small.max(), np.abs(residual).max(initial=0.0))
-    return largest if largest > RANK else None
+    moves, rng = np.ones(len(q), dtype=bool), np.random.default_rng(0)
+    starts = [q, *q + rng.uniform(-np.pi, np.pi, (STARTS, len(q))) * mechanism.units]
+    ends = [closing_iterations(loose, start, moves, 0.0, ITERATIONS) for start in starts]
+    return [here for here, _, _, closed in ends if closed]
+
+
+def _rounding(mechanism: Mechanism, places: list[Array]) -> float:
+    """Return the largest small singular value or residual at nearly closed configurations."""
+    largest = 0.0
+    for q in places:
+        stack = stacked(mechanism, q)
+        size = _singular_values(stack)
+        small = size[(size > 1e-15) & (size < SMALL)]
+        if small.size:
+            largest = max(largest, small.max(), np.abs(stack.residual).max(initial=0.0))
+    return largest
 
 
 def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
@@ -73,7 +78,10 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
             others = list(mechanism.constraints)
             others[k] = replace(own, kind=kind, second_axis=None, length=None)
             changed = Mechanism(mechanism.model, mechanism.speeds, others)
-            here, _, _, closed = closing_iterations(changed, q, np.ones(len(q), dtype=bool), 0.0)
+            if np.abs(stacked(changed, q).residual).max(initial=0.0) > OPEN:
+                continue
+            here, _, _, closed = closing_iterations(changed, q, np.ones(len(q), dtype=bool), 0.0,
+                                                    ITERATIONS)
             freedom = mechanism.model.n - rank_of(scaled_rows(changed, stacked(changed, here))[1])
             if freedom > 0 and closed:
                 found.append((freedom, f"'{own.name}' as kind {kind!r}"))
