@@ -132,12 +132,12 @@ def test_parameters_that_a_kind_has_not_are_refused(make, words):
         make()
 
 
-def rounded(kind, tolerance=1e-9, digits=4):
+def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
     """Return a four-bar whose pins are parallel but for the rounding of half pi and pi."""
     b = ModelBuilder('rounded')
     on, place = 'world', (0, 0, 0)
     quarter, half = round(np.pi / 2, digits), round(np.pi, digits)
-    for name, length, turn in (('crank', 0.3, quarter), ('coupler', 0.9, half),
+    for name, length, turn in (('crank', 0.3, quarter + tilt), ('coupler', 0.9, half),
                                ('rocker', 0.7, -half)):
         b.body(name, on, at=place, rpy=(turn, 0, 0),
                matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
@@ -145,7 +145,17 @@ def rounded(kind, tolerance=1e-9, digits=4):
     b.frame('end', 'rocker', at=place)
     b.frame('ground', 'world', at=(1, 0, 0), rpy=(quarter, 0, 0))
     return Robot(b.model(), constraints=[Closure('end', 'ground', kind, name='pin')],
-                 independent=['crank'], rank_tolerance=tolerance)
+                 independent=['crank'], rank_tolerance=tolerance,
+                 configuration=configuration)
+
+
+def test_a_rounded_loop_that_does_not_close_at_the_given_configuration_gets_the_same_advice():
+    near = 0.8, 1.9, 2.1
+    with pytest.raises(ConstraintError, match='no configuration found') as told:
+        rounded('revolute', tilt=1e-4, configuration=near)
+    assert "'pin' as kind 'inline' would leave 1" in str(told.value)
+    tolerance = float(re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+    assert rounded('revolute', tolerance, tilt=1e-4, configuration=near).n == 1
 
 
 @cache
