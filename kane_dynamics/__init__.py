@@ -8,9 +8,12 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.analysis.vibration import natural_vibration
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
-    from kane_dynamics.control.controller import Controller, Mode, Terms
+    from kane_dynamics.control.controller import Controller, Mode
     from kane_dynamics.control.momentum_observer import MomentumObserver
     from kane_dynamics.control.quasi_static import QuasiStatic
+    from kane_dynamics.control.terms import Terms
+    from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
+                                                              FilledTrajectory)
     from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
                                       ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
@@ -35,25 +38,27 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.urdf import load_urdf
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
-           'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FlexibleLink', 'Frame',
-           'Inertial', 'InputError', 'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'Mode',
-           'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
-           'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
-           'body_angular_velocity', 'box', 'disc', 'frame_wrench', 'inverse_kinematics',
-           'knife_edge', 'load_constraints', 'load_urdf', 'longest_step', 'momenta',
-           'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
-           'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate', 'stiffened',
-           'with_beam']
+           'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FilledTrajectory',
+           'FlexibleLink', 'Frame', 'Inertial', 'InputError', 'InverseKinematics', 'Joint',
+           'KaneError', 'Limits', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
+           'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
+           'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
+           'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'fill_trajectory',
+           'frame_wrench', 'inverse_kinematics', 'knife_edge', 'load_constraints', 'load_urdf',
+           'longest_step', 'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp',
+           'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate',
+           'stiffened', 'with_beam']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',
     'analysis.vibration': 'natural_vibration',
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
-    'control.controller': 'Controller Mode Terms',
+    'control.controller': 'Controller Mode',
     'control.momentum_observer': 'MomentumObserver',
     'control.quasi_static': 'QuasiStatic',
+    'control.terms': 'Terms',
+    'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',
     'errors':
         'CompileError ConstraintError InputError KaneError ModelError ModelWarning SweepError '
         'UrdfError',

@@ -175,6 +175,24 @@ def _feasible(sub: ArgumentParser) -> None:
     add_plot(sub, 'torque, speed and power')
 
 
+def _fill(sub: ArgumentParser) -> None:
+    _add_model(sub)
+    _add_motion(sub, 'YAML, CSV or npz file, or a ROS 2 bag', required=True)
+    sub.add_argument('--topic', help='topic of the trajectories in a bag (default: the only one)')
+    sub.add_argument('--tolerance', type=float, nargs='+', metavar='X',
+                     help='insert points where the interpolated effort is wrong by more, one '
+                     'value or one per joint, N m or N (default: insert none)')
+    sub.add_argument('--rest', dest='pose', type=float, nargs='+', metavar='X',
+                     help='positions of all joints; joints that the trajectory lacks rest there')
+    sub.add_argument('--without', nargs='+', default=(), metavar='TERM',
+                     choices=('gravity', 'coriolis', 'inertia', 'friction'),
+                     help='terms that the arm adds itself: gravity, coriolis, inertia, friction')
+    sub.add_argument('--clip', action='store_true',
+                     help='clamp efforts to their limits instead of exiting with an error')
+    sub.add_argument('-o', '--out', metavar='FILE',
+                     help='.yaml or .csv file; for a bag the folder of the new bag')
+
+
 def _doctor(sub: ArgumentParser) -> None:
     _add_model(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
@@ -251,6 +269,7 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'excite': _excite,
     'replay': _replay,
     'feasible': _feasible,
+    'fill': _fill,
     'doctor': _doctor,
     'view': _view,
 }

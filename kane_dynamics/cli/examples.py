@@ -122,6 +122,16 @@ examples:
 
 Exits with 1 if the motion exceeds a limit of torque, speed, position or, with --power, power.
 Prints the highest feasible speed of the motion and, with --payload-frame, the largest payload.""",
+    'fill': """
+examples:
+  kane-dynamics fill arm.urdf --motion plan.yaml --out filled.yaml
+  kane-dynamics fill arm.urdf --motion plan.yaml --tolerance 0.5 --json
+  kane-dynamics fill arm.urdf --motion run.mcap --topic /plan --out filled
+
+A motion is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, a saved npz file, a
+YAML file like a trajectory_msgs/JointTrajectory (as ros2 topic echo prints it), or a bag with such
+messages, which are all filled. The result has all fields, for a controller that claims the command
+interface effort.""",
     'doctor': """
 examples:
   kane-dynamics doctor arm.urdf

@@ -30,6 +30,7 @@ COMMANDS = {
     'replay': ('Computed and measured torques of a recording', 'replay_command.replay'),
     'feasible': ('Check of a motion against the limits of the joints',
                  'feasible_command.feasible'),
+    'fill': ('Efforts for a trajectory of joint_trajectory_controller', 'fill_command.fill'),
     'doctor': ('Problems of a URDF, its node and its ROS graph', 'commands.doctor'),
     'view': ('The robot, its motion and its loads in the browser', 'view_command.view'),
     'demo': ('Feedforward on a simulated arm, live', 'commands.demo'),

@@ -202,6 +202,12 @@ def _numbers(path: str | Path, lines: list[list[str]], columns: Sequence[int | N
 
 def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
     """Return the motion through the points of a YAML file."""
+    names, times, rows = read_yaml_points(path)
+    return _motion(path, times, rows, names, joint_names)
+
+
+def read_yaml_points(path: str | Path) -> tuple[list[str], list[float], list[Any]]:
+    """Return joint names, times, and rows of positions, velocities and accelerations."""
     content = mapping(read_yaml(path, 'motion', InputError), str(path), MESSAGE, InputError)
     for key, what in (('joint_names', 'names'),
                       ('points', "points, each with 'time_from_start' and 'positions'")):
@@ -213,7 +219,7 @@ def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
     times = [_seconds(point.get('time_from_start'), f'{path}: point {i}: time_from_start')
              for i, point in enumerate(points)]
     rows = [[point.get(name) or [] for point in points] for name in POINT[:3]]
-    return _motion(path, times, rows, content['joint_names'], joint_names)
+    return content['joint_names'], times, rows
 
 
 def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],

@@ -5,7 +5,7 @@ Plain library code without ROS; the node converts messages.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from enum import StrEnum
 import math
 
@@ -16,13 +16,16 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
-from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
+
+__all__ = ['Controller', 'Mode', 'Terms']
 
 
 class Mode(StrEnum):
@@ -31,16 +34,6 @@ class Mode(StrEnum):
     INVERSE_DYNAMICS = 'inverse_dynamics'
     COMPUTED_TORQUE = 'computed_torque'
     GRAVITY_COMPENSATION = 'gravity_compensation'
-
-
-@dataclass(frozen=True)
-class Terms:
-    """Torque terms of the command; False for terms that the arm compensates itself."""
-
-    gravity: bool = True
-    coriolis: bool = True
-    inertia: bool = True
-    friction: bool = True
 
 
 @fixed
@@ -91,7 +84,7 @@ class Controller:
     """
 
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
-                 compensate: Terms = Terms(), kp: ArrayLike = KP, kd: ArrayLike = KD,
+                 compensate: Terms = EVERY_TERM, kp: ArrayLike = KP, kd: ArrayLike = KD,
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
                  bending: QuasiStatic | None = None) -> None:
         self.robot, self.bending = robot, bending
@@ -139,13 +132,8 @@ class Controller:
             self._mode, self._pose = Mode(mode), None
         if compensate is not None:
             self._compensate = compensate
-            # One weight a row of torque_terms; the springs have no switch.
-            rows = {name: getattr(compensate, name, True) for name in TORQUE_TERMS}
-            self._all = all(rows.values())
-            self._forward = np.array(list(rows.values()), dtype=np.float64)
             # Feedback acts through M in any case; friction is added at the desired speed.
-            rows |= {'inertia': True, 'friction': False}
-            self._back = np.array(list(rows.values()), dtype=np.float64)
+            self._back = replace(compensate, inertia=True, friction=False).weights
 
     @lazy_property
     def _law(self) -> Callable[..., Array]:
@@ -260,9 +248,7 @@ class Controller:
         if self._mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment)
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
-            q_d, u_d, udot_d = motion.sample(moment)
-            tau = (self._source.inverse_dynamics(q_d, u_d, udot_d) if self._all
-                   else self._forward @ self._source.torque_terms(q_d, u_d, udot_d))
+            tau = self._compensate.inverse_dynamics(self._source, *motion.sample(moment))
         else:
             tau = self._source.gravity_force(q) if self._compensate.gravity else self._zero.copy()
         if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
@@ -284,7 +270,7 @@ class Controller:
         else:
             self._pose = None  # the pose at the end of the motion is held next
             q_d, u_d, udot_d = motion.sample(moment)
-        if self._all and self.bending is None:
+        if self._compensate.complete and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
         with np.errstate(over='ignore', invalid='ignore'):  # the kernel raises an error

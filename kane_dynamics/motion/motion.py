@@ -12,17 +12,17 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolynomial,
                                                     segment_coefficients, spline_velocities)
+from kane_dynamics.motion.points import (checked_joint_names, point_times, Start, start_state,
+                                         State, trajectory_points)
 import numpy as np
 from numpy.typing import ArrayLike
 
-Start = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
-State = tuple[Array, Array, Array]
+__all__ = ['Motion', 'Start', 'State']
 
 
 @fixed
@@ -112,25 +112,18 @@ class Motion:
             If an argument is invalid; the message names the point, the joint and the value.
 
         """
-        given = _names(joint_names, 'joint_names')
-        names = given if order is None else _names(order, 'order')
+        given = checked_joint_names(joint_names, 'joint_names')
+        names = given if order is None else checked_joint_names(order, 'order')
         lacking = [name for name in names if name not in given]
         if lacking:
             raise InputError(f'motion: joints {list(given)}; expected {lacking} too')
         columns = [given.index(name) for name in names]
-        t = _times(times)
-        rows = [_rows(values, what, len(t), given) for values, what in (
-            (positions, 'positions'), (velocities, 'velocities'),
-            (accelerations, 'accelerations'))]
-        if rows[0] is None:
-            raise InputError(f'positions: none; expected one row per point for {list(given)}')
-        if rows[2] is not None and rows[1] is None:
-            raise InputError('accelerations: given without velocities; expected both or neither')
-        q = rows[0][:, columns]
-        u, udot = (None if row is None else row[:, columns] for row in rows[1:])
+        t, q, *derivatives = trajectory_points(times, positions, velocities, accelerations, given)
+        q = q[:, columns]
+        u, udot = (None if table is None else table[:, columns] for table in derivatives)
         rest = np.zeros(len(names))
         if start is not None and t[0] > 0.0:
-            first = _start(start, names)
+            first = start_state(start, names)
             t = np.concatenate([[0.0], t])
             q = np.vstack([first[0], q])
             u = None if u is None else np.vstack([first[1], u])
@@ -161,7 +154,7 @@ class Motion:
         """
         if not 0.0 < speed < math.inf:
             raise InputError(f'speed: {speed}; expected a positive, finite number')
-        times = _times(self.times / speed)
+        times = point_times(self.times / speed)
         return Motion(self.joint_names, times, self.positions, self._table[..., :self._n].copy())
 
     def joint_polynomial(self, joint: str) -> PiecewisePolynomial:
@@ -223,56 +216,3 @@ class Motion:
             out[inside] = value
         q, u, udot = (np.ascontiguousarray(part) for part in np.split(out, 3, axis=1))
         return q, u, udot
-
-
-def _names(names: Sequence[str], what: str) -> tuple[str, ...]:
-    """Return the joint names as a tuple; raise InputError if empty or not unique."""
-    names = tuple(names)
-    if not names or not all(isinstance(name, str) for name in names) or (
-            len(set(names)) != len(names)):
-        raise InputError(f'{what}: {list(names)}; expected one or more different joint names')
-    return names
-
-
-def _times(times: ArrayLike) -> Array:
-    """Return the times of the points as a (K,) array; raise InputError if invalid."""
-    try:
-        t = np.array(times, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f'times: {times!r}; expected one number per point, in s') from None
-    if t.ndim != 1 or not len(t):
-        raise InputError(f'times: shape {t.shape}; expected one number per point, and at least '
-                         'one point')
-    for i, value in enumerate(t.tolist()):
-        if not math.isfinite(value) or value < 0.0:
-            raise InputError(f'point {i}: time {value} s; expected a finite time >= 0 s')
-        if i and value <= t[i - 1]:
-            raise InputError(f'point {i}: time {value} s; expected more than the {t[i - 1]} s '
-                             f'of point {i - 1}')
-    return t
-
-
-def _rows(values: Sequence[ArrayLike] | ArrayLike | None, what: str, count: int,
-          names: tuple[str, ...]) -> Array | None:
-    """Return one row per point as a (K, n) array, or None if there are no values."""
-    if values is None:
-        return None
-    try:
-        listed = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
-    except (TypeError, ValueError):
-        raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers per point '
-                         f'({", ".join(names)})') from None
-    if all(row.size == 0 for row in listed):
-        return None
-    if len(listed) != count:
-        raise InputError(f'{what}: {len(listed)} rows; expected {count}, one per time')
-    return np.array([finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
-
-
-def _start(start: Start, names: tuple[str, ...]) -> State:
-    """Return the start state as three (n,) arrays; raise InputError if invalid."""
-    q, u, udot = start
-    rest = np.zeros(len(names))
-    return (finite_row(q, 'start: positions', names),
-            finite_row(rest if u is None else u, 'start: velocities', names),
-            finite_row(rest if udot is None else udot, 'start: accelerations', names))

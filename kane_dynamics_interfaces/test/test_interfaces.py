@@ -3,21 +3,21 @@
 from geometry_msgs.msg import Inertia, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.msg import TorqueExplanation
-from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
+from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                                           InverseDynamics, SetPayload, Simulate)
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
-PARTS = [part for service in (Explain, ForwardDynamics, GetDynamics, InverseDynamics, SetPayload,
-                              Simulate)
+PARTS = [part for service in (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
+                              InverseDynamics, SetPayload, Simulate)
          for part in (service.Request, service.Response)]
 PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation]
 
 
 VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
-          'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2,
+          'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2, 'uint32': 3,
           'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
           'sequence<geometry_msgs/Wrench>': [Wrench(force=Vector3(x=1.0))],
           'sequence<geometry_msgs/WrenchStamped>': [WrenchStamped(header=Header(frame_id='tip'))],

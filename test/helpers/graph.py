@@ -63,10 +63,11 @@ def model():
 
 
 class Process:
-    """A node in its own process; the dynamics node unless another module is given."""
+    """A node in its own process; the dynamics node unless another module or program is given."""
 
-    def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', **parameters):
-        command = [sys.executable, '-m', module, '--ros-args']
+    def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', program=None,
+                 **parameters):
+        command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
         for name, value in parameters.items():
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''

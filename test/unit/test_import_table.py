@@ -79,6 +79,7 @@ RANK = ranks(TABLE)
 # Who may import these at all, even inside a function.
 DOORS = {
     'ament_index_python': ('ros',),
+    'control_msgs': (),  # by name only, where a parameter asks for it
     'distributed': ('sweep',),
     'example_robot_data': (),
     'kane_dynamics_interfaces': ('demo', 'ros'),

@@ -1,4 +1,4 @@
-"""Read joint states from a ROS 2 bag (MCAP or SQLite) with rosbags, without ROS."""
+"""Read messages from a ROS 2 bag (MCAP or SQLite) with rosbags, without ROS."""
 
 from collections.abc import Iterator, Sequence
 import os
@@ -65,12 +65,43 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
 def _messages(path: Path, joint_names: Sequence[str],
               topic: str | None) -> Iterator[tuple[int, list[Any]]]:
     """Yield stamp, ns, and position, velocity and effort (or None) of each message."""
+    for _, logged, message in bag_messages(path, JOINT_STATE, topic):
+        stamp = message.header.stamp
+        yield (stamp.sec * 10**9 + stamp.nanosec or logged,
+               _of_joints(message, joint_names, path))
+
+
+def typestore() -> Any:
+    """Return the message types of a bag; raise InputError if rosbags is not installed."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import get_typestore, Stores
     except ImportError:
         raise InputError("bag: 'rosbags' is not installed; expected pip install "
                          "'kane_dynamics[identify]'") from None
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str, int, Any]]:
+    """
+    Yield topic, time of recording, ns, and message of each message of a type on one topic.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of a bag, or its .mcap or .db3 file.
+    kind : str
+        Type of the messages.
+    topic : str or None
+        None for the only topic of that type.
+
+    Raises
+    ------
+    InputError
+        If the bag or the topic is missing or not readable.
+
+    """
+    types = typestore()
+    from rosbags.highlevel import AnyReader, AnyReaderError
     folder = path if path.is_dir() else path.parent
     if not path.exists():
         raise InputError(f'no such file: {os.fspath(path)!r}; expected the folder of a ROS 2 bag, '
@@ -78,28 +109,26 @@ def _messages(path: Path, joint_names: Sequence[str],
     if not (folder / 'metadata.yaml').exists():
         raise InputError(f'{path}: no metadata.yaml beside it; expected the folder of a ROS 2 bag')
     try:
-        with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            chosen = _connections(reader.connections, path, topic)
+        with AnyReader([folder], default_typestore=types) as reader:
+            chosen = _connections(reader.connections, path, kind, topic)
             for connection, logged, data in reader.messages(connections=chosen):
-                message: Any = reader.deserialize(data, connection.msgtype)
-                stamp = message.header.stamp
-                yield (stamp.sec * 10**9 + stamp.nanosec or logged,
-                       _of_joints(message, joint_names, path))
+                yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
     except AnyReaderError as error:
         raise InputError(f'{path}: {error}; expected a readable ROS 2 bag') from None
 
 
-def _connections(connections: Sequence[Any], path: Path, topic: str | None) -> list[Any]:
-    """Return the connections of the chosen topic of joint states."""
-    topics = sorted({c.topic for c in connections if c.msgtype == JOINT_STATE})
+def _connections(connections: Sequence[Any], path: Path, kind: str,
+                 topic: str | None) -> list[Any]:
+    """Return the connections of the chosen topic of messages of a type."""
+    topics = sorted({c.topic for c in connections if c.msgtype == kind})
     if topic is None and len(topics) == 1:
         topic = topics[0]
     if topic not in topics:
         found = 'several topics' if topic is None and topics else f"no topic '{topic}'"
         if topic is None and not topics:
             found = 'no topic'
-        raise InputError(f"{path}: {found} of {JOINT_STATE}; expected one of {topics or 'none'}")
-    return [c for c in connections if c.topic == topic and c.msgtype == JOINT_STATE]
+        raise InputError(f"{path}: {found} of {kind}; expected one of {topics or 'none'}")
+    return [c for c in connections if c.topic == topic and c.msgtype == kind]
 
 
 def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any]:

@@ -32,35 +32,98 @@ def spline_velocities(t: Array, q: Array, first: Array) -> Array:
     The velocity is `first` at the first point and zero at the last. The inner velocities solve
     the tridiagonal, diagonally dominant system
     ``u[i-1] / h[i-1] + 2 (1 / h[i-1] + 1 / h[i]) u[i] + u[i+1] / h[i]
-    = 3 (dq[i-1] / h[i-1]^2 + dq[i] / h[i]^2)`` by Thomas' elimination.
+    = 3 (dq[i-1] / h[i-1]^2 + dq[i] / h[i]^2)``.
     """
-    count = len(t)
     u = np.zeros_like(q)
-    if count < 2:
+    if len(t) < 2:
         return u
     u[0] = first
-    r = 1.0 / np.diff(t)
-    slope = 3.0 * np.diff(q, axis=0) * (r * r)[:, None]
-    ratio = np.zeros(count)  # upper diagonal after elimination
-    for i in range(1, count - 1):
-        pivot = 2.0 * (r[i - 1] + r[i]) - r[i - 1] * ratio[i - 1]
-        ratio[i] = r[i] / pivot
-        u[i] = (slope[i - 1] + slope[i] - r[i - 1] * u[i - 1]) / pivot
-    for i in range(count - 2, 0, -1):
-        u[i] -= ratio[i] * u[i + 1]
+    if len(t) > 2:
+        r = 1.0 / np.diff(t)[:, None]
+        slope = 3.0 * np.diff(q, axis=0) * (r * r)
+        right = slope[:-1] + slope[1:]
+        right[0] -= r[0] * u[0]
+        u[1:-1] = tridiagonal_solution(r[:-1], 2.0 * (r[:-1] + r[1:]), r[1:], right)
     return u
+
+
+def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """
+    Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``, diagonally dominant.
+
+    Cyclic reduction: the equations with even numbers eliminate their unknowns from the others,
+    which are half as many. It needs a few operations on arrays where Thomas' elimination needs
+    one for each row.
+
+    Parameters
+    ----------
+    a, b, c : (m, 1) arrays
+        Lower diagonal (its first entry is ignored), diagonal, and upper diagonal (its last entry
+        is ignored).
+    d : (m, n) array
+        Right-hand sides.
+
+    """
+    count = len(b)
+    if count == 1:
+        return np.asarray(d / b)
+    odd, after = slice(1, None, 2), slice(2, None, 2)
+    before = slice(0, count - 1, 2)
+    down = a[odd] / b[before]
+    up = np.zeros_like(down)  # the last odd row may have no row after it
+    up[:len(b[after])] = c[odd][:len(b[after])] / b[after]
+
+    def following(rows: Array) -> Array:
+        """Return the row after each odd row; a row of zeros after the last."""
+        return rows[after] if count % 2 else np.concatenate([rows[after], 0.0 * rows[:1]])
+    x = np.empty_like(d)
+    x[odd] = tridiagonal_solution(
+        -down * a[before], b[odd] - down * c[before] - up * following(a), -up * following(c),
+        d[odd] - down * d[before] - up * following(d))
+    even = d[::2].copy()
+    even[1:] -= a[after] * x[odd][:len(even) - 1]
+    even[:len(x[odd])] -= c[before] * x[odd]
+    x[::2] = even / b[::2]
+    return x
+
+
+def segment_ends(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
+    """Return q, h u and h^2 udot (if given) at both ends of all segments, (4 or 6, K - 1, n)."""
+    h = np.diff(t)[:, None]
+    if udot is None:
+        return np.array([q[:-1], h * u[:-1], q[1:], h * u[1:]])
+    return np.array([q[:-1], h * u[:-1], h * h * udot[:-1], q[1:], h * u[1:], h * h * udot[1:]])
 
 
 def segment_coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
     """Return the polynomial coefficients of all segments in x from 0 to 1, (K - 1, 6, n)."""
-    h = np.diff(t)[:, None]
-    ends = [q[:-1], h * u[:-1], q[1:], h * u[1:]]
-    if udot is not None:
-        ends = [q[:-1], h * u[:-1], h * h * udot[:-1], q[1:], h * u[1:], h * h * udot[1:]]
+    ends = segment_ends(t, q, u, udot)
     basis = _CUBIC if udot is None else _QUINTIC
     out = np.zeros((len(t) - 1, 6, q.shape[1]))
-    out[:, :len(basis)] = np.einsum('pe,esn->spn', basis, np.array(ends))
+    out[:, :len(basis)] = np.einsum('pe,esn->spn', basis, ends)
     return out
+
+
+def inside_segments(ends: Array, h: Array, x: Array) -> tuple[Array, Array, Array]:
+    """
+    Return q, u and udot inside quintic segments, (m, S, n) each.
+
+    Parameters
+    ----------
+    ends : (6, S, n) array
+        As `segment_ends` returns them.
+    h : (S,) array
+        Durations of the segments, s.
+    x : (m,) array
+        Fractions of the durations, from 0 to 1.
+
+    """
+    powers = x[:, None] ** np.arange(6)
+    first, second = np.zeros((2, *powers.shape))
+    first[:, 1:] = np.arange(1, 6) * powers[:, :5]
+    second[:, 2:] = np.arange(2, 6) * np.arange(1, 5) * powers[:, :4]
+    q, u, udot = (np.tensordot(each @ _QUINTIC, ends, axes=1) for each in (powers, first, second))
+    return q, u / h[:, None], udot / (h * h)[:, None]
 
 
 @dataclass(frozen=True, eq=False)

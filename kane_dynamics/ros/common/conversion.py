@@ -122,6 +122,23 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_poi
         times that do not increase, or non-finite numbers.
 
     """
+    times, q, u, udot = point_columns(message, joints, max_points)
+    return Motion.from_points(times, q, u, udot, joint_names=joints, start=start)
+
+
+def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: int
+                  ) -> tuple[Array, Array, Array | None, Array | None]:
+    """
+    Return times (K,), s, and positions, velocities, accelerations (K, n) of some joints.
+
+    Velocities and accelerations are None if no point has any.
+
+    Raises
+    ------
+    InputError
+        As `motion_from_message`.
+
+    """
     check_points(len(message.points), max_points)
     names = list(message.joint_names)
     missing = [joint for joint in joints if joint not in names]
@@ -141,9 +158,8 @@ def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_poi
     positions = _column(message, 'positions', index)
     if positions is None:
         raise InputError('positions of the trajectory: none; expected one per joint in each point')
-    return Motion.from_points(times, positions, _column(message, 'velocities', index),
-                              _column(message, 'accelerations', index), joint_names=joints,
-                              start=start)
+    return (times, positions, _column(message, 'velocities', index),
+            _column(message, 'accelerations', index))
 
 
 def trajectory_message(trajectory: Trajectory, robot: Robot,

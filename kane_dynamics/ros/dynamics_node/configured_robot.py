@@ -17,10 +17,12 @@ from kane_dynamics.ros.common.configuration_files import robot_options
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
-from kane_dynamics.ros.monitors.optional_topics import check_optional_topics, OptionalTopics
+from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
+                                                        joint_command_type, OptionalTopics)
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
+from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
                                                            parameter_loads)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
@@ -88,8 +90,13 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
+        if not self.robot.constraint_names:  # for filled trajectories
+            for robot in (self.robot, *([bending.robot] if bending else [])):
+                robot.compile('inverse_dynamics', 'torque_terms', batches=True)
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
         self._request_frames = WrenchFrames(self._for_requests)
+        self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
+        FillSettings.from_values(values, self.robot.joint_names)
         self.verified = max(robot.verify() for robot in (
             self.robot, *([bending.robot] if bending else [])))
         controller = Controller(self.robot, bending=bending,
@@ -110,10 +117,12 @@ class ConfiguredRobot:
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
         self._commands = publisher(Float64MultiArray, 'commands', RELIABLE)
+        stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE) if (
+            values['stamped_commands']) else None
         self.path = TorquePath(
             controller, self._commands, publisher(JointState, '~/joint_torques', RELIABLE),
             self._now, values['state_timeout'], self._statistics,
-            lambda reason, detail: warn(f'joint states: {reason}', detail))
+            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped)
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self._distribute()
@@ -160,6 +169,7 @@ class ConfiguredRobot:
     def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         """Raise InputError unless new parameters, of which `given` are set, fit the robot."""
         controller_settings(values, self.robot.joint_names)
+        FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)
         check_optional_topics(values, self.robot)
         if self.gravity_source is not None and (
@@ -232,4 +242,5 @@ class ConfiguredRobot:
         self.path.set_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
         self._server.served = ServedRobot(self._for_requests, self._for_simulations, self.loads,
-                                          self.values, self._request_frames)
+                                          self.values, self._request_frames,
+                                          self._bending_for_requests, self.path.measured)

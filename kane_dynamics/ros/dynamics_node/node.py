@@ -58,7 +58,8 @@ class DynamicsNode(LifecycleNode):
             BACK, post_callback=self._on_jump)  # active while referenced
         self.sim_time = SimTimeWatchdog(self)
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
-        self.server = Services(self, self._on_trajectory, self._on_payload)
+        self.server = Services(self, self._on_trajectory, self._on_payload,
+                               lambda reason: self._reject_trajectory('trajectory', reason))
         self._node_timers = NodeTimers(self)
         self._node_timers.start(self._simulated_time)
 
@@ -201,8 +202,12 @@ class DynamicsNode(LifecycleNode):
             if warning := follow_trajectory(self.arm.path, data, received, self.values):
                 self.get_logger().warning(f'joint_trajectory: {warning}')
         except KaneError as error:
-            self.statistics.rejected['joint_trajectory'] += 1
-            self.get_logger().error(f'joint_trajectory rejected: {error}')
+            self._reject_trajectory('joint_trajectory', str(error))
+
+    def _reject_trajectory(self, topic: str, reason: str) -> None:
+        """Count a rejected trajectory and log the reason."""
+        self.statistics.rejected[topic] += 1
+        self.get_logger().error(f'{topic} rejected: {reason}')
 
     def _on_payload(self, request: SetPayload.Request) -> None:
         """Set the payload; called in the services' thread."""

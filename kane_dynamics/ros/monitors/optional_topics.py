@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from importlib import import_module
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -22,8 +23,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 
+def joint_command_type() -> Any:
+    """Return the message type control_msgs/JointCommand; raise InputError if not installed."""
+    try:
+        return import_module('control_msgs.msg').JointCommand
+    except (ImportError, AttributeError) as error:
+        raise InputError("parameter 'stamped_commands': true without control_msgs/JointCommand "
+                         f'({error}); expected false, or an installed package control_msgs with '
+                         'that message') from None
+
+
 def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     """Raise InputError unless the parameters of the optional topics fit a robot."""
+    if values['stamped_commands']:
+        joint_command_type()
     check_frames(robot.model, values['wrench.frames'])
     if values['payload.frame']:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')

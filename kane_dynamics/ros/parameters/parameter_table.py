@@ -121,6 +121,16 @@ SPECS = (
          infinite=True, low=0.0),
     live('limits.rate', 'per_joint', [], 'limit of the rate of effort, N m/s or N/s; empty: none',
          positive=True, infinite=True, low=0.0),
+    Spec('stamped_commands', 'flag', False, 'also publish the commands as '
+         'control_msgs/JointCommand on topic stamped_commands, with joint names and the stamp of '
+         'the joint state; needs the package control_msgs with that message'),
+    live('feedforward.tolerance', 'per_joint', [], 'largest error of the effort that is '
+         'interpolated between the points of ~/trajectory_with_effort, N m or N; points are '
+         'inserted where it is larger; empty: none are', positive=True, infinite=True, low=0.0),
+    live('feedforward.clip', 'flag', False, 'clamp the efforts of ~/trajectory_with_effort to '
+         'their limits; false: reject a trajectory that exceeds them'),
+    live('feedforward.rest', 'per_joint', [], 'positions at which joints rest that ~/trajectory '
+         'lacks, rad or m; empty: the measured ones'),
     Spec('observer.enabled', 'flag', False, 'estimate external torques with a momentum observer '
          'and publish them and a collision flag'),
     live('observer.torque', 'text', 'auto', 'source of the torque that acts on the arm: the '

@@ -1,10 +1,12 @@
 """The robots and settings that serve requests."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 
@@ -24,6 +26,10 @@ class ServedRobot:
         The node's parameters; gains.*, simulation.* and trajectory.max_points are used.
     frames : WrenchFrames
         Frames of `robot` at which a request may apply wrenches.
+    bending : QuasiStatic, optional
+        The flexible arm of which `robot` is the rigid model, for filled trajectories.
+    measured : callable
+        Returns the measured positions, (n,), or None.
 
     """
 
@@ -32,3 +38,11 @@ class ServedRobot:
     loads: GravityAndPayload
     values: Mapping[str, Any]
     frames: WrenchFrames
+    bending: QuasiStatic | None = None
+    measured: Callable[[], Array | None] = lambda: None
+
+    def apply_loads(self) -> None:
+        """Set gravity and payload of the robots of the services' thread."""
+        self.loads.apply(self.robot)
+        if self.bending is not None:
+            self.loads.apply(self.bending.robot)

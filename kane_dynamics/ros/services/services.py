@@ -15,10 +15,12 @@ from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics, get_dynamics,
                                                       inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest
+from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_tables,
+                                                           filled_message)
 from kane_dynamics.ros.services.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics, InverseDynamics,
-                                          SetPayload, Simulate)
+from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
+                                          InverseDynamics, SetPayload, Simulate)
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -32,7 +34,7 @@ RESULT_TIMEOUT = 60     # s for which the result of a goal is kept
 
 class Services(Node):
     """
-    The node that serves the services, the action, and the topic of desired motions.
+    The node that serves the services, the action, and the topics of trajectories.
 
     Parameters
     ----------
@@ -43,17 +45,19 @@ class Services(Node):
         its reception, ns; a long trajectory thus does not block the torque path.
     on_payload : callable
         Called with each SetPayload request; raises KaneError to refuse it.
+    reject : callable
+        Called with the reason why a trajectory cannot be filled in.
 
     """
 
     def __init__(self, front: Node, on_trajectory: Callable[[bytes, int], None],
-                 on_payload: Callable[[Any], None]) -> None:
+                 on_payload: Callable[[Any], None], reject: Callable[[str], None]) -> None:
         super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
                          use_global_arguments=False, start_parameter_services=False,
                          enable_rosout=False)
         self.served: ServedRobot | None = None
         self.max_waiting = 1
-        self.log = front.get_logger()
+        self.log, self._reject = front.get_logger(), reject
         self.spinner = SingleThreadedExecutor()
         self.spinner.add_node(self)
         self.worker = Worker(self.spinner.wake)
@@ -63,6 +67,7 @@ class Services(Node):
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
                                  (GetDynamics, 'get_dynamics', get_dynamics),
                                  (Explain, 'explain', explain),
+                                 (FillTrajectory, 'fill_trajectory', fill_trajectory_tables),
                                  (SetPayload, 'set_payload',
                                   lambda served, request, response: on_payload(request))):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
@@ -73,6 +78,11 @@ class Services(Node):
             JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
             lambda data, info: on_trajectory(data, info['received_timestamp']),
             RELIABLE, raw=True)
+        # A plain publisher: filled trajectories are no commands, and an inactive node fills too.
+        self._filled = self.create_publisher(
+            JointTrajectory, front.resolve_topic_name('~/trajectory_with_effort'), RELIABLE)
+        self.create_subscription(JointTrajectory, front.resolve_topic_name('~/trajectory'),
+                                 self._fill, RELIABLE, raw=True)
         self.action = ActionServer(
             self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
             self._simulate_motion, result_timeout=RESULT_TIMEOUT, callback_group=waiting,
@@ -98,6 +108,15 @@ class Services(Node):
             raise InputError('node: not configured; expected a configured node')
         return self.served
 
+    def _fill(self, data: bytes) -> None:
+        """Publish a trajectory with all fields filled in."""
+        try:
+            served = self._require()
+            served.apply_loads()
+            self._filled.publish(filled_message(served, data))
+        except KaneError as error:
+            self._reject(str(error))
+
     def _failed(self, response: Any, error: BaseException) -> Any:
         """Return the response to a request that raised an error."""
         response.success = False
@@ -114,7 +133,7 @@ class Services(Node):
         def callback(request: Any, response: Any) -> Any:
             try:
                 served = self._require()
-                served.loads.apply(served.robot)
+                served.apply_loads()
                 call(served, request, response)
                 response.success = True
             except Exception as error:

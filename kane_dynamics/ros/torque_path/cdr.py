@@ -228,6 +228,16 @@ def wrench_stamped(frame_id: str) -> PreparedMessage:
     return PreparedMessage(writer, writer.reserve(8, 6), 6)
 
 
+def joint_command(names: Sequence[str], interface: str) -> PreparedMessage:
+    """Return a control_msgs/JointCommand of one interface, with a number for each name."""
+    writer = Writer()
+    writer.reserve(4, 2)
+    writer.text('')
+    writer.texts(names)
+    writer.text(interface)
+    return PreparedMessage(writer, writer.doubles(len(names)), len(names))
+
+
 def float64_multi_array(count: int) -> PreparedMessage:
     """Return a std_msgs/Float64MultiArray of `count` numbers with an empty layout."""
     writer = Writer()

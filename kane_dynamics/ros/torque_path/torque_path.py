@@ -14,7 +14,8 @@ from kane_dynamics.motion.motion import State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.cdr import float64_multi_array, joint_state_of_efforts
+from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
+                                               joint_state_of_efforts)
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader, MISSING,
@@ -41,12 +42,14 @@ class TorquePath:
     statistics : Statistics
     warn : callable
         Called with the reason and the details of each dropped state.
+    stamped : Publisher, optional
+        Publisher of JointCommand, for commands with the stamp of their state.
 
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], timeout: float, statistics: Statistics,
-                 warn: Callable[[str, str], None]) -> None:
+                 warn: Callable[[str, str], None], stamped: Publisher | None = None) -> None:
         joints = controller.robot.joint_names
         self.controller, self.statistics = controller, statistics
         self.running = False
@@ -58,6 +61,7 @@ class TorquePath:
         self._reader = JointStateReader(joints)
         self._command_message = float64_multi_array(len(joints))
         self._torque_message = joint_state_of_efforts(joints)
+        self._stamped, self._stamped_message = stamped, joint_command(joints, 'effort')
         self.wrenches: WrenchInput | None = None
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
@@ -82,6 +86,11 @@ class TorquePath:
             q = (self._reader.q if pose is None else pose).copy()
             state = q, 0.0 * q, 0.0 * q
         return state
+
+    def measured(self) -> Array | None:
+        """Return the last measured positions, (n,); None if states are missing."""
+        valid = self.running and self.last_update and not self.timed_out
+        return self._reader.q.copy() if valid else None
 
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
@@ -116,8 +125,7 @@ class TorquePath:
     def command_zeros(self) -> None:
         """Command zeros immediately, without the rate limit."""
         self.commanding = False
-        self._torque_message.stamp(*divmod(max(self._now(), 0), NANO))
-        self._publish(self.controller.stop().tau)
+        self._publish(self.controller.stop().tau, *divmod(max(self._now(), 0), NANO))
 
     def check_timeout(self) -> None:
         """Command zeros, once, if the last valid state has timed out."""
@@ -180,8 +188,7 @@ class TorquePath:
             return
         self._last_good, self._last_stamp = min(now, stamp), stamp
         self.timed_out, self.commanding, self.last_update = False, True, began
-        self._torque_message.stamp(reader.sec, reader.nanosec)
-        self._publish(command.tau)
+        self._publish(command.tau, reader.sec, reader.nanosec)
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
                                 command.limited)
         self.statistics.full_parses = reader.full_parses
@@ -199,10 +206,15 @@ class TorquePath:
         for observer in self._observers:
             observer.on_loads_changed()
 
-    def _publish(self, tau: Array) -> None:
-        """Publish both messages, first the command."""
+    def _publish(self, tau: Array, sec: int, nanosec: int) -> None:
+        """Publish the messages, first the command."""
         self._command_message.numbers[:] = tau
         self._commands.publish(self._command_message.serialized())
+        if self._stamped is not None:
+            self._stamped_message.stamp(sec, nanosec)
+            self._stamped_message.numbers[:] = tau
+            self._stamped.publish(self._stamped_message.serialized())
+        self._torque_message.stamp(sec, nanosec)
         self._torque_message.numbers[:] = tau
         self._torques.publish(self._torque_message.serialized())
 

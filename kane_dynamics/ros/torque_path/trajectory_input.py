@@ -29,6 +29,7 @@ class TrajectoryHeader:
     """The part of a Header that is used."""
 
     stamp: CdrTime
+    frame_id: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
     """
     reader = Reader(data)
     stamp = CdrTime(*reader.pair())
-    reader.text()  # frame
+    frame_id = reader.text()
     names = reader.texts()
     count = reader.word()
     if count:
@@ -73,7 +74,7 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
         reader.doubles()  # efforts
         points.append(ReceivedPoint(positions, velocities, accelerations,
                                     CdrTime(*reader.pair())))
-    return ReceivedTrajectory(TrajectoryHeader(stamp), names, points)
+    return ReceivedTrajectory(TrajectoryHeader(stamp, frame_id), names, points)
 
 
 def follow_trajectory(path: TorquePath, data: bytes, received: int,

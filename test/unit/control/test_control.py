@@ -24,7 +24,10 @@ class ClosedForm:
     n = len(NAMES)
 
     def __init__(self, effort=(np.inf, np.inf)):
-        self.limits = SimpleNamespace(effort=np.array(effort))
+        none = np.full(self.n, np.inf)
+        self.limits = SimpleNamespace(effort=np.array(effort), lower=-none, upper=none)
+        self.equations = SimpleNamespace(
+            model=SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:]))
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(extra=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None)

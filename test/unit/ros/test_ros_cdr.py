@@ -3,11 +3,14 @@
 import math
 import struct
 
+from kane_dynamics.control.trajectory_feedforward import FilledTrajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import motion_from_message
-from kane_dynamics.ros.torque_path.cdr import (float64_multi_array,
+from kane_dynamics.ros.services.trajectory_cdr import serialized_trajectory
+from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
                                                joint_state_of_efforts, Reader)
-from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
+from kane_dynamics.ros.torque_path.trajectory_input import (CdrTime, read_trajectory,
+                                                            TrajectoryHeader)
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
@@ -37,6 +40,37 @@ def test_rclpy_reads_a_joint_state_of_efforts_and_its_stamp(names):
     assert list(read.effort) == VALUES[:len(names)]
     assert (read.header.stamp.sec, read.header.stamp.nanosec) == (-3, 4_000_000_000)
     assert not read.position and not read.velocity
+
+
+@pytest.mark.parametrize('names', [['a'], ['ab', 'c'], ['abc', 'defg', 'h' * 31], ['é', '']])
+def test_a_joint_command_has_the_fields_of_its_definition(names):
+    """docs.ros.org/en/ros2_packages/rolling/api/control_msgs/msg/JointCommand.html."""
+    message = joint_command(names, 'effort')
+    message.numbers[:] = VALUES[:len(names)]
+    message.stamp(7, 8)
+    reader = Reader(message.serialized())
+    assert (reader.pair(), reader.text()) == ((7, 8), '')
+    assert (reader.texts(), reader.text()) == (names, 'effort')
+    assert reader.doubles().tolist() == VALUES[:len(names)]
+    assert reader.offset == len(message.serialized())
+
+
+@pytest.mark.parametrize('frame', ['', 'abc', 'world', 'abcdefgh'])  # of every alignment
+@pytest.mark.parametrize(('points', 'n'), [(1, 1), (3, 2), (100, 7)])
+def test_rclpy_reads_a_filled_trajectory(frame, points, n):
+    names = tuple('abcdefg'[:n])
+    tables = np.random.default_rng(0).normal(size=(4, points, n))
+    filled = FilledTrajectory(names, 0.25 + 0.7 * np.arange(points), *tables, 0, None)
+    read = deserialize_message(serialized_trajectory(
+        TrajectoryHeader(CdrTime(-3, 4_000_000_000), frame), filled), JointTrajectory)
+    assert read.header.frame_id == frame
+    assert (read.header.stamp.sec, read.header.stamp.nanosec) == (-3, 4_000_000_000)
+    assert tuple(read.joint_names) == names
+    for table, field in zip(tables, ('positions', 'velocities', 'accelerations', 'effort'),
+                            strict=True):
+        assert [list(getattr(point, field)) for point in read.points] == table.tolist()
+    assert [point.time_from_start.sec * 10**9 + point.time_from_start.nanosec
+            for point in read.points] == [250_000_000 + 700_000_000 * k for k in range(points)]
 
 
 def test_the_doubles_of_a_prepared_message_are_aligned():

@@ -1,0 +1,76 @@
+"""The command `fill`: efforts for trajectories of joint_trajectory_controller."""
+
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from kane_dynamics.cli.commands.inspect_command import print_table
+from kane_dynamics.cli.shared import load, print_json, warn_degrees
+from kane_dynamics.control.terms import Terms
+from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
+from kane_dynamics.errors import InputError
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+
+def fill(options: Namespace) -> None:
+    """Fill in trajectories; print or write them."""
+    from kane_dynamics.cli.tables import write_states  # slow imports
+    from kane_dynamics.cli.trajectory_files import read_points, write_bag, write_yaml
+    _, robot = load(options)
+    given = read_points(options.motion, robot.joint_names, options.topic)
+    is_bag = given[0].message is not None
+    kind = Path(options.out).suffix if options.out else ''
+    if options.out and (kind != '' if is_bag else kind not in ('.yaml', '.yml', '.csv')):
+        raise InputError(f"--out: '{options.out}'; expected "
+                         + ('the folder of a new bag' if is_bag else 'a .yaml or .csv file'))
+    filled = []
+    for k, points in enumerate(given):
+        for row in points.rows[0][:1]:
+            if points.joint_names == robot.joint_names:
+                warn_degrees(robot, np.asarray(row), options.motion)
+        try:
+            filled.append(_filled(options, robot, points))
+        except InputError as error:
+            where = f'trajectory {k}: ' if len(given) > 1 else ''
+            raise InputError(f'{options.motion}: {where}{error}') from None
+    if options.out and is_bag:
+        write_bag(Path(options.out), given, filled)
+    elif options.out:
+        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+            if kind == '.csv':
+                each = filled[0]
+                write_states(stream, each.times, {
+                    'q': each.positions, 'u': each.velocities, 'udot': each.accelerations,
+                    'tau': each.efforts}, each.joint_names)
+            else:
+                write_yaml(stream, filled[0])
+    if options.json:
+        print_json([vars(each) for each in filled])
+        return
+    for each in filled:
+        _print(each, robot)
+    if options.out:
+        print(f'wrote {options.out}')
+
+
+def _filled(options: Namespace, robot: Robot, points: Any) -> FilledTrajectory:
+    """Return one filled trajectory."""
+    tolerance = options.tolerance
+    return fill_trajectory(
+        robot, points.times, *points.rows, joint_names=points.joint_names, rest=options.pose,
+        tolerance=tolerance[0] if tolerance and len(tolerance) == 1 else tolerance,
+        compensate=Terms(**dict.fromkeys(options.without, False)), clip=options.clip)
+
+
+def _print(filled: FilledTrajectory, robot: Robot) -> None:
+    """Print the largest efforts of a trajectory."""
+    print(f'{len(filled.times)} points in {filled.times[-1]:g} s, {filled.inserted} inserted')
+    columns = ['joint', 'largest effort', 'limit']
+    limits = [robot.limits.effort[robot.joint_names.index(name)] for name in filled.joint_names]
+    rows: list[list[Any]] = [[name, *pair] for name, *pair in zip(
+        filled.joint_names, np.abs(filled.efforts).max(axis=0).tolist(), limits)]
+    if filled.effort_error is not None:
+        columns.append('error between points')
+        rows = [[*row, error] for row, error in zip(rows, filled.effort_error.tolist())]
+    print_table(columns, rows)

@@ -1,0 +1,105 @@
+"""Joint trajectories in files: reads YAML, CSV, npz and bags, writes YAML and bags."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+from kane_dynamics.cli.tables import read_states, read_yaml_points
+from kane_dynamics.control.trajectory_feedforward import FilledTrajectory
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.bag import bag_messages, is_bag, typestore
+from kane_dynamics.simulation.trajectory import Trajectory
+import numpy as np
+import yaml
+
+JOINT_TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+
+
+class Points(NamedTuple):
+    """
+    Points of one trajectory as they were given; velocities and accelerations may be missing.
+
+    `topic`, `logged` (ns) and `message` are those of a bag.
+    """
+
+    joint_names: tuple[str, ...]
+    times: Any
+    rows: tuple[Any, Any, Any]
+    topic: str = ''
+    logged: int = 0
+    message: Any = None
+
+
+def read_points(path: str, joint_names: Sequence[str], topic: str | None) -> list[Points]:
+    """
+    Return the trajectories of a file: one, or all of a topic of a bag.
+
+    Raises
+    ------
+    InputError
+        If the content is invalid; the message names the file and the entry.
+
+    """
+    names = tuple(joint_names)
+    if is_bag(Path(path)):
+        return _bag_points(Path(path), topic)
+    if topic is not None:
+        raise InputError(f"--topic: '{topic}' for a file; expected it for a bag only")
+    if path.endswith('.npz'):
+        saved = Trajectory.load_npz(Path(path))
+        return [Points(tuple(saved.joint_names), saved.t, (saved.q, saved.u, saved.udot))]
+    if Path(path).suffix in ('.yaml', '.yml'):
+        given, times, rows = read_yaml_points(path)
+        return [Points(tuple(given), times, (rows[0], rows[1], rows[2]))]
+    states = read_states(path, names)
+    if states.t is None or states.q is None:
+        raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a motion")
+    return [Points(names, states.t, (states.q, states.u, states.udot))]
+
+
+def _bag_points(path: Path, topic: str | None) -> list[Points]:
+    """Return the trajectories of a topic of a bag."""
+    found = [Points(tuple(message.joint_names),
+                    [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
+                     for p in message.points],
+                    ([p.positions for p in message.points], [p.velocities for p in message.points],
+                     [p.accelerations for p in message.points]), name, logged, message)
+             for name, logged, message in bag_messages(path, JOINT_TRAJECTORY, topic)]
+    if not found:
+        raise InputError(f'{path}: no trajectory; expected one or more messages of type '
+                         f'{JOINT_TRAJECTORY}')
+    return found
+
+
+def write_yaml(stream: TextIO, filled: FilledTrajectory) -> None:
+    """Write a trajectory like a trajectory_msgs/JointTrajectory, with all digits."""
+    sec, nanosec = np.divmod(np.rint(filled.times * 1e9).astype(np.int64), 10**9)
+    points = [{'positions': q, 'velocities': u, 'accelerations': udot, 'effort': tau,
+               'time_from_start': {'sec': s, 'nanosec': ns}}
+              for q, u, udot, tau, s, ns in zip(*(table.tolist() for table in (
+                  filled.positions, filled.velocities, filled.accelerations, filled.efforts, sec,
+                  nanosec)))]
+    yaml.safe_dump({'joint_names': list(filled.joint_names), 'points': points}, stream,
+                   default_flow_style=None, sort_keys=False, width=1000)
+
+
+def write_bag(path: Path, given: Sequence[Points], filled: Sequence[FilledTrajectory]) -> None:
+    """Write a bag with filled trajectories, with topics and times as given."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    types = typestore()
+    Message, Point, Duration = (types.types[name] for name in (
+        JOINT_TRAJECTORY, 'trajectory_msgs/msg/JointTrajectoryPoint',
+        'builtin_interfaces/msg/Duration'))
+    if path.exists():
+        raise InputError(f"--out: '{path}' exists; expected the folder of a new bag")
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(given[0].topic, JOINT_TRAJECTORY, typestore=types)
+        for points, each in zip(given, filled, strict=True):
+            tables = [np.ascontiguousarray(table) for table in (
+                each.positions, each.velocities, each.accelerations, each.efforts)]
+            rows = zip(*tables, np.rint(each.times * 1e9).astype(np.int64).tolist(), strict=True)
+            message = Message(points.message.header, list(each.joint_names), [
+                Point(*values, time_from_start=Duration(*divmod(time, 10**9)))
+                for *values, time in rows])
+            writer.write(connection, points.logged, types.serialize_cdr(message,
+                                                                        JOINT_TRAJECTORY))

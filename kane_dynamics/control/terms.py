@@ -1,0 +1,40 @@
+"""Switches for the terms of the torque that is commanded."""
+
+from dataclasses import dataclass
+
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Torque terms of the command; False for terms that the arm compensates itself."""
+
+    gravity: bool = True
+    coriolis: bool = True
+    inertia: bool = True
+    friction: bool = True
+
+    @lazy_property
+    def weights(self) -> Array:
+        """Return one weight for each row of `torque_terms`; the springs have no switch."""
+        return np.array([getattr(self, name, True) for name in TORQUE_TERMS], dtype=np.float64)
+
+    @lazy_property
+    def complete(self) -> bool:
+        """Return whether no term is switched off."""
+        return bool(self.weights.all())
+
+    def inverse_dynamics(self, source: Robot | QuasiStatic, q: Array, u: Array,
+                         udot: Array) -> Array:
+        """Return the torque of a motion without the terms that are switched off, (..., n)."""
+        if self.complete:
+            return source.inverse_dynamics(q, u, udot)
+        tau: Array = self.weights @ source.torque_terms(q, u, udot)
+        return tau
+
+
+EVERY_TERM = Terms()

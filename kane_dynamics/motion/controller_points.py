@@ -1,0 +1,99 @@
+"""
+Points of a trajectory with all derivatives, between which joint_trajectory_controller moves.
+
+That controller interpolates points with positions, velocities and accelerations by quintics, so
+points with all three define the motion that it executes. Here missing ones are filled in such that
+the motion is smooth: the acceleration is continuous from rest to rest.
+"""
+
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.algebra.spline import (inside_segments, segment_ends,
+                                                    spline_velocities)
+from kane_dynamics.motion.points import State
+import numpy as np
+from numpy.typing import NDArray
+
+Segments = NDArray[np.intp]  # numbers of segments
+
+AT_REST = 1e-6  # rad/s or m/s: the controller refuses trajectories that end faster
+
+
+class ControllerPoints(NamedTuple):
+    """
+    Points of a trajectory: times (K,), s; positions, velocities, accelerations (K, n).
+
+    The segments between the points have the numbers 0 to K - 2.
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+
+    def inside(self, segments: Segments, x: Array) -> State:
+        """Return q, u, udot, (m, S, n), at the fractions x, (m,), of some segments, (S,)."""
+        ends = segment_ends(self.t, self.q, self.u, self.udot)
+        return inside_segments(ends[:, segments], np.diff(self.t)[segments], x)
+
+    def halved(self, segments: Segments) -> 'ControllerPoints':
+        """
+        Return the points with one more in the middle of each of some segments, (S,).
+
+        The motion is the same: a part of a quintic is the quintic between its ends.
+        """
+        middle = (self.t[segments] + 0.5 * np.diff(self.t)[segments],
+                  *(values[0] for values in self.inside(segments, np.array([0.5]))))
+        return ControllerPoints(*(np.insert(old, segments + 1, new, axis=0)
+                                  for old, new in zip(self, middle)))
+
+
+def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
+              start: State | None = None) -> ControllerPoints:
+    """
+    Return points with velocities and accelerations.
+
+    Missing velocities are those of the cubic spline, at rest at the end. Missing accelerations are
+    those of the cubics between the points; where they differ at an inner point, their mean. A
+    motion that begins or ends at rest does so without acceleration; for the end this holds for
+    given accelerations too, because the controller holds the effort of the last point.
+
+    Parameters
+    ----------
+    t : (K,) array
+        Times, s, increasing.
+    q, u, udot : (K, n) arrays
+        Positions, rad or m, velocities and accelerations; u and udot may be None.
+    start : three (n,) arrays, optional
+        State at time 0, from which the motion begins if the first point is later; default: it
+        begins at the first point.
+
+    """
+    first = np.zeros(q.shape[1])
+    if start is not None and t[0] > 0.0:
+        first = start[1]
+        t = np.concatenate([[0.0], t])
+        q, u, udot = (None if old is None else np.vstack([new, old])  # type: ignore[assignment]
+                      for new, old in zip(start, (q, u, udot)))
+    if u is None:
+        u = spline_velocities(t, q, first)
+    if udot is None:
+        udot = _mean_accelerations(t, q, u)
+        udot[0, np.abs(u[0]) <= AT_REST] = 0.0
+    udot[-1, np.abs(u[-1]) <= AT_REST] = 0.0
+    return ControllerPoints(t, q, u, udot)
+
+
+def _mean_accelerations(t: Array, q: Array, u: Array) -> Array:
+    """Return the mean of the accelerations of the cubics at both sides of each point, (K, n)."""
+    out = np.zeros_like(q)
+    if len(t) < 2:
+        return out
+    h = np.diff(t)[:, None]
+    slope = 3.0 * np.diff(q, axis=0) / h
+    begin = 2.0 * (slope - 2.0 * u[:-1] - u[1:]) / h
+    end = 2.0 * (u[:-1] + 2.0 * u[1:] - slope) / h
+    out[0], out[-1] = begin[0], end[-1]
+    out[1:-1] = 0.5 * (end[:-1] + begin[1:])
+    return out

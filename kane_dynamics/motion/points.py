@@ -1,0 +1,99 @@
+"""Check the points of a joint trajectory: names, times, positions and their derivatives."""
+
+from collections.abc import Sequence
+import math
+
+from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+import numpy as np
+from numpy.typing import ArrayLike
+
+Start = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
+State = tuple[Array, Array, Array]
+Rows = Sequence[ArrayLike] | ArrayLike
+
+
+def trajectory_points(times: ArrayLike, positions: Rows, velocities: Rows | None,
+                      accelerations: Rows | None, names: tuple[str, ...]
+                      ) -> tuple[Array, Array, Array | None, Array | None]:
+    """
+    Return the checked points of a trajectory as arrays; arguments as `Motion.from_points`.
+
+    Returns
+    -------
+    t : (K,) array
+    q, u, udot : (K, n) arrays
+        In the order of `names`; u and udot None if missing.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid; the message names the point, the joint and the value.
+
+    """
+    t = point_times(times)
+    q, u, udot = (_rows(values, what, len(t), names) for values, what in (
+        (positions, 'positions'), (velocities, 'velocities'), (accelerations, 'accelerations')))
+    if q is None:
+        raise InputError(f'positions: none; expected one row per point for {list(names)}')
+    if udot is not None and u is None:
+        raise InputError('accelerations: given without velocities; expected both or neither')
+    return t, q, u, udot
+
+
+def checked_joint_names(names: Sequence[str], what: str) -> tuple[str, ...]:
+    """Return the joint names as a tuple; raise InputError if empty or not unique."""
+    names = tuple(names)
+    if not names or not all(isinstance(name, str) for name in names) or (
+            len(set(names)) != len(names)):
+        raise InputError(f'{what}: {list(names)}; expected one or more different joint names')
+    return names
+
+
+def point_times(times: ArrayLike) -> Array:
+    """Return the times of the points as a (K,) array; raise InputError if invalid."""
+    try:
+        t = np.array(times, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'times: {times!r}; expected one number per point, in s') from None
+    if t.ndim != 1 or not len(t):
+        raise InputError(f'times: shape {t.shape}; expected one number per point, and at least '
+                         'one point')
+    if not (np.isfinite(t).all() and t[0] >= 0.0 and (np.diff(t) > 0.0).all()):
+        for i, value in enumerate(t.tolist()):
+            if not math.isfinite(value) or value < 0.0:
+                raise InputError(f'point {i}: time {value} s; expected a finite time >= 0 s')
+            if i and value <= t[i - 1]:
+                raise InputError(f'point {i}: time {value} s; expected more than the '
+                                 f'{t[i - 1]} s of point {i - 1}')
+    return t
+
+
+def _rows(values: Rows | None, what: str, count: int,
+          names: tuple[str, ...]) -> Array | None:
+    """Return one row per point as a (K, n) array, or None if there are no values."""
+    if values is None:
+        return None
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and (
+            values.shape == (count, len(names)) and np.isfinite(values).all()):
+        return values.copy()  # thousands of rows would take milliseconds one by one
+    try:
+        listed = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers per point '
+                         f'({", ".join(names)})') from None
+    if all(row.size == 0 for row in listed):
+        return None
+    if len(listed) != count:
+        raise InputError(f'{what}: {len(listed)} rows; expected {count}, one per time')
+    return np.array([finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
+
+
+def start_state(start: Start, names: tuple[str, ...]) -> State:
+    """Return the start state as three (n,) arrays; raise InputError if invalid."""
+    q, u, udot = start
+    rest = np.zeros(len(names))
+    return (finite_row(q, 'start: positions', names),
+            finite_row(rest if u is None else u, 'start: velocities', names),
+            finite_row(rest if udot is None else udot, 'start: accelerations', names))

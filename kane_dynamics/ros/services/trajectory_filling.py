@@ -1,0 +1,137 @@
+"""Fill in trajectories for joint_trajectory_controller: the topic and the service."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from kane_dynamics.control.terms import Terms
+from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.common.conversion import Array, check_points, doubles, point_columns
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
+from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.trajectory_cdr import serialized_trajectory
+from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
+import numpy as np
+
+FIELDS = ('positions', 'velocities', 'accelerations')
+
+
+@dataclass(frozen=True)
+class FillSettings:
+    """
+    Settings of filled trajectories: parameters feedforward.*, compensate.* and limits.effort.
+
+    Attributes
+    ----------
+    compensate : Terms
+    effort_limit : (n,) array
+        N m or N, in addition to that of the robot.
+    tolerance, rest : (n,) arrays or None
+        Largest error of the interpolated effort, N m or N, and positions of the joints that a
+        trajectory lacks, rad or m; None if not set.
+    clip : bool
+        Clamp efforts instead of rejecting a trajectory.
+
+    """
+
+    compensate: Terms
+    effort_limit: Array
+    tolerance: Array | None
+    rest: Array | None
+    clip: bool
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any], joints: Sequence[str]) -> 'FillSettings':
+        """Return the settings of the parameters; raise InputError if one does not fit."""
+        def if_set(name: str) -> Array | None:
+            return per_joint(values, name, joints, 0.0) if values[name].shape != (0,) else None
+        return cls(terms(values), per_joint(values, 'limits.effort', joints, math.inf),
+                   if_set('feedforward.tolerance'), if_set('feedforward.rest'),
+                   values['feedforward.clip'])
+
+
+def filled_message(served: ServedRobot, data: bytes) -> bytes:
+    """
+    Return a serialized JointTrajectory with all fields filled in; raise InputError if invalid.
+
+    An empty trajectory, which ends the motion of the controller, is returned unchanged.
+    """
+    most = served.values['trajectory.max_points']
+    message = read_trajectory(data, most)
+    if not message.points:
+        return data
+    names = message.joint_names
+    return serialized_trajectory(message.header, _filled(
+        served, names, point_columns(message, names, most), None))
+
+
+def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> None:
+    """Fill in the response to a FillTrajectory request."""
+    names = list(request.joint_names) or list(served.robot.joint_names)
+    times = np.array(request.time_from_start)
+    check_points(len(times), served.values['trajectory.max_points'])
+    columns = [_table(request, field, len(times), len(names)) for field in FIELDS]
+    tolerance = np.array(request.tolerance)
+    filled = _filled(served, names, (times, *columns), (
+        tolerance[0] if len(tolerance) == 1 else tolerance) if len(tolerance) else None)
+    response.joint_names = names
+    response.time_from_start = doubles(filled.times)
+    for field in FIELDS:
+        setattr(response, field, doubles(getattr(filled, field)))
+    response.effort = doubles(filled.efforts)
+    response.inserted = filled.inserted
+    if filled.effort_error is not None:
+        response.effort_error = doubles(filled.effort_error)
+
+
+def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
+            tolerance: Array | None) -> FilledTrajectory:
+    """
+    Return a filled trajectory.
+
+    Parameters
+    ----------
+    served : ServedRobot
+        The robot, its loads, and the parameters.
+    names : sequence of m str
+        The joints of the columns.
+    points : (K,) and three (K, m) arrays
+        Times, positions, velocities and accelerations; the last two may be None.
+    tolerance : (m,) array, optional
+        Default: parameter feedforward.tolerance.
+
+    """
+    joints = served.robot.joint_names
+    settings = FillSettings.from_values(served.values, joints)
+    index = [joints.index(name) for name in names if name in joints]
+    if tolerance is None and settings.tolerance is not None and len(index) == len(names):
+        tolerance = settings.tolerance[index]
+    starts, lacking = points[0][0] > 0.0, len(set(names)) < len(joints)
+    measured = served.measured() if starts or lacking else None
+    if starts and measured is None:
+        raise InputError(f'point 0: time_from_start {points[0][0]:g} s without a measured '
+                         'position; expected 0 s, or an active node that receives joint states')
+    rest = settings.rest if settings.rest is not None else measured
+    if lacking and rest is None:
+        raise InputError(f'joint_names: without {", ".join(set(joints) - set(names))}; expected '
+                         'all joints, parameter feedforward.rest, or an active node that receives '
+                         'joint states')
+    start = (measured[index], None, None) if (
+        measured is not None and starts and len(index) == len(names)) else None
+    return fill_trajectory(
+        served.robot, *points, joint_names=names, rest=rest, start=start, tolerance=tolerance,
+        compensate=settings.compensate, effort_limit=settings.effort_limit, clip=settings.clip,
+        max_points=served.values['trajectory.max_points'], bending=served.bending)
+
+
+def _table(request: Any, field: str, points: int, joints: int) -> Array | None:
+    """Return a table of a request, (K, m); None if it is empty."""
+    values = np.array(getattr(request, field))
+    if not values.size and field != 'positions':
+        return None
+    if values.size != points * joints:
+        raise InputError(f'{field}: {values.size} entries; expected {points * joints}, one row of '
+                         f'{joints} for each of {points} points')
+    return values.reshape(points, joints)

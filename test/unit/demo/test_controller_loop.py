@@ -1,0 +1,47 @@
+"""A loop like joint_trajectory_controller in MuJoCo, alone and with filled efforts."""
+
+from functools import cache
+
+from jtc import EffortLoop, Gains
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics.control.trajectory_feedforward import fill_trajectory
+from kane_dynamics.demo.demo_settings import (desired_motion, DURATION, HOME, JOINTS, KD, KP, RATE,
+                                              URDF)
+import numpy as np
+import pytest
+
+pytest.importorskip('mujoco')
+
+from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402, I100
+
+PERIOD = 1.0 / RATE
+
+
+@cache
+def filled(tolerance):
+    motion = desired_motion()
+    return fill_trajectory(Robot(load_urdf(URDF, joints=JOINTS)), motion.times, motion.positions,
+                           tolerance=tolerance)
+
+
+@cache
+def error(tolerance, feedforward, ahead):
+    """Return the RMS error of all joints in the demo's motion, rad."""
+    arm, loop, points = MujocoArm(URDF.read_text()), EffortLoop(Gains(p=KP, d=KD), ahead), (
+        filled(tolerance))
+    loop.accept(0.0, HOME, points.times, points.positions, points.velocities,
+                points.accelerations, points.efforts if feedforward else None)
+    errors = []
+    for now in np.arange(0.0, DURATION, PERIOD):
+        q, u = arm.state
+        errors.append(q - loop.desired(now))
+        arm.step(loop.update(now, PERIOD, q, u))
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@pytest.mark.parametrize('ahead', [0.0, PERIOD])  # the time at which versions sample the effort
+@pytest.mark.parametrize(('tolerance', 'factor'), [(None, 50.0), (0.01, 200.0)])
+def test_filled_efforts_divide_the_tracking_error_of_the_loop_alone(tolerance, factor, ahead):
+    alone, helped = error(None, False, 0.0), error(tolerance, True, ahead)
+    assert 0.02 < alone < 0.2
+    assert helped < alone / factor, (alone, helped)
