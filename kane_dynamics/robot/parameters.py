@@ -27,10 +27,16 @@ class JointLimits:
 class Parameters:
     """Gravity, payload and closure tolerance, which may change without compiling again."""
 
-    __slots__ = ('_frame', '_payload', '_tolerance', 'block', 'physical')  # others are errors
+    __slots__ = ('_excess', '_frame', '_payload', '_tolerance', 'block', 'physical')
 
-    def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0) -> None:
-        """Start with the model's gravity and no payload; `watched` is the number of limits."""
+    def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0,
+                 excess: float = EXCESS) -> None:
+        """
+        Start with the model's gravity and no payload.
+
+        `watched` is the number of limits, `excess` the largest violation of redundant rows.
+        """
+        self._excess = excess
         self._frame = payload_frame
         self._payload: Inertial | None = None
         self._tolerance: tuple[float, float] | None = None
@@ -103,7 +109,7 @@ class Parameters:
             self._tolerance = float(pair[0]), float(pair[1])
         if len(self.block) > self.physical:  # redundant rows hold where loops close
             self.block[self.physical + 1:] = (0.0 if self._tolerance is None else np.array(
-                [*self._tolerance, EXCESS])**-2.0)
+                [*self._tolerance, self._excess])**-2.0)
 
     @property
     def payload(self) -> Inertial | None:

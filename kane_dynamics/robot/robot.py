@@ -11,7 +11,8 @@ from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
-from kane_dynamics.mechanics.constraints.conditioning import LIMITS, RANK, SINGULAR
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, LIMITS, loosened, RANK,
+                                                              SINGULAR)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
@@ -128,10 +129,11 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
         else:
             mechanism = choose_independent(model, speeds, constraints, independent,
                                            configuration, rank_tolerance)
-            self.parameters = Parameters(model, tree.payload_frame, LIMITS)
+            self.parameters = Parameters(model, tree.payload_frame, LIMITS,
+                                         loosened(mechanism, EXCESS))
             self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
             if closure_tolerance is CLOSURE_TOLERANCE:
-                closure_tolerance = max(closure_tolerance, rank_tolerance)
+                closure_tolerance = loosened(mechanism, closure_tolerance)
             self.parameters.closure_tolerance = closure_tolerance
             self.speed_sets = SpeedSets(
                 mechanism, partial(ConstrainedEquations, tree, actuated=actuated,

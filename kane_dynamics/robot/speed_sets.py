@@ -7,7 +7,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
-                                                              figure, scaled_rows, SHARE,
+                                                              figure, loosened, scaled_rows, SHARE,
                                                               SINGULAR, singular_error, Stack,
                                                               stacked)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -95,7 +95,7 @@ class SpeedSets:
             raise singular_error(own, stack, q, t)
         if self._parameters.closure_tolerance is not None:
             self._require_closed(stack, q, t, self._parameters.closure_tolerance)
-            left_out_error(own, stack, q, t, SHARE * EXCESS)
+            left_out_error(own, stack, q, t, SHARE * loosened(own, EXCESS))
         now = figure(own, stack, own.free, own.kept)
         if now > SHARE * SINGULAR and choice.figure > SHARE * now:
             raise singular_error(own, stack, q, t)
@@ -154,7 +154,7 @@ def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:
     return ', '.join(f"'{mechanism.labels[k]}'" for k in rows)
 
 
-def limits_of(figure: float, residual: float | None = None) -> Array:
+def limits_of(figure: float, residual: float | None = None, excess: float = EXCESS) -> Array:
     """Return the four limits of `conditioning.margin`; no limit of residuals if None."""
-    others = np.zeros(3) if residual is None else np.array([residual, residual, EXCESS])**-2.0
+    others = np.zeros(3) if residual is None else np.array([residual, residual, excess])**-2.0
     return np.array([figure**-2.0, *others])

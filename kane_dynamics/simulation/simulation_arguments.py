@@ -6,6 +6,7 @@ from typing import Any
 from kane_dynamics._util.checks import positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.conditioning import loosened
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import margin_count
@@ -27,7 +28,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
     if robot.constraint_names and q.size:
         residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
         i, k = np.unravel_index(np.argmax(residual), residual.shape)
-        if residual[i, k] > max(CLOSED, 2.0 * robot.mechanism.rank_tolerance):
+        if residual[i, k] > loosened(robot.mechanism, CLOSED):
             which = '' if q.ndim == 1 else f' of state {i}'
             raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' is "
                              f'{residual[i, k]:.3g} (m or rad); expected a closed configuration, '

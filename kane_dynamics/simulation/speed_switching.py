@@ -3,9 +3,8 @@ Simulations of constrained robots with a change of independent speeds before sin
 
 Every native step computes a margin, which is positive for an accepted state
 (`mechanics.constraints.conditioning`). For a non-positive margin, Python code finds the reason:
-ill-conditioned independent speeds or rows are replaced by the best ones, and the simulation
-continues from the last accepted state; any other reason is an error. Near a singularity of all
-choices every step is checked.
+ill-conditioned speeds or rows are replaced, and the simulation continues from the last accepted
+state; any other reason is an error. Near a singularity of all choices every step is checked.
 """
 
 from collections.abc import Sequence
@@ -15,8 +14,9 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
-                                                              figure, LIMITS, SHARE, SINGULAR,
-                                                              singular_error, stacked, WELL_CHOSEN)
+                                                              figure, LIMITS, loosened, SHARE,
+                                                              SINGULAR, singular_error, stacked,
+                                                              WELL_CHOSEN)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.singularity_watch import SingularityWatch
@@ -79,10 +79,10 @@ class SwitchingInput:
 
     def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
         """Start all simulations in the robot's own speeds."""
-        self.robot, self.step = source.robot, source.step
-        self.torque = source.torque
+        self.robot, self.step, self.torque = source.robot, source.step, source.torque
         self._source, self._integrator, self._single = source, integrator, single
         mechanism = source.robot.mechanism
+        self._open, self._excess = (loosened(mechanism, x) for x in (STEP_RESIDUAL, EXCESS))
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
         self._phases = [Phase(source.robot, self._usual)] * count
         self._elsewhere: set[int] = set()  # simulations in another phase than the first
@@ -125,7 +125,7 @@ class SwitchingInput:
         key = id(phase.robot), phase.limit
         if key not in self._sources:
             constants = self._source.constants.copy()
-            constants[-LIMITS:] = limits_of(phase.limit, STEP_RESIDUAL)
+            constants[-LIMITS:] = limits_of(phase.limit, self._open, self._excess)
             kernel = step_kernel(phase.robot, False, self._integrator, self.robot.speed_names)
             self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
                                              self._source.start)
@@ -200,14 +200,14 @@ class SwitchingInput:
             self._enter(i, Phase(phase.robot, ROOM * now))
             return state
         worst = int(np.argmax(np.abs(stack.residual)))
-        if np.linalg.norm(stack.residual) > SHARE * STEP_RESIDUAL and worst in mechanism.kept:
+        if np.linalg.norm(stack.residual) > SHARE * self._open and worst in mechanism.kept:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' opens by "
                 f'{abs(stack.residual[worst]):.3g} (m or rad) within one step of {self.step:g} s '
-                f'at {described(mechanism, q)}; expected at most {STEP_RESIDUAL:g}, as with a '
+                f'at {described(mechanism, q)}; expected at most {self._open:g}, as with a '
                 'shorter step')
-        left_out_error(mechanism, stack, q_next, t_next, SHARE * EXCESS, where)
-        if np.linalg.norm(stack.residual) > SHARE * STEP_RESIDUAL:
+        left_out_error(mechanism, stack, q_next, t_next, SHARE * self._excess, where)
+        if np.linalg.norm(stack.residual) > SHARE * self._open:
             raise ConstraintError(
                 f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
                 f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '

@@ -5,13 +5,17 @@ from typing import get_args
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.conditioning import rank_of, scaled_rows, stacked
+from kane_dynamics.mechanics.constraints.conditioning import (RANK, rank_of, scaled_rows, Stack,
+                                                              stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
+from kane_dynamics.mechanics.constraints.loop_closure import closing_iterations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
 SMALL = 1e-2  # relative singular value below which it may be rounding of the description
-OPEN = 1e-3  # m or rad: largest residual with which another kind of closure fits
+STARTS = 12  # initial guesses for nearly closed configurations
+ITERATIONS = 30  # from each
+OPEN = 0.1  # m or rad: largest residual from which another kind of closure is tried
 
 
 def advice(mechanism: Mechanism, q: Array) -> str:
@@ -21,18 +25,45 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     Remedies are a larger rank_tolerance, where a singular value or a residual may be rounding, and
     other kinds of closures that are closed at q and leave a degree of freedom.
     """
-    stack = stacked(mechanism, q)
-    size = np.linalg.svd(scaled_rows(mechanism, stack)[1], compute_uv=False)
-    size = size / max(float(size.max(initial=0.0)), 1e-300)
+    size = _singular_values(stacked(mechanism, q))
     shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
     words = [f'singular values of the rows, relative to the largest: {shown}']
-    small = size[(size > 1e-15) & (size < SMALL)]
-    if small.size and np.abs(stack.residual).max(initial=0.0) < OPEN:
-        figure = 2.0 * max(float(small.max()), float(np.abs(stack.residual).max(initial=0.0)))
-        words.append(f'if {small.max():.3g} is rounding of the description, rank_tolerance='
-                     f'{figure:.1g} treats it as zero')
-    words += _kinds(mechanism, q)
+    places = _nearly_closed(mechanism, q)
+    rounding = _rounding(mechanism, places)
+    if rounding > RANK:
+        words.append(f'if singular values and residuals up to {rounding:.3g} are rounding of the '
+                     f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
+    words += _kinds(mechanism, places[0] if places else q)
     return '; '.join(words)
+
+
+def _singular_values(stack: Stack) -> Array:
+    """Return the singular values of the rows in all speeds, relative to the largest."""
+    C = np.linalg.lstsq(stack.Y.T, stack.J.T, rcond=None)[0].T
+    size = np.linalg.svd(C, compute_uv=False)
+    return np.asarray(size / max(float(size.max(initial=0.0)), 1e-300))
+
+
+def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
+    """Return configurations where loops close but for residuals below `SMALL`, near q first."""
+    loose = Mechanism(mechanism.model, mechanism.speeds, mechanism.constraints,
+                      rank_tolerance=SMALL)
+    moves, rng = np.ones(len(q), dtype=bool), np.random.default_rng(0)
+    starts = [q, *q + rng.uniform(-np.pi, np.pi, (STARTS, len(q))) * mechanism.units]
+    ends = [closing_iterations(loose, start, moves, 0.0, ITERATIONS) for start in starts]
+    return [here for here, _, _, closed in ends if closed]
+
+
+def _rounding(mechanism: Mechanism, places: list[Array]) -> float:
+    """Return the largest small singular value or residual at nearly closed configurations."""
+    largest = 0.0
+    for q in places:
+        stack = stacked(mechanism, q)
+        size = _singular_values(stack)
+        small = size[(size > 1e-15) & (size < SMALL)]
+        if small.size:
+            largest = max(largest, small.max(), np.abs(stack.residual).max(initial=0.0))
+    return largest
 
 
 def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
@@ -47,9 +78,12 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
             others = list(mechanism.constraints)
             others[k] = replace(own, kind=kind, second_axis=None, length=None)
             changed = Mechanism(mechanism.model, mechanism.speeds, others)
-            stack = stacked(changed, q)
-            freedom = mechanism.model.n - rank_of(scaled_rows(changed, stack)[1])
-            if freedom > 0 and np.abs(stack.residual).max(initial=0.0) < OPEN:
+            if np.abs(stacked(changed, q).residual).max(initial=0.0) > OPEN:
+                continue
+            here, _, _, closed = closing_iterations(changed, q, np.ones(len(q), dtype=bool), 0.0,
+                                                    ITERATIONS)
+            freedom = mechanism.model.n - rank_of(scaled_rows(changed, stacked(changed, here))[1])
+            if freedom > 0 and closed:
                 found.append((freedom, f"'{own.name}' as kind {kind!r}"))
     least = min((freedom for freedom, _ in found), default=0)
     fitting = ', or '.join(text for freedom, text in found if freedom == least)

@@ -24,6 +24,7 @@ import numpy as np
 
 SINGULAR = 1e4  # largest figure: accelerations lose twice its digits, eight of sixteen
 EXCESS = 1e-3  # relative: largest violation of redundant rows before it is an error
+ROUNDED = 4.0  # rank tolerances: norm of what rows left out within it may miss, several together
 WELL_CHOSEN = 8.0  # largest figure over sqrt(n_q) with which a simulation keeps its speeds
 RANK = 1e-9  # relative size of a singular value that counts as zero
 LIMITS = 4  # number of limits of `margin`
@@ -213,6 +214,11 @@ def best_choice(mechanism: Mechanism, stack: Stack,
         dependent = pivots(C, count)
         free = [r for r in range(len(Y)) if r not in dependent]
     return Choice(tuple(free), kept, figure(mechanism, stack, free, kept))
+
+
+def loosened(mechanism: Mechanism, limit: float) -> float:
+    """Return a limit of residuals or redundant rows, but no less than rank_tolerance admits."""
+    return max(limit, ROUNDED * mechanism.rank_tolerance)
 
 
 def pivots(C: Array, count: int) -> list[int]:

@@ -146,7 +146,10 @@ def _checked(mechanism: Mechanism, configuration: Any) -> Array:
 
 def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
     """Return closed configurations at and near q; ConstraintError if q is far from closed."""
-    closed = closed_posture(mechanism, q)
+    try:
+        closed = closed_posture(mechanism, q)
+    except ConstraintError as error:
+        raise ConstraintError(f'{error}; {advice(mechanism, q)}') from None
     moved = np.abs(closed - q) / mechanism.units
     worst = int(np.argmax(moved))
     if moved[worst] > STRIDE:

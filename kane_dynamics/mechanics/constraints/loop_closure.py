@@ -61,11 +61,11 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
                           'steps; expected a start near a closed configuration')
 
 
-def closing_iterations(mechanism: Mechanism, start: Array, moves: Array,
-                       t: float) -> tuple[Array, Array, list[str], bool]:
+def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: float,
+                       most: int = ITERATIONS) -> tuple[Array, Array, list[str], bool]:
     """Iterate by Newton's method; return q, residuals, their labels, and whether it converged."""
     here, tolerance = start.copy(), mechanism.rank_tolerance
-    for _ in range(ITERATIONS):
+    for _ in range(most):
         J, residual, labels = _residuals(mechanism, here, t)
         missed = np.abs(residual).max(initial=0.0)
         if missed < CLOSED:

@@ -1,7 +1,10 @@
 """Closures of every kind: what they hold, at the right orientation alone, in axes that turn."""
 
+from functools import cache
+import re
+
 from constrained_trees import AXIS, closure, CLOSURES, two_bodies_on_a_base
-from kane_dynamics import Closure, ConstraintError, ModelBuilder, point_mass, Robot, rod
+from kane_dynamics import Closure, ConstraintError, ModelBuilder, point_mass, Robot, rod, simulate
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     closed_posture)
 import numpy as np
@@ -129,33 +132,49 @@ def test_parameters_that_a_kind_has_not_are_refused(make, words):
         make()
 
 
-def rounded(kind, tolerance=1e-9):
-    """Return a four-bar whose pins are parallel but for the rounding of 1.5708."""
+def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
+    """Return a four-bar whose pins are parallel but for the rounding of half pi and pi."""
     b = ModelBuilder('rounded')
     on, place = 'world', (0, 0, 0)
-    for name, length, turn in (('crank', 0.3, 1.5708), ('coupler', 0.9, 3.1416),
-                               ('rocker', 0.7, -3.1416)):
+    quarter, half = round(np.pi / 2, digits), round(np.pi, digits)
+    for name, length, turn in (('crank', 0.3, quarter + tilt), ('coupler', 0.9, half),
+                               ('rocker', 0.7, -half)):
         b.body(name, on, at=place, rpy=(turn, 0, 0),
                matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
         on, place = name, (length, 0, 0)
     b.frame('end', 'rocker', at=place)
-    b.frame('ground', 'world', at=(1, 0, 0), rpy=(1.5708, 0, 0))
+    b.frame('ground', 'world', at=(1, 0, 0), rpy=(quarter, 0, 0))
     return Robot(b.model(), constraints=[Closure('end', 'ground', kind, name='pin')],
-                 independent=['crank'], rank_tolerance=tolerance)
+                 independent=['crank'], rank_tolerance=tolerance,
+                 configuration=configuration)
 
 
-def test_a_rounded_loop_is_refused_with_the_figure_and_what_would_fit():
-    with pytest.raises(ConstraintError) as told:
-        rounded('spherical')
-    text = str(told.value)
-    assert 'leave no degree of freedom' in text and 'singular values' in text
-    assert "rank_tolerance=5e-06 treats it as zero; 'pin' as kind 'inline' would leave 1" in text
+def test_a_rounded_loop_that_does_not_close_at_the_given_configuration_gets_the_same_advice():
+    near = 0.8, 1.9, 2.1
+    with pytest.raises(ConstraintError, match='no configuration found') as told:
+        rounded('revolute', tilt=1e-4, configuration=near)
+    assert "'pin' as kind 'inline' would leave 1" in str(told.value)
+    tolerance = float(re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+    assert rounded('revolute', tolerance, tilt=1e-4, configuration=near).n == 1
 
 
-def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advised():
-    found = []
-    for kind, tolerance in (('inline', 1e-9), ('spherical', 1e-5), ('revolute', 2e-5)):
-        robot = rounded(kind, tolerance)
-        q = robot.closed_posture((0.8, 1.0, 1.5), fixed=['crank'])
-        found.append(robot.inverse_dynamics(q, [5.0], [0.0])[0])
-    np.testing.assert_allclose(found, found[0], rtol=1e-7)
+@cache
+def motion_of_a_rounded_loop(kind, tolerance, digits):
+    """Return the torque at the crank, and where it is after a third of a turn."""
+    robot = rounded(kind, tolerance, digits)
+    q = robot.closed_posture((0.8, 1.0, 1.5), fixed=['crank'])
+    run = simulate(robot, q, [5.0], 0.5)
+    return [*robot.inverse_dynamics(q, [5.0], [0.0]), *run.q[-1]]
+
+
+@pytest.mark.parametrize('kind', ['revolute', 'spherical'])
+@pytest.mark.parametrize(('digits', 'off'), [(4, 1e-7), (2, 5e-5)])
+def test_a_rounded_loop_moves_with_the_tolerance_and_with_the_kind_that_are_advised(
+        kind, digits, off):
+    with pytest.raises(ConstraintError, match='singular values') as told:
+        rounded(kind, digits=digits)
+    tolerance = float(re.search(r'rank_tolerance=(\S+) treats them as zero', str(told.value))[1])
+    assert tolerance < 10.0**-digits
+    assert "'pin' as kind 'inline' would leave 1" in str(told.value)
+    np.testing.assert_allclose(motion_of_a_rounded_loop(kind, tolerance, digits),
+                               motion_of_a_rounded_loop('inline', 1e-9, digits), rtol=off)
