@@ -77,7 +77,7 @@ FAULTS = {
     'milliseconds': (lambda r: replace(r, t=1e3 * r.t), 'impossible',
                      'speeds of all joints .* times in milliseconds'),
     'milliseconds, no speeds': (lambda r: replace(r, t=1e3 * r.t, derived=('u', 'udot')),
-                                'impossible', 'rows are 10 s apart, .* milliseconds'),
+                                'impossible', 'rows are 10 s apart; .* milliseconds'),
     'reversed speed': (lambda r: turned(r, ['u']), 'impossible',
                        "speeds of joint 'wrist_1_joint' are the negative derivative"),
     'exchanged speeds': (lambda r: exchanged(r, ['u'], 4, 5), 'impossible',
