@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 
-@pytest.fixture(scope='module', params=[human_hand, two_hands])
+@pytest.fixture(scope='module', params=[
+    human_hand, pytest.param(two_hands, marks=pytest.mark.slow)])
 def robot(request):
     """Return a hand, or a tree of 50 axes with two of them."""
     return Robot(request.param())
@@ -40,6 +41,7 @@ def test_products_with_the_inverse_mass_matrix_undo_inverse_dynamics(robot, stat
         assert np.abs(M @ W - np.eye(robot.n)).max() < tolerance
 
 
+@pytest.mark.slow
 def test_a_batch_takes_shared_parts_along():
     robot = Robot(human_hand())
     states = np.random.default_rng(5).uniform(-1.0, 1.0, (3, 3, robot.n))

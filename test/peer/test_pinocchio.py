@@ -10,10 +10,14 @@ import pytest
 EPS = np.finfo(float).eps
 ROBOTS = [path for path in urdf_files() if path.name not in REFUSED and loaded(path).n]
 STATES = {Definition: range(N_STATES)[::10], Robot: range(N_STATES)}
+LARGEST = 'tiago_dual'  # in a slow test: its kernels take half a minute
 
 
-@pytest.fixture(scope='module', params=ROBOTS,
-                ids=[f'{path.parts[-3]}-{path.stem}' for path in ROBOTS])
+@pytest.fixture(
+    scope='module',
+    params=[pytest.param(path, marks=pytest.mark.slow) if path.stem == LARGEST else path
+            for path in ROBOTS],
+    ids=[f'{path.parts[-3]}-{path.stem}' for path in ROBOTS])
 def peer(request):
     """Pinocchio's model of one robot."""
     return Peer(request.param)

@@ -60,7 +60,7 @@ def test_the_report_tells_every_figure_machine_and_omission(factor, word):
     assert 'processor Some CPU, cores 2' in text and 'Left out: native_loop: there is no' in text
     assert text.count(f'| {word} |') == len(whole['gates'])
     for r in races:
-        digits = 1 if r['ratio'][0] >= 1.0 else 2
+        digits = 1 if r['ratio'][0] >= 1.5 else 2  # near 1, the gates differ in hundredths
         middle, low, high = (f'{x:.{digits}f}' for x in r['ratio'])
         ratio = f'{middle} ({low} to {high})'
         assert any(r['what'] in line and ratio in line for line in text.splitlines())

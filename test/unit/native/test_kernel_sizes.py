@@ -18,7 +18,9 @@ def changes(recorded, measured, columns):
     return sorted(found)
 
 
-@pytest.mark.parametrize('robot', kernel_sizes.robots())
+@pytest.mark.parametrize('robot', [
+    pytest.param(name, marks=pytest.mark.slow) if name == 'human_hand' else name
+    for name in kernel_sizes.robots()])
 def test_no_kernel_grows(robot):
     columns = list(kernel_sizes.COLUMNS)
     if RECORDED['llvm'] != kernel_sizes.llvm_version():
