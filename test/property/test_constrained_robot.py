@@ -254,7 +254,7 @@ def test_misuse_is_rejected_by_name(tmp_path):
     with pytest.raises(InputError, match="no kernel 'coriolis_matrix' for this robot; expected"):
         four_bar('crank').coriolis_matrix(np.zeros(3), np.ones(1))
     with pytest.raises(ConstraintError,
-                       match="actuated: .motor.; expected one of crank, coupler"):
+                       match=r'actuated: .motor.; expected one of crank, coupler'):
         Robot(model, constraints=[PIN], actuated=['motor'])
     with pytest.raises(ConstraintError, match='actuated: 2 joints; expected at least 3'):
         Robot(model, actuated=['crank', 'rocker'])
