@@ -61,11 +61,11 @@ def unanswered(*arguments):
     """Return the share of states unanswered in a drive during which the machine did not stall."""
     # Where it held up even the driver for longer than the states that wait in the queue last,
     # whatever the node does some are lost: that says nothing, and is tried again.
-    for _ in range(3):
+    for _ in range(5):
         share, held = drive(*arguments)
         if not share or held < QUEUED / 500.0:
-            break
-    return share
+            return share
+    pytest.skip(f'the machine stalled the driver, last for {1e3 * held:.0f} ms, in five drives')
 
 
 def simulate(node, **fields):
