@@ -204,6 +204,7 @@ def test_an_object_that_was_not_initialized_is_refused(robot, name):
 @pytest.mark.parametrize('base', ['Workspace', 'its kind'])
 def test_a_subclass_that_forgets_its_base_is_initialized_all_the_same(robot, base):
     class Own(Workspace if base == 'Workspace' else type(robot.bind())):
+
         def __init__(self, kernels):
             pass
     expected = robot.gravity_force(STATE[0])
