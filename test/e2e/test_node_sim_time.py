@@ -90,7 +90,8 @@ def pair(processes, client):
 
 
 def test_the_node_holds_the_simulated_arm(pair):
-    assert wait_until(lambda: len(pair.states) > 200)
+    assert wait_until(lambda: len(pair.states) > 200 and np.abs(
+        pair.states[-1][1] - pair.states[-100][1]).max() < 1e-7)  # the arm is at rest
     np.testing.assert_allclose(pair.states[-1][1], START, atol=2e-3)
     np.testing.assert_allclose(pair.answered(), Robot(model()).gravity_force(pair.states[-1][1]),
                                rtol=1e-3)

@@ -215,7 +215,7 @@ def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(nod
 
 
 BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one', 'vector': [1.0],
-       'six': [1.0], 'numbers': 1, 'per_joint': [-1.0]}
+       'six': [1.0], 'numbers': 1, 'per_joint': [np.nan]}
 
 
 def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_by_name(node):
