@@ -13,13 +13,15 @@ REACTION = 0.020  # s
 SAG = 0.5  # degrees
 HELD = 0.6  # s for which the guard holds the arm
 HELPERS = str(Path(guard_rig.__file__).parent)
+# Beside real-time trials, what is tried here needs the processors to itself, too.
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope='module')
 def rig(tmp_path_factory):
     """Return an arm; the main thread of its node can be blocked."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv('PYTHONPATH', HELPERS)
+        patch.setenv('PYTHONPATH', HELPERS, prepend=os.pathsep)
         rig = Rig(tmp_path_factory.mktemp('guard'), node='blocked_node')
         yield rig
         rig.close()
