@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from action_msgs.msg import GoalStatus
-from graph import NAME, Process, wait_until
+from graph import Process, wait_until
 from kane_dynamics import load_constraints, load_urdf, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
@@ -13,7 +13,6 @@ from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
 from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
-from rclpy.action import ActionClient
 
 BARS = (('crank', 'base', '0 0 0', 0.3), ('coupler', 'crank', '0.3 0 0', 0.9),
         ('rocker', 'coupler', '0.9 0 0', 0.7))
@@ -137,13 +136,8 @@ def test_simulations_return_constraint_forces(node, linkage, configuration):
                'sample_period': 0.1}
     answer = node.call(Simulate, 'simulate', **request)
     assert answer.success, answer.message
-    client = ActionClient(node, SimulateMotion, f'{NAME}/simulate_motion')
-    assert client.wait_for_server(20.0)
-    sent = client.send_goal_async(SimulateMotion.Goal(**request))
-    assert wait_until(sent.done)
-    result = sent.result().get_result_async()
+    _, result = node.send_goal(SimulateMotion, 'simulate_motion', **request)
     assert wait_until(result.done)
-    client.destroy()
     outcome = result.result()
     assert outcome.status == GoalStatus.STATUS_SUCCEEDED
     for given in (answer, outcome.result):

@@ -5,13 +5,12 @@ import time
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
-from graph import close, JOINTS, model, NAME, Process, URDF, wait_until
+from graph import close, JOINTS, model, Process, URDF, wait_until
 from kane_dynamics import ComputedTorque, Motion, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import ForwardDynamics, GetDynamics, InverseDynamics, Simulate
 import numpy as np
 import pytest
-from rclpy.action import ActionClient
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 Q, U, A = [0.3, -0.4, 0.2], [0.5, 1.0, -0.3], [1.0, -2.0, 0.5]
@@ -178,20 +177,17 @@ class Goal:
     """One goal of the action."""
 
     def __init__(self, node, **fields):
-        self.client = ActionClient(node, SimulateMotion, f'{NAME}/simulate_motion')
-        assert self.client.wait_for_server(10.0)
         self.feedback = []
-        sent = self.client.send_goal_async(
-            SimulateMotion.Goal(position=Q, **fields),
-            feedback_callback=lambda message: self.feedback.append(message.feedback))
-        assert wait_until(sent.done)
-        self.handle = sent.result()
-        assert self.handle.accepted
-        self._result = self.handle.get_result_async()
+        self._node = node
+        self._handle, self._result = node.send_goal(
+            SimulateMotion, 'simulate_motion', position=Q,
+            feedback_callback=lambda message: self.feedback.append(message.feedback), **fields)
+
+    def cancel(self):
+        self._node.on_spinner(self._handle.cancel_goal_async)
 
     def result(self, timeout=20.0):
         assert wait_until(self._result.done, timeout)
-        self.client.destroy()
         return self._result.result().status, self._result.result().result
 
 
@@ -214,7 +210,7 @@ def test_a_cancelled_goal_returns_the_points_so_far(node):
     goal = Goal(node, duration=1000.0, step=1e-3)
     assert wait_until(lambda: goal.feedback)
     began = time.monotonic()
-    goal.handle.cancel_goal_async()
+    goal.cancel()
     status, result = goal.result()
     assert time.monotonic() - began < 0.5
     assert status == GoalStatus.STATUS_CANCELED
@@ -238,6 +234,6 @@ def test_a_full_queue_answers_that_it_is_busy(node):
     assert 'busy' in answers[0].message
     assert node.call(GetDynamics, 'get_dynamics', position=Q).success, 'short requests still go'
     for each in long[:2]:
-        each.handle.cancel_goal_async()
+        each.cancel()
         each.result()
     assert node.adjust(simulation__max_waiting=8).successful

@@ -1,6 +1,5 @@
 """A dynamics node in its own process and a client of it, over DDS."""
 
-from collections import OrderedDict
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -146,7 +146,7 @@ class Client(Node):
     def __init__(self, joints=JOINTS):
         super().__init__('client')
         self.joints = joints
-        self.torques = OrderedDict()  # by stamp, ns
+        self.torques = {}  # by stamp, ns
         self.names = ()
         self.commands = []
         self.diagnostics = []
@@ -159,6 +159,7 @@ class Client(Node):
         self.spinner.add_node(self)
         self._ended = False
         self._service_clients = {}
+        self._action_clients = {}
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
 
@@ -233,24 +234,65 @@ class Client(Node):
         assert wait_until(lambda: self.rest() is not None, timeout), (
             f'the node publishes no torques; log: {process and process.log}')
 
+    def _service_client(self, kind, name, timeout):
+        if name not in self._service_clients:
+            self._service_clients[name] = self.create_client(kind, name)
+        assert self._service_clients[name].wait_for_service(timeout), name
+        return self._service_clients[name]
+
     def call(self, kind, name, timeout=20.0, **fields):
         """Call a service; return its response."""
         name = name if name.startswith('/') else f'{NAME}/{name}'
-        if name not in self._service_clients:
-            self._service_clients[name] = self.create_client(kind, name)
-        client = self._service_clients[name]
-        assert client.wait_for_service(timeout), name
+        client = self._service_client(kind, name, timeout)
         future = client.call_async(kind.Request(**fields))
         assert wait_until(future.done, timeout), f'{name} does not answer'
         return future.result()
+
+    def on_spinner(self, function):
+        """Return what a function returns that runs where messages are taken.
+
+        A goal's answer that comes before its request is noted is lost in an action client, which
+        locks nothing; on the thread that takes the answers it cannot come before.
+        """
+        task = self.spinner.create_task(function)
+        assert wait_until(task.done), 'the client does not spin'
+        return task.result()
+
+    def send_goal(self, kind, name, feedback_callback=None, **fields):
+        """Send a goal; return its handle and the future of its result."""
+        if name not in self._action_clients:  # kept: an executor cannot bear that one is destroyed
+            self._action_clients[name] = ActionClient(self, kind, f'{NAME}/{name}')
+        client = self._action_clients[name]
+        assert client.wait_for_server(20.0), name
+        sent = self.on_spinner(lambda: client.send_goal_async(
+            kind.Goal(**fields), feedback_callback=feedback_callback))
+        assert wait_until(sent.done), f'{name} does not answer'
+        handle = sent.result()
+        assert handle.accepted
+        return handle, self.on_spinner(handle.get_result_async)
 
     def transition(self, number):
         request = ChangeState.Request()
         request.transition.id = number
         return self.call(ChangeState, 'change_state', transition=request.transition).success
 
-    def state(self):
-        return self.call(GetState, 'get_state').current_state.label
+    def state(self, timeout=20.0):
+        """Return the lifecycle state; ask again where no node hears, as after one was killed.
+
+        The services of a killed node are seen until its lease ends, so that a request can be sent
+        before the node that follows it is known.
+        """
+        answers = []
+
+        def answered():
+            if not answers or time.monotonic() - answers[-1][0] > 1.0:
+                answers.append((time.monotonic(), client.call_async(GetState.Request())))
+            return any(future.done() for _, future in answers)
+
+        client = self._service_client(GetState, f'{NAME}/get_state', timeout)
+        assert wait_until(answered, timeout), 'get_state does not answer'
+        return next(future for _, future in reversed(answers)
+                    if future.done()).result().current_state.label
 
     def adjust(self, node=NAME, /, **parameters):
         """Set parameters of a node together; return the result."""
