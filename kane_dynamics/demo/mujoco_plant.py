@@ -15,11 +15,11 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import GAINS, HOME, JOINTS, NODE, PLANT, RATE
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.ros.common.process import make_executor
 import mujoco
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
@@ -171,8 +171,7 @@ def main(arguments: Sequence[str]) -> None:
     plant = MujocoPlant(arm, record)
     period = round(1e9 / RATE)
     tick = time.time_ns()
-    executor = EventsExecutor()
-    executor.add_node(plant)
+    executor = make_executor(plant)
     never: Future[None] = Future()
     try:
         while rclpy.ok():

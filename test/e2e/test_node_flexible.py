@@ -43,7 +43,8 @@ def test_quasi_static_feedforward_is_better_than_rigid_feedforward(client, start
                        'link2/mode_1, link2/mode_2, link2/twist_1, 200 joint states', 60.0)
         node.wait_for('active, mode', 60.0)
         # A motion that comes before the first joint state is refused.
-        assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states and client.commands)
+        assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states
+                          and client.commands)
         assert len(states[0][1]) == 2  # modes are the plant's own business
         began = time.time_ns() + 300_000_000
         client.joints = JOINTS

@@ -79,7 +79,7 @@ class Traffic:
         torques, client.torques = client.torques, type(client.torques)()
         commands, client.commands = client.commands, []
         most = np.array([joint.limits.effort for joint in self.limits]) + 1e-9
-        for stamp, tau in list(torques.items()):
+        for stamp, tau in torques.copy().items():
             if not (np.abs(tau) <= most).all():
                 self.faults.append(f'torque {tau} beyond {most}')
             if stamp < now - 5 * NANO:  # a second of traffic, and what a busy machine adds

@@ -43,7 +43,7 @@ class Side:
 
     def right_answers(self):
         """Return how many answers there are; each must be of this arm at its own state."""
-        both = [(self.states[stamp], tau) for stamp, tau in list(self.torques.items())
+        both = [(self.states[stamp], tau) for stamp, tau in self.torques.copy().items()  # at once
                 if stamp in self.states]
         for q, tau in both:
             np.testing.assert_allclose(tau, self.robot.gravity_force(np.array(q)), rtol=1e-9)

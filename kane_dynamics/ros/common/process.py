@@ -5,27 +5,63 @@ SIGINT and SIGTERM write to a pipe that a thread reads, so that no callback is i
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib import import_module
 import os
 import signal
+import sys
 import threading
-from typing import Any
+from typing import Any, TypeVar
 
+from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common.early_signals import SIGNALS
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+
+_Node = TypeVar('_Node', bound=Node)
 
 SPIN_TIMEOUT = 1e6  # s; the EventsExecutor's spin needs a finite timeout to wait
 
 
-def make_executor() -> Any:
-    """Return an EventsExecutor if rclpy has one, else a SingleThreadedExecutor."""
+def events_executor() -> type | None:
+    """
+    Return the class EventsExecutor of the installed rclpy, or None.
+
+    Jazzy has it from rclpy 7.1.4 on, Kilted and Lyrical always, as experimental; a later release
+    may keep it beside the other executors.
+    """
+    for module in ('rclpy.experimental', 'rclpy.executors'):
+        with suppress(ImportError, AttributeError):
+            found: type = import_module(module).EventsExecutor
+            return found
+    return None
+
+
+def make_executor(node: Node) -> Any:
+    """Return an executor of a node: an EventsExecutor if rclpy has one."""
+    kind = events_executor()
+    if kind is None:
+        kind = SingleThreadedExecutor
+        node.get_logger().warning(
+            'rclpy: without EventsExecutor; expected 7.1.4 or newer. The SingleThreadedExecutor '
+            'is used instead: torques come later, and more joint states are lost at high rates')
+    executor = kind()
+    executor.add_node(node)
+    return executor
+
+
+def start(make: Callable[[], _Node], program: str) -> tuple[_Node, Any] | None:
+    """Make a node and its executor; if that fails, print the reason and return None."""
     try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        node = make()
+    except (KaneError, ParameterException) as error:
+        print(f'{program}: {error}', file=sys.stderr)
+        return None
+    return node, make_executor(node)
 
 
 def stop_on_signal(stop: Future) -> None:

@@ -6,14 +6,11 @@ an order of magnitude lower than that of the other executors; the services spin 
 Signals do not interrupt callbacks, and the node commands zeros before it exits.
 """
 
-import sys
 import threading
 from typing import Any
 
-from kane_dynamics.errors import KaneError
-from kane_dynamics.ros.common.process import make_executor, SPIN_TIMEOUT
+from kane_dynamics.ros.common.process import SPIN_TIMEOUT, start
 from kane_dynamics.ros.dynamics_node.node import DynamicsNode
-from rclpy.exceptions import ParameterException
 from rclpy.task import Future
 
 
@@ -30,13 +27,10 @@ def spin(node: DynamicsNode, executor: Any, stop: Future) -> None:
 
 def run(stop: Future) -> int:
     """Run the node until `stop`; return the exit code."""
-    try:
-        node = DynamicsNode()
-    except (KaneError, ParameterException) as error:
-        print(f'dynamics_node: {error}', file=sys.stderr)
+    started = start(DynamicsNode, 'dynamics_node')
+    if started is None:
         return 1
-    executor = make_executor()
-    executor.add_node(node)
+    node, executor = started
     thread = threading.Thread(target=node.server.spin, name='services', daemon=True)
     thread.start()
     try:

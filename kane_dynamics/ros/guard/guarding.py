@@ -8,8 +8,7 @@ from rclpy.task import Future
 def run(stop: Future) -> int:
     """Run the guard until `stop`; return the exit code."""
     node = GuardNode()
-    executor = make_executor()
-    executor.add_node(node)
+    executor = make_executor(node)
     try:
         while not stop.done():
             try:

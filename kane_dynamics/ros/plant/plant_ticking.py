@@ -1,13 +1,10 @@
 """Run the plant node: ticks on an absolute schedule, callbacks in between."""
 
 import gc
-import sys
 import time
 
-from kane_dynamics.errors import KaneError
-from kane_dynamics.ros.common.process import make_executor
+from kane_dynamics.ros.common.process import start
 from kane_dynamics.ros.plant.plant_node import PlantNode
-from rclpy.exceptions import ParameterException
 from rclpy.task import Future
 
 MIN_TIMEOUT = 1e-5  # s; with a timeout of zero the EventsExecutor does not wait
@@ -15,13 +12,10 @@ MIN_TIMEOUT = 1e-5  # s; with a timeout of zero the EventsExecutor does not wait
 
 def run(stop: Future) -> int:
     """Run the node until `stop`; return the exit code."""
-    try:
-        node = PlantNode()
-    except (KaneError, ParameterException) as error:
-        print(f'plant_node: {error}', file=sys.stderr)
+    started = start(PlantNode, 'plant_node')
+    if started is None:
         return 1
-    executor = make_executor()
-    executor.add_node(node)
+    node, executor = started
     gc.collect()
     gc.freeze()  # exclude existing objects from garbage collections
     node.schedule.start(time.monotonic_ns())

@@ -40,6 +40,15 @@ def compile():
     assert np.isfinite(other.mass_matrix(GIVEN[0, :9])).all()
     assert gc.isenabled()
 
+def beside_two(work, forks):
+    workers = [beside(work), beside(work)]
+    try:
+        forks()
+    finally:
+        stop.set()
+    for worker in workers:
+        worker.join()
+
 def children(work, count):
     for _ in range(count):
         child = os.fork()
@@ -58,13 +67,7 @@ def children(work, count):
 BATCHES = START + """
 batch()
 children(batch, 1)
-workers = [beside(batch), beside(batch)]
-try:
-    children(batch, 30)
-finally:
-    stop.set()
-for worker in workers:
-    worker.join()
+beside_two(batch, lambda: children(batch, 30))
 """
 
 COMPILING = START + """
@@ -72,13 +75,7 @@ def compile_in_parent():
     other = Robot(MODEL)
     other.compile('mass_matrix', 'inverse_mass_matrix', batches=True)
 os.environ['KANE_DYNAMICS_CACHE'] = 'off'
-workers = [beside(compile_in_parent), beside(compile_in_parent)]
-try:
-    children(compile, 6)
-finally:
-    stop.set()
-for worker in workers:
-    worker.join()
+beside_two(compile_in_parent, lambda: children(compile, 6))
 assert gc.isenabled()
 """
 
