@@ -1,9 +1,10 @@
 """Checks of arguments: shapes, finite numbers, ranges; errors name the argument and its value."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 from typing import Any
 
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, KaneError, ModelError
 import numpy as np
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike
 def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
              error: type[KaneError] = ModelError) -> Array:
     """Return `value` as a finite, read-only float array of `shape`, or raise `error`."""
+    expected = f'finite numbers of shape {shape}' if shape else 'a finite number'
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise error(f'{what}: {value!r}; expected {shape} finite numbers') from None
+        raise error(f'{what}: {value!r}; expected {expected}') from None
     if array.shape != shape or not np.isfinite(array).all():
-        raise error(f'{what}: {value!r}; expected finite numbers of shape {shape}')
+        raise error(f'{what}: {value!r}; expected {expected}')
     array.flags.writeable = False
     return array
 
@@ -73,6 +75,32 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
             if not math.isfinite(value):
                 raise InputError(f"{what} of joint '{name}': {value}; expected a finite number")
     return array
+
+
+def integer(value: Any, what: str, least: int, most: int | None = None) -> int:
+    """Return an integer within bounds; raise InputError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or (
+            value < least or (most is not None and value > most)):
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected an integer '
+                         + (f'>= {least}' if most is None else f'from {least} to {most}'))
+    return int(value)
+
+
+def number(value: Any, what: str, expected: str, valid: Callable[[float], bool]) -> float:
+    """Return a number that is `valid`; raise InputError for anything else."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        found = math.nan
+    if isinstance(value, str) or not valid(found):
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected {expected}')
+    return found
+
+
+def instance(value: object, kind: type, what: str) -> None:
+    """Raise InputError unless a value is of a class."""
+    if not isinstance(value, kind):
+        raise InputError(f'{what}: a {type(value).__name__}; expected a {kind.__name__}')
 
 
 def positive_time(value: Any, what: str, otherwise: str = '') -> float:

@@ -1,6 +1,10 @@
-"""Format names for messages."""
+"""Format names and values for messages."""
 
 from collections.abc import Iterable, Sequence
+from reprlib import Repr
+
+SHORT = Repr()  # bounded: with aliases, a few bytes of YAML can mean gigabytes of text
+SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 
 
 def listing(names: Iterable[str], most: int = 40) -> str:

@@ -4,15 +4,11 @@ from collections import Counter
 from collections.abc import Mapping
 import os
 from pathlib import Path
-from reprlib import Repr
 from typing import Any
 
-from kane_dynamics._util.text import listing
+from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics.errors import KaneError, UrdfError
 import yaml
-
-SHORT = Repr()  # bounded: with aliases, a few bytes of YAML can mean gigabytes of text
-SHORT.maxlevel, SHORT.maxstring, SHORT.maxother = 3, 60, 60
 
 
 class _Loader(yaml.SafeLoader):

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
-from kane_dynamics._util.yaml_io import mapping, read_yaml, SHORT
+from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.cli.arguments import STEP
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header

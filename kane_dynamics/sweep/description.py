@@ -7,11 +7,13 @@ import json
 import math
 from typing import Any
 
+from kane_dynamics._util.checks import integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.resources import package_version
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
-from kane_dynamics._util.yaml_io import mapping, SHORT
+from kane_dynamics._util.yaml_io import mapping
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of
@@ -91,7 +93,7 @@ class Sweep:
         """Check all entries and collect the values in the order in which they are drawn."""
         for name, least, most in (('samples', 1, MOST_SAMPLES), ('seed', 0, 2**63 - 1),
                                   ('chunk', 1, MOST_CHUNK)):
-            freeze(self, name, _whole(name, getattr(self, name), least, most))
+            freeze(self, name, integer(getattr(self, name), name, least, most))
         for name in ('duration', 'step'):
             freeze(self, name, number_of(name, getattr(self, name)))
             if not getattr(self, name) > 0.0:
@@ -199,12 +201,3 @@ class Sweep:
         return [value_of('payload.mass', given['mass']),
                 *(value_of(f'payload.com_{axis}', x, signed=True) for axis, x in zip('xyz', com)),
                 value_of('payload.gyration', given.get('gyration', 0.0))]
-
-
-def _whole(name: str, value: Any, least: int, most: int) -> int:
-    """Return an integer within bounds; raise InputError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or (
-            not least <= value <= most):
-        raise InputError(f'{name}: {SHORT.repr(value)}; expected an integer from {least} to '
-                         f'{most}')
-    return int(value)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import os
 import warnings
 
+from kane_dynamics._util.checks import integer
 from kane_dynamics._util.progress import progress_bar
-from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.errors import ModelWarning
 from kane_dynamics.native.runtime.threads import MAX_THREADS, thread_count
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Simulator, task
@@ -64,10 +65,8 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
         If the step is too large for the model, as in `simulate`.
 
     """
-    if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool)
-                                or not 1 <= workers <= MAX_THREADS):
-        raise InputError(f'workers: {workers!r}; expected an integer from 1 to '
-                         f'{MAX_THREADS}')
+    if workers is not None:
+        workers = integer(workers, 'workers', 1, MAX_THREADS)
     table, work = SweepTable(sweep, folder), task(sweep)
     count, made, failed = workers or thread_count(), 0, 0
     with table.opened() as finished:

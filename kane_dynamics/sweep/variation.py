@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
-from kane_dynamics._util.yaml_io import SHORT
 from kane_dynamics.errors import InputError
 import numpy as np
 

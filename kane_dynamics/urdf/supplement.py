@@ -44,8 +44,8 @@ import math
 import os
 from typing import Any
 
-from kane_dynamics._util.text import listing
-from kane_dynamics._util.yaml_io import mapping, read_yaml, SHORT
+from kane_dynamics._util.text import listing, SHORT
+from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.flexible_link import FlexibleLink
 from kane_dynamics.model.inertial import Inertial, principal_moments

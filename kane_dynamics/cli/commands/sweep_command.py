@@ -8,7 +8,8 @@ from pathlib import Path
 import time
 from typing import Any
 
-from kane_dynamics._util.yaml_io import read_yaml, SHORT
+from kane_dynamics._util.text import SHORT
+from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import load, model_warnings, print_json
 from kane_dynamics.cli.tables import read_motion
