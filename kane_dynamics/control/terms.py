@@ -1,10 +1,11 @@
 """Switches for the terms of the torque that is commanded."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -17,6 +18,13 @@ class Terms:
     coriolis: bool = True
     inertia: bool = True
     friction: bool = True
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless each switch is True or False."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, bool | np.bool_):
+                raise InputError(f'{field.name}: {value!r}; expected True or False')
 
     @lazy_property
     def weights(self) -> Array:

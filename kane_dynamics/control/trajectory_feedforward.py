@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
-from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.checks import finite_row, instance, integer, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Terms
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 PROBES = np.arange(1.0, 8.0) / 8.0  # fractions of a segment at which its effort is checked
 MOST_POINTS = 100_000
+LONGEST = 2**31 - 1  # s, of `time_from_start`, whose resolution is 1 ns
 TURN = 2.0 * math.pi
 
 
@@ -123,9 +124,15 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
         limit; or if the tolerance needs more than `max_points`.
 
     """
+    instance(robot, Robot, 'robot')
+    instance(compensate, Terms, 'compensate')
+    if bending is not None:
+        instance(bending, QuasiStatic, 'bending')
+    max_points = integer(max_points, 'max_points', 1)
     arm = _Arm(robot, bending or robot, joint_names, rest, compensate)
     names, limits = arm.names, arm.limits(effort_limit)
     t, q, u, udot = trajectory_points(times, positions, velocities, accelerations, names)
+    _check_times(t)
     points = completed(t, q, u, udot, None if start is None else arm.turned(
         start_state(start, names), q[0], limits))
     _check_count(len(points.t), max_points, 'trajectory')
@@ -184,16 +191,12 @@ class _Arm:
         return start[0] + turns * TURN * np.round((first - start[0]) / TURN), *start[1:]
 
     def efforts(self, *state: Array) -> Array:
-        """Return the efforts at q, u and udot, (..., m) each; InputError if one is infinite."""
+        """Return the efforts at q, u and udot, (..., m) each; InputError if one overflows."""
         rows = [values.reshape(-1, len(self.names)) for values in state]
         whole = np.zeros((3, len(rows[0]), len(self._pose)))
         whole[0] = self._pose
         whole[:, :, self._columns] = rows
         tau = self._compensate.inverse_dynamics(self._source, *whole)[:, self._columns]
-        wrong = ~np.isfinite(tau)
-        if wrong.any():
-            raise InputError(f"joint '{self.names[np.argwhere(wrong)[0, 1]]}': effort not finite; "
-                             'expected a slower motion')
         return tau.reshape(state[0].shape)
 
 
@@ -215,6 +218,18 @@ def _refined(arm: _Arm, points: ControllerPoints, tau: Array, tolerance: Array, 
         first = split + np.arange(len(split))
         pending = np.stack([first, first + 1], axis=1).ravel()
     return points, tau, error
+
+
+def _check_times(t: Array) -> None:
+    """Raise InputError unless a JointTrajectory can have these times."""
+    if t[-1] > LONGEST:
+        raise InputError(f'point {len(t) - 1}: time {t[-1]:g} s; expected at most {LONGEST} s, as '
+                         'in a JointTrajectory')
+    near = np.flatnonzero(np.diff(np.rint(1e9 * t)) < 1.0)
+    if near.size:
+        k = int(near[0])
+        raise InputError(f'point {k + 1}: {t[k + 1] - t[k]:.3g} s after point {k}; expected at '
+                         'least 1e-09 s, the resolution of a JointTrajectory')
 
 
 def _check_count(count: int, most: int, what: str) -> None:

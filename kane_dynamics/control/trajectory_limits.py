@@ -85,11 +85,11 @@ def _check(what: str, t: Array, values: Array, low: Array, high: Array, names: S
     k, j = divmod(int(np.argmax(np.where(wrong, beyond, -np.inf))), values.shape[1])
     value, least, most = (float(x) for x in (values[k, j], low[j], high[j]))
     expected = f'at most {most:.6g}' if value > most else f'at least {least:.6g}'
-    raise InputError(f"joint '{names[j]}': {what} {value:.6g} {place(float(t[k]), given)}; "
-                     f'expected {expected}')
+    raise InputError(f"joint '{names[j]}': {what} {value:.6g} "
+                     f'{described_time(float(t[k]), given)}; expected {expected}')
 
 
-def place(t: float, given: Array) -> str:
+def described_time(t: float, given: Array) -> str:
     """Return where a time is among the given points, as text."""
     k = int(np.searchsorted(given, t, side='right')) - 1
     if k >= 0 and t == given[k]:

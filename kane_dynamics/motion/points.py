@@ -1,9 +1,10 @@
 """Check the points of a joint trajectory: names, times, positions and their derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 
 from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 import numpy as np
@@ -44,6 +45,8 @@ def trajectory_points(times: ArrayLike, positions: Rows, velocities: Rows | None
 
 def checked_joint_names(names: Sequence[str], what: str) -> tuple[str, ...]:
     """Return the joint names as a tuple; raise InputError if empty or not unique."""
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise InputError(f'{what}: {names!r}; expected a list of joint names')
     names = tuple(names)
     if not names or not all(isinstance(name, str) for name in names) or (
             len(set(names)) != len(names)):
@@ -92,7 +95,11 @@ def _rows(values: Rows | None, what: str, count: int,
 
 def start_state(start: Start, names: tuple[str, ...]) -> State:
     """Return the start state as three (n,) arrays; raise InputError if invalid."""
-    q, u, udot = start
+    try:
+        q, u, udot = start
+    except (TypeError, ValueError):
+        raise InputError(f'start: {SHORT.repr(start)}; expected positions, velocities and '
+                         'accelerations') from None
     rest = np.zeros(len(names))
     return (finite_row(q, 'start: positions', names),
             finite_row(rest if u is None else u, 'start: velocities', names),

@@ -251,11 +251,35 @@ def test_bad_points_are_refused_like_those_of_a_motion():
 
 
 def test_a_motion_that_overflows_is_an_error():
-    robot = two_link().copy()
-    robot.limits = replace(robot.limits, velocity=np.full(2, math.inf))
-    with pytest.raises(InputError):
-        fill_trajectory(robot, [0.0, 1.0, 1.0 + 1e-12], [[0.0, 0.0], [0.1, 0.1], [1.0, -1.0]],
+    robot, most = two_link().copy(), np.full(2, math.inf)
+    robot.limits = replace(robot.limits, lower=-most, upper=most, velocity=most)
+    with pytest.raises(InputError, match='the result of state 1 is not finite: the arguments'):
+        fill_trajectory(robot, [0.0, 1.0, 1.0 + 1e-8], [[0.0, 0.0], [0.1, 0.1], [1.0, -1.0]],
                         [[0.0, 0.0], [1e200, 1e200], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    ({'robot': None}, 'robot: a NoneType; expected a Robot'),
+    ({'times': [0.0, 1e300]}, r'point 1: time 1e\+300 s; expected at most 2147483647 s'),
+    ({'times': [0.0, 1e-10]}, 'point 1: 1e-10 s after point 0; expected at least 1e-09 s'),
+    ({'joint_names': 'joint1'}, "joint_names: 'joint1'; expected a list of joint names"),
+    ({'joint_names': 3}, 'joint_names: 3; expected a list'),
+    ({'start': 3}, 'start: 3; expected positions, velocities and accelerations'),
+    ({'start': ([0.0], None)}, r'start: \(.*; expected positions, velocities and'),
+    ({'compensate': {'gravity': False}}, 'compensate: a dict; expected a Terms'),
+    ({'max_points': math.nan}, 'max_points: nan; expected an integer >= 1'),
+    ({'max_points': '5'}, "max_points: '5'; expected an integer >= 1"),
+    ({'bending': two_link()}, 'bending: a Robot; expected a QuasiStatic')])
+def test_an_invalid_argument_is_refused_by_name(change, message):
+    given = {'robot': two_link(), 'times': [0.0, 1.0], 'positions': np.zeros((2, 2)), **change}
+    with pytest.raises(InputError, match=message):
+        fill_trajectory(**given)
+
+
+@pytest.mark.parametrize('value', ['no', 2, None])
+def test_a_switch_of_a_torque_term_is_true_or_false(value):
+    with pytest.raises(InputError, match='gravity: .*; expected True or False'):
+        Terms(gravity=value)
 
 
 def test_a_flexible_arm_includes_the_deflection_of_its_links():
