@@ -9,10 +9,12 @@ coordinates are an active set: a coordinate that would move beyond its limit is 
 
 from typing import NamedTuple
 
+from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +24,7 @@ MOST = 1e-2  # largest squared damping, so that unreachable targets do not slow 
 BIAS = 1e-12  # squared damping at zero error
 PATIENCE = 15  # iterations without progress before the next start
 AT_LIMIT = 1e-9  # rad or m
+FARTHEST = 1e12  # m
 
 
 class InverseKinematics(NamedTuple):
@@ -74,18 +77,12 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
         No configuration near the starts meets the robot's constraints.
 
     """
-    goal = np.asarray(target, dtype=np.float64) if np.shape(target) == (3,) else (
-        checked_pose(target, 'target'))
-    if goal.ndim > 2 or not np.isfinite(goal).all():
-        raise InputError(f'target: shape {goal.shape}; expected one pose (4, 4) or one position '
-                         '(3,), of finite numbers')
-    for name, value in (('iterations', iterations), ('starts', starts)):
-        if value < 1:
-            raise InputError(f'{name}: {value}; expected an integer >= 1')
-    if not tolerance > 0.0:
-        raise InputError(f'tolerance: {tolerance}; expected a positive number, m and rad')
+    instance(robot, Robot, 'robot')
+    goal = _checked_target(target)
+    iterations, starts = integer(iterations, 'iterations', 1), integer(starts, 'starts', 1)
+    tolerance = number(tolerance, 'tolerance', 'a positive number, m and rad', lambda x: x > 0.0)
+    rng = random_generator(seed)
     search = _Search(robot, frame, goal, tolerance)
-    rng = np.random.default_rng(seed)
     best: InverseKinematics | None = None
     count = 0
     for start in range(starts):
@@ -100,6 +97,23 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
     return best._replace(iterations=count)
 
 
+def _checked_target(target: ArrayLike) -> Array:
+    """Return a pose (4, 4) or a position (3,); InputError for anything else."""
+    try:
+        numbers = np.array(target, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    goal = numbers if numbers.shape == (3,) else checked_pose(target, 'target')
+    if goal.ndim > 2:
+        raise InputError(f'target: shape {goal.shape}; expected one pose (4, 4) or one position '
+                         '(3,)')
+    origin = goal if goal.ndim == 1 else goal[:3, 3]
+    if not (np.abs(origin) <= FARTHEST).all():
+        raise InputError(f'target: position {origin.tolist()}; expected finite numbers of at most '
+                         f'{FARTHEST:g} m')
+    return goal
+
+
 class _Search:
     """Iterations towards one target from several initial configurations."""
 
@@ -111,7 +125,8 @@ class _Search:
 
     def first(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
-        given = self.robot.neutral() if q0 is None else np.array(q0, dtype=np.float64)
+        given = self.robot.neutral() if q0 is None else finite_row(
+            q0, 'q0', self.robot.model.coordinate_names)
         self.robot.frame_pose(self.frame, given)  # raises InputError
         q = np.clip(given, self.lower, self.upper)
         return self.robot.closed_posture(q) if self.constrained else q

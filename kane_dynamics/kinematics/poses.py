@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identity
+LARGEST = 1e12  # rad, the limit of joint positions too
 
 
 def rotation_exp(vector: ArrayLike) -> Array:
@@ -32,11 +33,11 @@ def rotation_exp(vector: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        The vector does not have three finite numbers.
+        The vector does not have three finite numbers, or the angle is too large.
 
     """
     w = _numbers(vector, (3,), 'vector')
-    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    angle = _angle(w, 'vector')
     W = _skew(w)
     return np.asarray(np.eye(3) + _sinc(angle) * W + 0.5 * _sinc(0.5 * angle)**2 * (W @ W))
 
@@ -83,12 +84,12 @@ def pose_exp(twist: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        The twist does not have six finite numbers.
+        The twist does not have six finite numbers, or the angle is too large.
 
     """
     xi = _numbers(twist, (6,), 'twist')
     v, w = xi[..., :3], xi[..., 3:]
-    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    angle = _angle(w, 'twist')
     W = _skew(w)
     small = angle < 1e-2  # a series there: its first omitted term is below 1e-15
     safe = np.where(small, 1.0, angle)
@@ -168,6 +169,14 @@ def checked_pose(pose: ArrayLike, what: str) -> Array:
     return T
 
 
+def _angle(w: Array, what: str) -> Array:
+    """Return the angles of rotation vectors, (..., 1, 1); InputError if one is too large."""
+    most = float(np.abs(w).max(initial=0.0))
+    if most > LARGEST:
+        raise InputError(f'{what}: rotation of {most:g} rad; expected at most {LARGEST:g} rad')
+    return np.asarray(np.linalg.norm(w, axis=-1)[..., None, None])
+
+
 def _logarithm(R: Array) -> Array:
     """Return the rotation vectors of checked rotations."""
     trace = np.trace(R, axis1=-2, axis2=-1)
@@ -191,8 +200,9 @@ def _logarithm(R: Array) -> Array:
 
 def _rotation(R: Array, what: str) -> Array:
     """Return checked rotations; InputError names the first invalid one."""
-    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
-    bad = (off > ORTHONORMAL) | (np.linalg.det(R) < 0.0)
+    with np.errstate(over='ignore', invalid='ignore'):  # of huge entries, which are refused
+        off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
+        bad = ~(off <= ORTHONORMAL) | (np.linalg.det(R) < 0.0)
     if bad.any():
         first = R.reshape(-1, 3, 3)[int(np.argmax(np.ravel(bad)))]
         raise InputError(f'{what}: {np.round(first, 6).tolist()}; expected a rotation matrix '

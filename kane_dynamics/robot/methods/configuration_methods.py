@@ -2,7 +2,9 @@
 
 import warnings
 
+from kane_dynamics._util.checks import integer
 from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -43,6 +45,15 @@ def warn_of_degrees(robot: 'Configurations', q: Array, what: str, stacklevel: in
     text = suspected_degrees(robot, q)
     if text is not None:
         warnings.warn(f'{what}: {text}', ModelWarning, stacklevel=stacklevel)
+
+
+def random_generator(seed: int | np.random.Generator | None) -> np.random.Generator:
+    """Return a random generator; raise InputError for an invalid seed."""
+    try:
+        return np.random.default_rng(seed)
+    except (TypeError, ValueError):
+        raise InputError(f'seed: {SHORT.repr(seed)}; expected an integer >= 0 or a '
+                         'numpy.random.Generator') from None
 
 
 class Configurations(ConstraintMethods, Dispatch):
@@ -99,14 +110,14 @@ class Configurations(ConstraintMethods, Dispatch):
         Raises
         ------
         InputError
-            count is negative.
+            The seed or the count is invalid.
         ConstraintError
             None is found that meets constraints and limits.
 
         """
-        if count is not None and count < 0:
-            raise InputError(f'count: {count}; expected an integer >= 0')
-        rng = np.random.default_rng(seed)
+        if count is not None:
+            count = integer(count, 'count', 0)
+        rng = random_generator(seed)
         lower, upper = self.sampling_range()
         if not isinstance(self.equations, ConstrainedEquations):
             return rng.uniform(lower, upper, (*(() if count is None else (count,)), len(lower)))

@@ -88,6 +88,11 @@ def test_a_small_pose_error_is_what_the_jacobian_makes_of_a_small_step():
 @pytest.mark.parametrize(('call', 'words'), [
     (lambda: rotation_log(2.0 * np.eye(3)), 'rotation: .*expected a rotation matrix'),
     (lambda: rotation_log(np.diag([1.0, 1.0, -1.0])), 'expected a rotation matrix'),
+    (lambda: rotation_log(np.full((3, 3), 1e200)), 'expected a rotation matrix'),
+    (lambda: rotation_exp([1e300, 0.0, 0.0]), r'vector: rotation of 1e\+300 rad; expected at'),
+    (lambda: pose_exp([0.0] * 5 + [1e300]), r'twist: rotation of 1e\+300 rad; expected at most'),
+    (lambda: arm().random_configuration('a'), "seed: 'a'; expected an integer"),
+    (lambda: arm().random_configuration(0, 1.5), 'count: 1.5; expected an integer >= 0'),
     (lambda: rotation_exp([1.0, 2.0]), r'vector: shape \(2,\); expected \(3,\)'),
     (lambda: pose_log(np.zeros((3, 4))), r'pose: shape \(3, 4\); expected \(4, 4\)'),
     (lambda: pose_error(np.eye(4), np.eye(4) * np.nan), 'desired: not finite'),
@@ -166,7 +171,15 @@ def test_inverse_kinematics_in_chosen_speeds_is_that_in_joint_rates():
 @pytest.mark.parametrize(('target', 'options', 'words'), [
     (np.eye(3), {}, r'target: shape \(3, 3\)'), (np.full(3, np.nan), {}, 'target'),
     (np.stack([np.eye(4)] * 2), {}, 'one pose'), (np.eye(4), {'starts': 0}, 'starts: 0'),
-    (np.eye(4), {'tolerance': 0.0}, 'tolerance: 0')])
+    (np.eye(4), {'tolerance': 0.0}, 'tolerance: 0'),
+    (['a', 'b', 'c'], {}, r"target: \['a', 'b', 'c'\]; expected numbers"),
+    ([1e300, 0.0, 0.0], {}, r'target: position \[1e\+300, .*; expected finite numbers of at most'),
+    (np.eye(4), {'tolerance': 'a'}, "tolerance: 'a'; expected a positive number"),
+    (np.eye(4), {'starts': 2.5}, 'starts: 2.5; expected an integer >= 1'),
+    (np.eye(4), {'iterations': np.nan}, 'iterations: nan; expected an integer >= 1'),
+    (np.eye(4), {'seed': -1}, 'seed: -1; expected an integer >= 0'),
+    (np.eye(4), {'q0': 'a'}, "q0: 'a'; expected 6 numbers"),
+    (np.eye(4), {'q0': np.zeros((1, 6))}, r'q0: shape \(1, 6\); expected \(6,\)')])
 def test_a_bad_target_is_refused_by_name(target, options, words):
     with pytest.raises(InputError, match=words):
         inverse_kinematics(arm(), 'tool0', target, **options)
