@@ -52,12 +52,24 @@ def test_constraints_that_cannot_be_are_refused_by_name(constraints, words):
 
 @pytest.mark.parametrize(('make', 'words'), [
     (lambda: PointVelocity('tip', (0, 0, 0)), r'direction: \[0.0, 0.0, 0.0\]'),
+    (lambda: PointVelocity('tip', (1, 0, 0), value=np.nan), 'value: nan; expected a finite'),
+    (lambda: PointVelocity('tip', (1, 0, 0), value=None), 'value: None; expected a finite'),
     (lambda: Rolling('tip', -1.0), 'radius: -1.0; expected a positive number'),
+    (lambda: Coupling('joint0', 'joint1'), "ratios: 'joint1'; expected a mapping of other joints"),
+    (lambda: Coupling('joint0', {'joint0': 1.0}), 'expected a mapping of other joints'),
+    (lambda: Coupling('joint0', {'joint1': np.nan}), "ratio of 'joint1': nan; expected a finite"),
+    (lambda: Coupling('joint0', {'joint1': 1.0}, 'a'), "offset: 'a'; expected a finite number"),
+    (lambda: DependentSpeeds('joint2', np.zeros), "dependent: 'joint2'; expected a list of speed"),
     (lambda: Closure('tip', 'near', 'glue'),
      "kind: 'glue'; expected one of weld, revolute, prismatic")])
 def test_values_that_no_constraint_has_are_refused(make, words):
     with pytest.raises(ConstraintError, match=words):
         make()
+
+
+def test_a_direction_of_any_size_is_normalized():
+    for size in (1e-11, 1e200):
+        assert PointVelocity('tip', (0, size, 0)).direction.tolist() == [0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize(('speeds', 'error', 'words'), [

@@ -131,7 +131,11 @@ def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
     ({'surface': 'sphere'}, 'surface_radius: None, of a sphere'),
     ({'surface_radius': 1.0}, 'surface_radius: 1.0, of a plane'),
     ({'inside': True}, 'inside: true, of a plane'),
-    ({'surface': 'sphere', 'surface_radius': 0.1, 'inside': True}, 'expected a smaller radius'),
+    ({'surface': 'sphere', 'surface_radius': 0.1, 'inside': True},
+     'radius: 0.1; expected less than surface_radius, 0.1'),
+    ({'height': 'x'}, "height: 'x'; expected a finite number"),
+    ({'surface': 'cylinder', 'surface_radius': 1.0, 'height': 3.0},
+     'height: 3.0, of a cylinder; expected it for a plane only'),
     ({'surface': 'sphere', 'surface_radius': np.nan}, 'surface_radius: ')])
 def test_surfaces_that_nothing_rolls_on_are_refused(options, words):
     with pytest.raises(ConstraintError, match=words):

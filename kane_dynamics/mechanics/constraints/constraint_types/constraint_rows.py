@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any, Protocol
 
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, ModelError
+from kane_dynamics.errors import ConstraintError
 from kane_dynamics.model.model import Frame
 import numpy as np
 
@@ -75,22 +76,21 @@ class ConstraintRows:
 
 def unit(value: Any, what: str) -> Array:
     """Return a normalised direction, (3,); ConstraintError unless it is nonzero."""
-    try:
-        vector = constant(value, (3,), what)
-    except ModelError as error:
-        raise ConstraintError(str(error)) from None
-    length = float(np.sqrt(vector @ vector))
+    vector = constant(value, (3,), what, ConstraintError)
+    length = math.hypot(*vector)  # does not overflow
     if length < 1e-12:
         raise ConstraintError(f'{what}: {vector.tolist()}; expected a nonzero direction')
     return constant(vector / length, (3,), what)
 
 
+def finite(value: Any, what: str) -> float:
+    """Return a finite number; ConstraintError for anything else."""
+    return float(constant(value, (), what, ConstraintError))
+
+
 def positive(value: Any, what: str) -> float:
     """Return a positive number; ConstraintError for anything else."""
-    try:
-        number = float(constant(value, (), what))
-    except ModelError as error:
-        raise ConstraintError(str(error)) from None
+    number = finite(value, what)
     if number <= 0.0:
         raise ConstraintError(f'{what}: {number}; expected a positive number')
     return number

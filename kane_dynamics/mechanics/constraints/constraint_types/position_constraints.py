@@ -10,6 +10,7 @@ from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
+                                                                                  finite,
                                                                                   Geometry)
 import numpy as np
 
@@ -37,8 +38,15 @@ class Coupling:
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Set the default name."""
+        """Set the default name, and check the numbers."""
         freeze(self, 'name', self.name or f'coupling of {self.joint}')
+        what = f"constraint '{self.name}'"
+        if not isinstance(self.ratios, Mapping) or self.joint in self.ratios:
+            raise ConstraintError(f'{what}: ratios: {self.ratios!r}; expected a mapping of other '
+                                  'joints to their ratios')
+        freeze(self, 'ratios', {joint: finite(ratio, f"{what}: ratio of '{joint}'")
+                                for joint, ratio in self.ratios.items()})
+        freeze(self, 'offset', finite(self.offset, f'{what}: offset'))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -50,7 +58,7 @@ class Coupling:
         row, residual = here.coordinate(self.joint, self.name)
         for joint, ratio in self.ratios.items():
             of_other, value = here.coordinate(joint, self.name)
-            row, residual = row - float(ratio) * of_other, residual - float(ratio) * value
+            row, residual = row - ratio * of_other, residual - ratio * value
         return ConstraintRows(row[None, :], np.zeros(1), (residual - self.offset,))
 
 

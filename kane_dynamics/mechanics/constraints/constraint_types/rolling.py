@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
+                                                                                  finite,
                                                                                   Geometry,
                                                                                   positive, triad,
                                                                                   unit)
@@ -84,7 +84,7 @@ class Rolling:
         what = f"constraint '{self.name}'"
         freeze(self, 'radius', positive(self.radius, f'{what}: radius'))
         freeze(self, 'normal', unit(self.normal, f'{what}: normal'))
-        freeze(self, 'height', float(constant(self.height, (), f'{what}: height')))
+        freeze(self, 'height', finite(self.height, f'{what}: height'))
         freeze(self, 'surface_axis', unit(self.surface_axis, f'{what}: surface_axis'))
         if self.axis is not None:
             freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
@@ -97,13 +97,16 @@ class Rolling:
                                   f'{self.surface}; expected it for a cylinder or sphere only')
         if self.inside and not curved:
             raise ConstraintError(f'{what}: inside: true, of a plane; expected it for a cylinder '
-                                  'or sphere alone')
+                                  'or sphere only')
+        if self.height and curved:
+            raise ConstraintError(f'{what}: height: {self.height}, of a {self.surface}; expected '
+                                  'it for a plane only')
         if self.surface_radius is not None:
             freeze(self, 'surface_radius', positive(self.surface_radius,
                                                     f'{what}: surface_radius'))
             if self.inside and self.surface_radius <= self.radius:
-                raise ConstraintError(f'{what}: radius {self.radius} rolls inside surface_radius '
-                                      f'{self.surface_radius}; expected a smaller radius')
+                raise ConstraintError(f'{what}: radius: {self.radius}; expected less than '
+                                      f'surface_radius, {self.surface_radius}, to roll inside')
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated, evaluated_scalar
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
-    ConstraintRows, Geometry, relative_partials, unit)
+    ConstraintRows, finite, Geometry, relative_partials, unit)
 import numpy as np
 
 
@@ -44,10 +44,12 @@ class PointVelocity:
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Normalise the direction."""
+        """Normalise the direction, and check the value."""
         kind = 'angular velocity' if self.angular else 'velocity'
         freeze(self, 'name', self.name or f'{kind} of {self.frame}')
         freeze(self, 'direction', unit(self.direction, f"constraint '{self.name}': direction"))
+        if not callable(self.value):
+            freeze(self, 'value', finite(self.value, f"constraint '{self.name}': value"))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -103,6 +105,9 @@ class DependentSpeeds:
 
     def __post_init__(self) -> None:
         """Name the rows."""
+        if isinstance(self.dependent, str):
+            raise ConstraintError(f"constraint '{self.name}': dependent: {self.dependent!r}; "
+                                  'expected a list of speeds')
         freeze(self, 'dependent', tuple(self.dependent))
         freeze(self, 'labels', tuple(f'{self.name}/{speed}' for speed in self.dependent))
 
