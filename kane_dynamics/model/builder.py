@@ -7,8 +7,8 @@ from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
-from kane_dynamics.model.builder_checks import (check_moments, check_properties, checked_turns,
-                                                direction, pose)
+from kane_dynamics.model.builder_checks import (check_matter, check_moments, check_properties,
+                                                checked_turns, direction, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
 from kane_dynamics.model.model import Body, GRAVITY, Inertial, Joint
@@ -114,8 +114,9 @@ class ModelBuilder(ModelAssembly):
         check_properties(joint, properties)
         place = self._place(on, what)
         self._check_new(name)
+        check_matter(name, matter)  # before anything is added
         if self.strict:
-            check_moments(name, matter)  # before anything is added
+            check_moments(name, matter)
         mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
         if kind == 'fixed':
             if properties:

@@ -23,8 +23,8 @@ def further(bent: Any, joints: int) -> Any:
 
 def checked_turns(turns: str, count: int, what: str) -> str:
     """Return the first `count` rotation axes; raise ModelError if two in a row are equal."""
-    turns = turns[:count] if count == 2 else turns
-    if (len(turns) != count or not set(turns) <= set('xyz')
+    turns = turns[:count] if count == 2 and isinstance(turns, str) else turns
+    if (not isinstance(turns, str) or len(turns) != count or not set(turns) <= set('xyz')
             or any(a == b for a, b in pairwise(turns))):
         raise ModelError(f"{what}: turns '{turns}'; expected x, y or z for each rotation, "
                          'different from the previous one')
@@ -37,6 +37,13 @@ def check_properties(joint: str, properties: dict[str, Any]) -> None:
     if unknown:
         raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
                          f'{", ".join(PROPERTIES)}')
+
+
+def check_matter(on: str, matter: Inertial) -> None:
+    """Raise ModelError for what is no Inertial."""
+    if not isinstance(matter, Inertial):
+        raise ModelError(f"'{on}': inertial properties: a {type(matter).__name__}; expected an "
+                         'Inertial (matter=), such as of rod, disc, ball, box, point_mass')
 
 
 def check_moments(on: str, matter: Inertial) -> None:

@@ -110,7 +110,7 @@ class Joint:
         if self.kind not in ('revolute', 'prismatic'):
             raise ModelError(f"{what}: kind '{self.kind}'; expected revolute or prismatic")
         axis = constant(self.axis, (3,), f'{what}: axis')
-        length = math.sqrt(axis @ axis)
+        length = math.hypot(*axis)  # does not overflow
         if length < 1e-12:
             raise ModelError(f'{what}: axis {axis.tolist()}; expected a nonzero vector')
         freeze(self, 'axis', constant(axis / length if abs(length - 1.0) > 1e-15 else axis, (3,),

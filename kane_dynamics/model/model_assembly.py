@@ -6,7 +6,7 @@ import warnings
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, ModelWarning
-from kane_dynamics.model.builder_checks import check_moments, further, pose
+from kane_dynamics.model.builder_checks import check_matter, check_moments, further, pose
 from kane_dynamics.model.model import Body, Frame, Inertial, Model, WORLD
 from kane_dynamics.model.placement import Placement
 from numpy.typing import ArrayLike
@@ -40,6 +40,7 @@ class ModelAssembly:
 
         """
         place = self._place(on, 'load')
+        check_matter(on, matter)
         self._check_moments(on, matter)
         moved = matter.moved(place.rotation, place.translation)
         if place.body == WORLD:
@@ -125,12 +126,14 @@ class ModelAssembly:
             self._impossible.append(on)
 
     def _place(self, on: str, what: str) -> Placement:
-        if on not in self._places:
+        if not isinstance(on, str) or on not in self._places:
             raise ModelError(f"{what}: no body or frame '{on}'; expected one of "
                              f'{listing(self._places)}')
         return self._places[on]
 
     def _check_new(self, name: str) -> None:
+        if not isinstance(name, str) or not name:
+            raise ModelError(f'name of a body or frame: {name!r}; expected a text')
         if name in self._places:
             raise ModelError(f"body or frame '{name}': exists already; expected a unique name")
 

@@ -161,6 +161,11 @@ def built(*steps):
     ('body', ('b', 'a'), {'multiplier': 2.0}, 'without mimic'),
     ('body', ('b',), {'axis': (0, 0, 0)}, "joint 'b': axis"),
     ('body', ('b', 'a', 'spherical'), {'turns': 'xxy'}, "turns 'xxy'; expected"),
+    ('body', ('b', 'a', 'spherical'), {'turns': 3}, "turns '3'; expected"),
+    ('body', ('',), {}, "name of a body or frame: ''; expected a text"),
+    ('body', (None,), {}, 'name of a body or frame: None; expected a text'),
+    ('body', ('b', ['a']), {}, r"no body or frame '\['a'\]'; expected"),
+    ('body', ('b',), {'matter': 1.0}, "'b': inertial properties: a float; expected an Inertial"),
     ('body', ('b',), {'stifness': 3}, "no property 'stifness'; expected .*stiffness"),
     ('body', ('b', 'a', 'planar'), {'damping': 3},
      'damping of 3 degrees of freedom; expected joint\\(\\) for one of b/x, b/y'),
@@ -168,6 +173,7 @@ def built(*steps):
     ('body', ('b',), {'matter': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
     ('joint', ('c',), {'damping': 3}, "no joint 'c'; expected one of a"),
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
+    ('load', ('a', None), {}, "'a': inertial properties: a NoneType"),
     ('load', ('c', point_mass(1)), {}, "no body or frame 'c'"),
     ('mount', (built().model(), 'a'), {}, "'a': exists already")])
 def test_builder_error_names_the_fault(name, arguments, options, words):
