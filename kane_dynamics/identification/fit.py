@@ -10,7 +10,7 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
 from kane_dynamics.identification.recordings.diagnosis import diagnose
-from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import (compressed, factorized, fit_friction,
                                                      FRICTION, friction_speeds, full_regressor,
                                                      LOWEST, RegressionRows, rms, rows,
@@ -136,6 +136,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         If the recording has other joints or moves too little, or an argument is out of range.
 
     """
+    check_recording(model, recording)
     if weight is not None and not 0.0 < weight < np.inf:
         raise InputError(f'weight: {weight:g}; expected a positive, finite number')
     if not (bounded or friction_only):

@@ -20,7 +20,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.qr_factor import Factor
-from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
@@ -106,9 +106,7 @@ def without_losses(model: Model) -> Model:
 
 def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> RegressionRows:
     """Return the regression data of a recording; raise InputError for other joints."""
-    if recording.tau.shape[1] != model.n:
-        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
-                         f'{", ".join(model.joint_names)}')
+    check_recording(model, recording)
     robot = Robot(without_losses(model))
     state = recording.q, recording.u, recording.udot
     Y = robot.regressor(*state)

@@ -60,8 +60,6 @@ class DesignCriterion:
                  floor_frames: Sequence[str] | None,
                  clearance: Clearance | None = None) -> None:
         """Store the limits, and sample the Fourier basis."""
-        if floor is not None and not math.isfinite(floor):
-            raise InputError(f'floor: {floor}; expected a finite height, m')
         self.model, self.basis, self.share, names = model, basis, share, model.joint_names
         self.robot, self.rigid = Robot(model), Robot(without_losses(model))
         limits = self.robot.limits

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import math
 import warnings
 
+from kane_dynamics._util.checks import instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.excitation.clearance import Clearance, DISTANCE
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 PENALTIES = (1e1, 1e2, 1e3, 1e4)  # of squared excesses, one after the other
 ITERATIONS = 60  # with each of them
 SHRINK = 0.98
+LONGEST, MOST_HARMONICS = 1e5, 1000  # s; beyond them memory may not suffice
 CENTERS = 50  # of which the search starts from the first that is clear
 SMALLEST = 0.05  # amplitude, relative, that is still worth a recording
 
@@ -139,9 +141,18 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         There is a distance, but there are no shapes.
 
     """
-    _check(duration, harmonics, periods, seed, starts, share)
-    if distance is not None and not 0.0 <= distance < math.inf:
-        raise InputError(f'distance: {distance}; expected a finite number >= 0, m')
+    instance(model, Model, 'model')
+    duration = number(duration, 'duration', f'a positive time up to {LONGEST:g} s',
+                      lambda x: 0.0 < x <= LONGEST)
+    harmonics = integer(harmonics, 'harmonics', 2, MOST_HARMONICS)
+    periods, starts = integer(periods, 'periods', 1), integer(starts, 'starts', 1)
+    share = number(share, 'share', 'a number above 0, up to 1', lambda x: 0.0 < x <= 1.0)
+    rng = np.random.default_rng(integer(seed, 'seed', 0))
+    if floor is not None:
+        floor = number(floor, 'floor', 'a finite height, m', math.isfinite)
+    if distance is not None:
+        distance = number(distance, 'distance', 'a finite number >= 0, m',
+                          lambda x: 0.0 <= x < math.inf)
     if shapes is None and distance is not None:
         warnings.warn('shapes: None, so links are not kept apart, nor their surfaces above a '
                       "floor; expected shapes=load_collision_shapes('arm.urdf'), or "
@@ -152,7 +163,6 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         floor = None if floor_frames is None else floor
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share, velocity,
                              acceleration, floor, floor_frames, clearance)
-    rng = np.random.default_rng(seed)
     found = []
     for k in range(starts):
         kept, broken = within(design, improved(design, random_motion(design, rng)))
@@ -167,21 +177,6 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
                       design.uses(best), None if clearance is None else clearance.lowest(q),
                       None if clearance is None else clearance.nearest(q))
-
-
-def _check(duration: float, harmonics: int, periods: int, seed: int, starts: int, share: float
-           ) -> None:
-    """Raise InputError if an argument is out of range."""
-    count, seconds = 'one or more', 'a positive, finite number of seconds'
-    for name, value, valid, expected in (
-            ('duration', duration, 0.0 < duration < math.inf, seconds),
-            ('harmonics', harmonics, harmonics >= 2, 'two or more'),
-            ('periods', periods, periods >= 1, count),
-            ('seed', seed, seed >= 0, 'a number >= 0'),
-            ('starts', starts, starts >= 1, count),
-            ('share', share, 0.0 < share <= 1.0, 'a number above 0, up to 1')):
-        if not valid:
-            raise InputError(f'{name}: {value}; expected {expected}')
 
 
 def random_motion(design: DesignCriterion, rng: np.random.Generator) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
@@ -49,13 +50,15 @@ class PayloadEstimator:
                  memory: float = 5000.0) -> None:
         """Start with zero mass and a weak prior."""
         self._regressor = PayloadRegressor(model, frame)
-        self._sigma = np.asarray(sigma, dtype=np.float64)
+        try:
+            self._sigma = np.array(sigma, dtype=np.float64)
+        except (TypeError, ValueError):
+            self._sigma = np.empty(0)
         if self._sigma.shape != (model.n,) or not (self._sigma > 0.0).all():
             raise InputError(f'sigma: {sigma!r}; expected {model.n} positive numbers')
         self._arguments = [Argument(name, (model.n,), model.joint_names)
                            for name in ('q', 'u', 'udot', 'tau')]
-        if not memory > 1.0:
-            raise InputError(f'memory: {memory:g}; expected more than 1 sample')
+        memory = number(memory, 'memory', 'more than 1 sample', lambda x: x > 1.0)
         self._kept = 1.0 - 1.0 / memory
         joints = model.coordinate_joints
         self._friction, self._friction_speed = (

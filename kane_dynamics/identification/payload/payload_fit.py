@@ -7,7 +7,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
                                                                prior_metric, pseudo_inertia_of)
-from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
@@ -117,12 +117,7 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
         motion does not identify the mass.
 
     """
-    if recording.tau.shape[1] != model.n:
-        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
-                         f'{", ".join(model.joint_names)}')
-    if len(recording) < ROWS:
-        raise InputError(f'recording: {len(recording)} rows; expected at least {ROWS}: in each '
-                         'half as many as a payload has parameters')
+    check_recording(model, recording, ROWS)
     regressor = PayloadRegressor(model, frame)
     state = recording.q, recording.u, recording.udot
     Y = regressor(*state)

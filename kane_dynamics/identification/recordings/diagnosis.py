@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays, TorqueDelays)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
@@ -74,12 +74,10 @@ def diagnose(model: Model, recording: Recording) -> list[Finding]:
     Raises
     ------
     InputError
-        If the recording has another number of joints.
+        If the recording has another number of joints, or less than 3 rows.
 
     """
-    if recording.tau.shape[1] != model.n:
-        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
-                         f'{", ".join(model.joint_names)}')
+    check_recording(model, recording)
     found = [Finding('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
         found.append(Finding('wrong', 'the measured efforts are all 0: the recording has none'))

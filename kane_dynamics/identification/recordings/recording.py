@@ -4,11 +4,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import increasing
+from kane_dynamics._util.checks import increasing, instance
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.model.model import Model
 import numpy as np
 
 NAMES = ('q', 'u', 'udot', 'tau')
@@ -154,6 +155,17 @@ class Recording:
         with np.errstate(invalid='ignore'):
             return np.asarray(np.sqrt(np.mean(left**2, axis=0) * 35.0 / 18.0
                                       / np.mean(self.udot**2, axis=0)))
+
+
+def check_recording(model: Model, recording: Recording, least: int = 3) -> None:
+    """Raise InputError unless a recording has a model's joints, and rows enough."""
+    instance(model, Model, 'model')
+    instance(recording, Recording, 'recording')
+    if recording.tau.shape[1] != model.n:
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
+                         f'{", ".join(model.joint_names)}')
+    if len(recording) < least:
+        raise InputError(f'recording: {len(recording)} rows; expected at least {least}')
 
 
 def real(value: Any, what: str) -> Array:

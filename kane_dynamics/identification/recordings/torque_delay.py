@@ -11,7 +11,7 @@ noise is not, so its part of the residual is known, and widens the standard devi
 from dataclasses import dataclass
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -70,6 +70,7 @@ class TorqueDelays:
 
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     """Return the delays of the torques of a recording; noisy accelerations are filtered first."""
+    check_recording(model, recording)
     recording = smoothed(recording)
     if recording.uneven:
         recording = recording.resampled()

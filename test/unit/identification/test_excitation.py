@@ -126,10 +126,14 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'duration': 0.0}, 'duration: 0'), ({'harmonics': 1}, 'harmonics: 1; expected two'),
+    ({'duration': 0.0}, 'duration: 0'), ({'harmonics': 1}, 'harmonics: 1; expected an integer from 2'),
     ({'floor': float('nan')}, 'floor: nan; expected a finite height'),
-    ({'share': 1.1}, 'share: 1.1'), ({'starts': 0}, 'starts: 0; expected one'),
-    ({'seed': -1}, 'seed: -1; expected'),
+    ({'share': 1.1}, 'share: 1.1'), ({'starts': 0}, 'starts: 0; expected an integer >= 1'),
+    ({'seed': -1}, 'seed: -1; expected'), ({'periods': 1.5}, 'periods: 1.5; expected an integer'),
+    ({'duration': 1e300}, r'duration: 1e\+300; expected'), ({'duration': 'a'}, "duration: 'a'"),
+    ({'harmonics': 10**9}, 'harmonics: 1000000000; expected an integer from 2 to 1000'),
+    ({'floor': 'a'}, "floor: 'a'; expected a finite height"),
+    ({'distance': 'a'}, "distance: 'a'; expected a finite"), ({'share': None}, 'share: None'),
     ({'velocity': 0.0}, 'limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
     ({'velocity': 1.0, 'floor': 100.0}, "motion: none satisfies frame '.*' above 100 m"),
     ({'velocity': 1.0, 'floor': 0.0, 'floor_frames': ['none']}, "no frame 'none'")])

@@ -5,7 +5,8 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import Inertial, InputError, load_urdf
-from kane_dynamics.identification import identify_payload, PayloadEstimator, Recording
+from kane_dynamics.identification import (diagnose, identify, identify_payload,
+                                          PayloadEstimator, Recording, torque_delays)
 import numpy as np
 import pytest
 from recordings import simulated
@@ -121,10 +122,24 @@ def test_recording_that_does_not_tell_the_mass_is_refused():
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'frame': 'base_link'}, 'fixed in the world'), ({'frame': 'none'}, 'no frame'),
-    ({'sigma': [1.0]}, 'expected 6 positive numbers'), ({'memory': 0.5}, 'more than 1 sample')])
+    ({'sigma': [1.0]}, 'expected 6 positive numbers'), ({'memory': 0.5}, 'more than 1 sample'),
+    ({'sigma': 'a'}, "sigma: 'a'; expected 6 positive"),
+    ({'memory': 'a'}, "memory: 'a'; expected")])
 def test_estimator_refuses_what_cannot_be(change, words):
     with pytest.raises(InputError, match=words):
         PayloadEstimator(**{'model': bare(), 'frame': 'tool0', 'sigma': np.ones(6), **change})
+
+
+@pytest.mark.parametrize('function', [diagnose, identify, torque_delays])
+def test_what_is_no_recording_of_the_model_is_refused_by_name(function):
+    model, given = bare(), recording()
+    for arguments, words in (((given, model), 'model: a Recording; expected a Model'),
+                             ((model, None), 'recording: a NoneType; expected a Recording'),
+                             ((model, given.rows(slice(1))), 'recording: 1 rows; expected at')):
+        with pytest.raises(InputError, match=words):
+            function(*arguments)
+    with pytest.raises(InputError, match='recording: a str; expected a Recording'):
+        identify_payload(model, 'tool0', given)
 
 
 def test_recording_of_other_joints_is_refused():
