@@ -1,6 +1,14 @@
-"""A process that publishes joint states at a fixed rate and counts those without torques."""
+"""
+A process that publishes joint states at a fixed rate and counts those without torques.
+
+States are not judged near which the machine held up this process, or the threads of the node that
+process states: they are lost whatever the node does. Linux counts the time in which a thread could
+run and had no processor.
+"""
 
 import json
+import os
+from pathlib import Path
 import sys
 import time
 
@@ -12,10 +20,30 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 RATE = 500.0
+QUEUED = 5  # states that wait for the node before the oldest is lost
+HELD = 0.5 * QUEUED / RATE  # s within the time of the queue; a node may need the rest
 
 
-def drive(joints, seconds):
-    """Print the number of states, the number without torques, and the longest delay, s."""
+def waits_for_a_processor(pid):
+    """Return a function that returns how long the threads of a torque path waited so far, s."""
+    files = [os.open(task / 'schedstat', os.O_RDONLY)
+             for task in Path(f'/proc/{pid}/task').iterdir()
+             if task.name == str(pid) or (task / 'comm').read_text().startswith('dds.')]
+    return lambda: 1e-9 * sum(int(os.pread(file, 100, 0).split()[1]) for file in files)
+
+
+def judged(held):
+    """Return which states to judge, by how long the machine held up each or the node, s."""
+    chosen = np.ones(len(held), dtype=bool)
+    recent = np.convolve(held, np.ones(QUEUED))[:len(held)]
+    for k in np.flatnonzero(recent >= HELD):
+        begin = k - QUEUED - int(np.ceil(recent[k] * RATE))  # it is known at its end
+        chosen[max(begin, 0):k + 1 + QUEUED] = False
+    return chosen
+
+
+def drive(joints, seconds, pid):
+    """Print how many states were sent, and how many are judged, and have no torque of these."""
     rclpy.init()
     node = rclpy.create_node('driver')
     answered = set()
@@ -42,22 +70,26 @@ def drive(joints, seconds):
         send()
         executor.spin_once(0.1)
     print('ready', flush=True)
-    sent, held = [], 0.0
-    due = time.perf_counter()
+    sent, held = [], []
+    waited = waits_for_a_processor(pid)
+    due, before = time.perf_counter(), waited()
     for _ in range(round(seconds * RATE)):
         sent.append(send())
         now = time.perf_counter()
-        held = max(held, now - due)  # delay of one state, or of the machine
+        after = waited()
+        held.append(now - due + after - before)
+        before = after
         due = max(due + 1.0 / RATE, now)  # no bursts after a delay
         while (left := due - time.perf_counter()) > 0.0:
             executor.spin_once(left)
     end = time.perf_counter() + 0.5
     while time.perf_counter() < end:
         executor.spin_once(0.1)
-    print(json.dumps({'sent': len(sent), 'unanswered': len(set(sent) - answered),
-                      'held': held}), flush=True)
+    chosen = np.array(sent)[judged(np.array(held))].tolist()
+    print(json.dumps({'sent': len(sent), 'judged': len(chosen),
+                      'unanswered': len(set(chosen) - answered)}), flush=True)
     rclpy.shutdown()
 
 
 if __name__ == '__main__':
-    drive(sys.argv[2].split(','), float(sys.argv[1]))
+    drive(sys.argv[2].split(','), float(sys.argv[1]), int(sys.argv[3]))

@@ -278,7 +278,7 @@ def test_an_invalid_argument_is_refused_by_name(change, message):
 
 @pytest.mark.parametrize('value', ['no', 2, None])
 def test_a_switch_of_a_torque_term_is_true_or_false(value):
-    with pytest.raises(InputError, match='gravity: .*; expected True or False'):
+    with pytest.raises(InputError, match=r'gravity: .*; expected True or False'):
         Terms(gravity=value)
 
 

@@ -126,7 +126,7 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'duration': 0.0}, 'duration: 0'), ({'harmonics': 1}, 'harmonics: 1; expected an integer from 2'),
+    ({'duration': 0.0}, 'duration: 0'), ({'harmonics': 1}, 'harmonics: 1; expected an integer'),
     ({'floor': float('nan')}, 'floor: nan; expected a finite height'),
     ({'share': 1.1}, 'share: 1.1'), ({'starts': 0}, 'starts: 0; expected an integer >= 1'),
     ({'seed': -1}, 'seed: -1; expected'), ({'periods': 1.5}, 'periods: 1.5; expected an integer'),
