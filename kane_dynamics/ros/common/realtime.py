@@ -91,6 +91,18 @@ def collect_if_disabled() -> None:
         gc.collect()
 
 
+def exclude_existing_objects() -> None:
+    """Exclude the objects that live until cleanup from garbage collections."""
+    gc.collect()
+    gc.freeze()
+
+
+def restore_collection() -> None:
+    """Collect garbage as in any process again, after cleanup."""
+    gc.unfreeze()
+    disable_automatic_collection(False)
+
+
 def apply_realtime_settings(values: Mapping[str, Any], warn: Callable[[str], object]) -> None:
     """
     Apply the parameters realtime.*; warn of each setting that the system refuses.

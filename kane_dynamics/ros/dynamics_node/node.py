@@ -1,7 +1,6 @@
 """The lifecycle node: loads the URDF, compiles the robot, and runs the torque path."""
 
 from collections.abc import Collection, Mapping
-import gc
 from pathlib import Path
 import time
 from typing import Any
@@ -172,9 +171,7 @@ class DynamicsNode(LifecycleNode):
         self.statistics = Statistics()
         self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics,
                                    self._warn)
-        # Exclude the objects that live until cleanup from garbage collections.
-        gc.collect()
-        gc.freeze()
+        realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(self.values, log.warning)
         joints = self.arm.robot.joint_names
         if model.flexible:
@@ -188,8 +185,7 @@ class DynamicsNode(LifecycleNode):
 
     def _release(self) -> None:
         """Release the robot and close its topics."""
-        gc.unfreeze()
-        realtime.disable_automatic_collection(False)
+        realtime.restore_collection()
         arm, self.arm = self.arm, None
         if arm is not None:
             arm.close()

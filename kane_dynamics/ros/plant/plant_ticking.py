@@ -1,9 +1,9 @@
 """Run the plant node: ticks on an absolute schedule, callbacks in between."""
 
-import gc
 import time
 
 from kane_dynamics.ros.common.process import start
+from kane_dynamics.ros.common.realtime import exclude_existing_objects
 from kane_dynamics.ros.plant.plant_node import PlantNode
 from rclpy.task import Future
 
@@ -16,8 +16,7 @@ def run(stop: Future) -> int:
     if started is None:
         return 1
     node, executor = started
-    gc.collect()
-    gc.freeze()  # exclude existing objects from garbage collections
+    exclude_existing_objects()
     node.schedule.start(time.monotonic_ns())
     while not stop.done():
         try:
