@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 ACKNOWLEDGE_TIMEOUT = 0.3  # s
-SIGNS = 3  # signs of life before the first takeover
+HEARTBEATS = 3  # heartbeats before the first takeover
 TICKS = 3  # in a lease, by which the guard notes its own stalls
 
 
@@ -40,7 +40,7 @@ class ConfiguredGuard:
         Parameters of the dynamics node.
     warn : callable
         Called with the reason and the details of each dropped state.
-    say : callable
+    report : callable
         Called with each change between watching and commanding.
 
     Raises
@@ -51,7 +51,7 @@ class ConfiguredGuard:
     """
 
     def __init__(self, node: Node, target: str, model: Model, values: Mapping[str, Any],
-                 warn: Callable[[str, str], None], say: Callable[[str], None]) -> None:
+                 warn: Callable[[str, str], None], report: Callable[[str], None]) -> None:
         controller = path_controller(model, values)
         self.robot, self.statistics = controller.robot, Statistics()
         self.verified = max(robot.verify() for robot in (
@@ -59,16 +59,16 @@ class ConfiguredGuard:
         controller.compile()
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
-        self.missed_deadlines, self.node_alive, self._signs = 0, False, 0
+        self.missed_deadlines, self.node_alive, self._heartbeats = 0, False, 0
         self._message = float64_multi_array(FIELDS + self.robot.n)
         self._request = float64_multi_array(1)
         with ExitStack() as opened:
-            self._open(node, target, controller, values, warn, say, opened)
+            self._open(node, target, controller, values, warn, report, opened)
             self._opened = opened.pop_all()
         self.path.start()
 
     def _open(self, node: Node, target: str, controller: Any, values: Mapping[str, Any],
-              warn: Callable[[str, str], None], say: Callable[[str], None],
+              warn: Callable[[str, str], None], report: Callable[[str], None],
               opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
         def publisher(kind: Any, name: str) -> Any:
@@ -82,8 +82,8 @@ class ConfiguredGuard:
         self._commands = publisher(Float64MultiArray, 'commands')
         self._state = publisher(Float64MultiArray, f'{target}/{STATE}')
         self.path = GuardPath(controller, self._commands, publisher(JointState, '~/joint_torques'),
-                              self.now, values, self.statistics, warn, say)
-        self._say = say
+                              self.now, values, self.statistics, warn, report)
+        self._report = report
         timer = node.create_timer(values['guard.lease'] / TICKS, self._tick,
                                   clock=Clock(clock_type=ClockType.STEADY_TIME))
         opened.callback(node.destroy_timer, timer)
@@ -109,12 +109,12 @@ class ConfiguredGuard:
         """Use gravity and payload of the dynamics node from the next state on."""
         self.path.set_loads(loads)
 
-    def send_sign_of_life(self) -> None:
+    def send_heartbeat(self) -> None:
         """Send the state of the guard to the dynamics node."""
         self._send(0.0, self.path.watch.acting)
         # A node that does not know of the guard would not ask it.
-        self._signs += self._state.get_subscription_count() > 0
-        self.path.watch.known |= self._signs >= SIGNS
+        self._heartbeats += self._state.get_subscription_count() > 0
+        self.path.watch.known |= self._heartbeats >= HEARTBEATS
 
     def _send(self, number: float, acting: bool) -> None:
         """Send the state of the guard, as the answer to a request."""
@@ -133,7 +133,7 @@ class ConfiguredGuard:
         acted = self.path.hand_over()
         self._send(float(self._request.numbers[0]), acted)
         if acted:
-            self._say('the dynamics node is back; watching it')
+            self._report('the dynamics node is back; watching it')
 
     def _on_deadline(self, event: Any) -> None:
         self.missed_deadlines += event.total_count_change
@@ -147,6 +147,8 @@ class ConfiguredGuard:
         """Command zeros if the guard commands, then close the topics."""
         acting = self.path.commanding
         self.path.stop()
-        if acting:
-            self._commands.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+        if acting and not self._commands.wait_for_all_acked(
+                Duration(seconds=ACKNOWLEDGE_TIMEOUT)):
+            self._report('commands: zeros not acknowledged by a subscriber within '
+                         f'{ACKNOWLEDGE_TIMEOUT} s')
         self._opened.close()

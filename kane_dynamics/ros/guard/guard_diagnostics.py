@@ -30,7 +30,8 @@ def guard_status(node: DiagnosedGuard, period: float) -> DiagnosticStatus:
     level, message = DiagnosticStatus.OK, f'watching {node.target}'
     if watch.acting:
         level = DiagnosticStatus.ERROR
-        message = (f'{node.target} is silent for {time.perf_counter() - watch.heard_at:.1f} s: '
+        silent = time.perf_counter() - watch.waiting_since
+        message = (f'{node.target} is silent for {silent:.1f} s: '
                    + ('no joint states, commanding zeros; check the driver' if guard.path.timed_out
                       else 'the guard holds the arm; restart the node and activate it'))
     elif not watch.armed:

@@ -1,7 +1,6 @@
 """The node torque_guard: follows the configuration of the dynamics node, and guards it."""
 
 from collections.abc import Mapping
-import gc
 from pathlib import Path
 import time
 from typing import Any
@@ -17,8 +16,8 @@ from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.guard_diagnostics import guard_status
 from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (LOADS, loads_from_numbers,
-                                                          LOADS_LENGTH, SIGN_PERIOD)
+from kane_dynamics.ros.torque_path.guard_messages import (HEARTBEAT_PERIOD, LOADS,
+                                                          loads_from_numbers, LOADS_LENGTH)
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -61,7 +60,7 @@ class GuardNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = time.monotonic()
-        self.create_timer(SIGN_PERIOD, self._sign, clock=steady)
+        self.create_timer(HEARTBEAT_PERIOD, self._heartbeat, clock=steady)
         self.create_timer(PERIOD, self._check, clock=steady)
 
     def _on_description(self, message: String) -> None:
@@ -133,17 +132,15 @@ class GuardNode(Node):
             return
         model = load_model(source, values, lambda warning: None)  # the node logs them
         self.guard = ConfiguredGuard(self, self.target, model, values, self._warn, log.error)
-        gc.collect()
-        gc.freeze()
+        realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)
         log.info(f'{model.name}: watching {self.target}, kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to {self.guard.verified:.1e}')
-        self.guard.send_sign_of_life()
+        self.guard.send_heartbeat()
 
     def close(self) -> None:
         """Close the topics; command zeros first if the guard commands."""
-        gc.unfreeze()
-        realtime.disable_automatic_collection(False)
+        realtime.restore_collection()
         guard, self.guard = self.guard, None
         if guard is not None:
             guard.close()
@@ -152,13 +149,13 @@ class GuardNode(Node):
         if self.guard is not None:
             self.guard.on_clock_jump()
 
-    def _sign(self) -> None:
-        """Send a sign of life, and the diagnostics when they are due."""
+    def _heartbeat(self) -> None:
+        """Send a heartbeat, and the diagnostics when they are due."""
         if self.guard is not None:
-            self.guard.send_sign_of_life()
+            self.guard.send_heartbeat()
         now = time.monotonic()
         period = now - self._reported
-        if period < 1.0 / self._values.get('diagnostics_rate', 1.0) - 0.5 * SIGN_PERIOD:
+        if period < 1.0 / self._values.get('diagnostics_rate', 1.0) - 0.5 * HEARTBEAT_PERIOD:
             return
         self._reported = now
         message = DiagnosticArray(status=[guard_status(self, period)])

@@ -33,7 +33,7 @@ def guard_settings(values: Mapping[str, Any], joints: tuple[str, ...]) -> dict[s
 
 class GuardPath(TorquePath):
     """
-    Commands when the watch says so, and otherwise only checks the joint states.
+    Commands while the guard acts, and otherwise only checks the joint states.
 
     The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from the last
     torque of the node fades out during guard.ramp; then the limits of the node apply.
@@ -50,22 +50,22 @@ class GuardPath(TorquePath):
     statistics : Statistics
     warn : callable
         As for TorquePath.
-    say : callable
+    report : callable
         Called with each change between watching and commanding.
 
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
-                 warn: Callable[[str, str], None], say: Callable[[str], None]) -> None:
+                 warn: Callable[[str, str], None], report: Callable[[str], None]) -> None:
         super().__init__(controller, commands, torques, now, values['state_timeout'], statistics,
                          warn)
         joints = controller.robot.joint_names
         self.watch = NodeWatch(values['guard.lease'], len(joints))
         self.arbiter = self.watch
-        self._say, self._news = say, ''
-        self._heard = joint_state_of_efforts(joints)
-        self._begun, self._began = 0, 0  # takeovers that began; stamp of the last one, ns
+        self._report, self._pending_report = report, ''
+        self._node_torques = joint_state_of_efforts(joints)
+        self._takeovers, self._took_over = 0, 0  # those begun; stamp of the last one, ns
         self._offset = np.zeros(len(joints))
         self.update(values)
 
@@ -81,12 +81,12 @@ class GuardPath(TorquePath):
         return bool(self._values['mode'] != Mode.GRAVITY_COMPENSATION)
 
     def on_state(self, data: bytes) -> None:
-        """Check one serialized JointState, and command if the watch says so."""
+        """Check one serialized JointState; command while the guard acts."""
         super().on_state(data)
         self.commanding &= self.watch.acting
-        if self._news:  # after the command, which must not wait for the log
-            news, self._news = self._news, ''
-            self._say(news)
+        if self._pending_report:  # after the command, which must not wait for the log
+            text, self._pending_report = self._pending_report, ''
+            self._report(text)
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
@@ -95,55 +95,55 @@ class GuardPath(TorquePath):
         mode = Mode.COMPUTED_TORQUE if reader.has_velocity else Mode.GRAVITY_COMPENSATION
         if controller.mode is not mode:
             controller.update(mode=mode)
-        began = self._begun == self.watch.takeovers
-        if not began:
-            self._begun, self._began = self.watch.takeovers, stamp
-        elapsed = max(stamp - self._began, 0) / NANO
+        continues = self._takeovers == self.watch.takeovers
+        if not continues:
+            self._takeovers, self._took_over = self.watch.takeovers, stamp
+        elapsed = max(stamp - self._took_over, 0) / NANO
         tau = controller.torque(reader.q, reader.u, None, 0.0)
-        gone = min(elapsed / values['guard.fade'], 1.0)
+        faded = min(elapsed / values['guard.fade'], 1.0)
         if values['guard.action'] == 'zero':
-            tau = (1.0 - gone) * tau
+            tau = (1.0 - faded) * tau
         elif values['guard.action'] == 'damp':
-            tau = tau - gone * controller.gravity_torque(reader.q)
-        if not began:
+            tau = tau - faded * controller.gravity_torque(reader.q)
+        if not continues:
             self._offset = self.watch.torque - tau
             self.resume(self.watch.torque)
-            self._news = (f'no command for {self.watch.silent_for * 1e3:.1f} ms: commanding '
-                          f"'{values['guard.action']}'")
+            self._pending_report = (f'no command for {self.watch.silent_for * 1e3:.1f} ms: '
+                                    f"commanding '{values['guard.action']}'")
         if elapsed < values['guard.ramp']:
             tau = tau + (1.0 - elapsed / values['guard.ramp']) * self._offset
         return controller.limit(stamp / NANO, tau)
 
     def on_torques(self, data: bytes) -> None:
         """Note a command of the node, a serialized JointState."""
-        if not self._heard.read(data):
-            self._warn('joint_torques', f'{len(data)} bytes; expected {self._heard.bytes.size}, '
-                       'with the joints of the parameters')
+        if not self._node_torques.read(data):
+            self._warn('joint_torques', f'{len(data)} bytes; expected '
+                       f'{self._node_torques.bytes.size}, with the joints of the parameters')
             return
         sec, nanosec = STAMP.unpack_from(data, STAMP_AT)
-        torque, now = self._heard.numbers.copy(), time.perf_counter()
+        torque, now = self._node_torques.numbers.copy(), time.perf_counter()
         if self.watch.acting:
-            if 0 < sec * NANO + nanosec <= self._began:  # computed before the node hung
+            if 0 < sec * NANO + nanosec <= self._took_over:  # computed before the node hung
                 return
             if not torque.any():
                 self.on_stopped()
                 return
-            self._say('the dynamics node commands without a request; watching it')
+            self._report('the dynamics node commands without a request; watching it')
         self.commanding = False
-        self.watch.hear(torque, now)
+        self.watch.note_node_command(torque, now)
 
     def on_stopped(self) -> None:
         """Note that the node commanded zeros; that message itself may be lost."""
         if self.watch.acting:
             self.command_zeros()
-            self._say('the dynamics node commands zeros; watching it')
+            self._report('the dynamics node commands zeros; watching it')
         self.commanding = False
-        self.watch.hear(np.zeros(len(self._offset)), time.perf_counter())
+        self.watch.note_node_command(np.zeros(len(self._offset)), time.perf_counter())
 
     def hand_over(self) -> bool:
         """Stop commanding; return whether the guard commanded."""
         acted, self.commanding = self.watch.acting, False
-        self.watch.silence(time.perf_counter())
+        self.watch.wait_for_node(time.perf_counter())
         return acted
 
     def check_timeout(self) -> None:
@@ -153,7 +153,7 @@ class GuardPath(TorquePath):
         elif self.watch.armed and self.watch.known and (
                 self._now() - self._last_good > LATE * self._timeout):
             self.watch.take_over(time.perf_counter())
-            self._begun, self._began = self.watch.takeovers, self._now()
+            self._takeovers, self._took_over = self.watch.takeovers, self._now()
             self.commanding = True
             self.time_out('and no zeros from the dynamics node')
 
@@ -169,7 +169,7 @@ class GuardPath(TorquePath):
     def on_clock_jump(self) -> None:
         """Forget the stamps of the time before the jump; torques continue."""
         super().on_clock_jump()
-        self._began = self._now()
+        self._took_over = self._now()
         self.controller.resume(None, self.watch.torque)
 
     def stop(self) -> None:

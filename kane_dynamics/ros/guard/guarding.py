@@ -1,14 +1,16 @@
 """Run torque_guard: executor, shutdown."""
 
-from kane_dynamics.ros.common.process import make_executor, SPIN_TIMEOUT
+from kane_dynamics.ros.common.process import SPIN_TIMEOUT, start
 from kane_dynamics.ros.guard.guard_node import GuardNode
 from rclpy.task import Future
 
 
 def run(stop: Future) -> int:
     """Run the guard until `stop`; return the exit code."""
-    node = GuardNode()
-    executor = make_executor(node)
+    started = start(GuardNode, 'torque_guard')
+    if started is None:
+        return 1
+    node, executor = started
     try:
         while not stop.done():
             try:

@@ -35,6 +35,8 @@ class NodeWatch:
         Whether the guard commanded it.
     takeovers : int
         Number of takeovers since the start.
+    waiting_since : float
+        Time of the last command of the node, or of the end of a stall of the guard.
     silent_for : float
         Time since the last command of the node at the last takeover, s.
 
@@ -46,7 +48,7 @@ class NodeWatch:
         self.torque = np.zeros(joints)
         self.takeovers, self.silent_for = 0, 0.0
         self._unanswered = 0
-        self.heard_at = self._alive = 0.0
+        self.waiting_since = self._alive = 0.0
 
     @property
     def holding(self) -> bool:
@@ -56,24 +58,24 @@ class NodeWatch:
     def start(self) -> None:
         """Start, with the torque path."""
 
-    def hear(self, torque: Array, now: float) -> None:
+    def note_node_command(self, torque: Array, now: float) -> None:
         """Note a command of the node."""
         self.note(torque, False)
-        self.silence(now)
+        self.wait_for_node(now)
 
     def note(self, torque: Array, own: bool) -> None:
         """Note a command of the node or of the guard."""
         self.torque, self.armed, self.commanded_last = torque, bool(torque.any()), own
 
-    def silence(self, now: float) -> None:
+    def wait_for_node(self, now: float) -> None:
         """Let the node command; wait for its next command as if it had sent one now."""
-        self.acting, self._unanswered, self.heard_at = False, 0, now
+        self.acting, self._unanswered, self.waiting_since = False, 0, now
 
     def tick(self, now: float) -> None:
         """Note that the guard runs, several times in a lease; after a stall of its own, wait."""
         stall, self._alive = now - self._alive, now
         if stall > (OWN_STALL if self.acting else self._lease):
-            self.silence(now)  # messages of the node may still be in the queue
+            self.wait_for_node(now)  # messages of the node may still be in the queue
 
     def may_command(self, now: float) -> bool:
         """Count a valid state; return whether the guard commands."""
@@ -100,11 +102,11 @@ class NodeWatch:
 
         `lost` says that DDS reports the loss of liveliness, with its own measure of the lease.
         """
-        if now - self.heard_at > (SHARE if lost else 1.0) * self._lease and (
+        if now - self.waiting_since > (SHARE if lost else 1.0) * self._lease and (
                 self.armed and self.known and not self.acting and self._unanswered >= UNANSWERED):
             self.take_over(now)
 
     def take_over(self, now: float) -> None:
         """Command from the next state on."""
-        self.acting, self.silent_for = True, now - self.heard_at
+        self.acting, self.silent_for = True, now - self.waiting_since
         self.takeovers += 1

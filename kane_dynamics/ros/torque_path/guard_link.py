@@ -18,7 +18,7 @@ RELAX = 1.002     # growth of the estimated period for each state
 REPEAT = 0.005    # s between two requests
 ANSWER = 0.05     # s for the answer of a living guard
 STALL = 0.02      # s: of a longer time between two requests, this part was a wait
-DISCOVERY = 3.5   # s after configure for the first sign of life: Fast DDS may need a heartbeat
+DISCOVERY = 3.5   # s after configure for the first heartbeat: Fast DDS may need one of its own
 
 
 class GuardLink:
@@ -48,7 +48,7 @@ class GuardLink:
                  count: int) -> None:
         self._path, self._log = path, node.get_logger()
         self._shortest = SHARE * lease
-        self._seen = 0.0  # time of the last sign of life; 0: none yet
+        self._seen = 0.0  # time of the last heartbeat; 0: none yet
         self._last = 0.0  # time of the last command, s
         self._arrived, self._period = 0.0, 0.0  # last state; estimate of their period, s; 0: none
         self._asked = False  # whether a request has no answer yet
@@ -155,7 +155,7 @@ class GuardLink:
         self._requests.publish(self._request.serialized())
 
     def _on_state(self, data: bytes) -> None:
-        """Note a sign of life, or the answer to the last request."""
+        """Note a heartbeat, or the answer to the last request."""
         now = time.perf_counter()
         if not self._state.read(data):
             return

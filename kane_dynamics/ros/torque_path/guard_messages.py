@@ -5,7 +5,7 @@ The messages between the dynamics node and torque_guard, as std_msgs/Float64Mult
 ~/guard_request (node to guard): number of a request for the topic `commands`; 0 after zeros.
 ~/guard_state (guard to node): number of the request that it answers, whether the guard commanded
 until then, whether the last torques are the guard's, the last torques. Without a request it is
-sent with number 0 as a sign of life.
+sent with number 0 as a heartbeat.
 """
 
 from kane_dynamics.model.inertial import Inertial
@@ -18,8 +18,8 @@ LOADS, REQUEST, STATE = 'loads', 'guard_request', GUARD_STATE  # names of topics
 LOADS_LENGTH = 14
 STOPPED = 0.0  # request number of a node that commanded zeros
 FIELDS = 3  # numbers before the torques
-SIGN_PERIOD = 0.1  # s between two signs of life of the guard
-LOST = 0.5  # s without a sign of life after which the guard counts as dead
+HEARTBEAT_PERIOD = 0.1  # s between two heartbeats of the guard
+LOST = 0.5  # s without a heartbeat after which the guard counts as dead
 _UPPER = np.triu_indices(3)
 
 

@@ -6,6 +6,10 @@ Both sides are the ones of the real processes; a stopped process receives and se
 
 from collections import defaultdict, deque
 from contextlib import ExitStack
+import os
+import re
+import subprocess
+import sys
 import time
 from types import SimpleNamespace
 
@@ -166,7 +170,7 @@ class Pair:
                 self.guard_process.tick()
                 self.guard.path.check_timeout()
                 if round(machine.now * 1000) % 100 < 2:
-                    self.guard.send_sign_of_life()
+                    self.guard.send_heartbeat()
             if self.node_process.running and not self.node_process.dead:
                 self.path.check_timeout()
             machine.deliver()
@@ -422,3 +426,12 @@ def test_the_guard_uses_the_loads_of_the_node(pair):
 def test_a_message_of_loads_is_a_float64_multi_array():
     data = loads_to_numbers(1.0, GravityAndPayload(np.zeros(3)))
     assert len(Float64MultiArray(data=data).data) == 14
+
+
+def test_a_parameter_of_the_wrong_type_ends_the_guard_with_one_line():
+    done = subprocess.run(
+        [sys.executable, '-m', 'kane_dynamics.ros.guard.main', '--ros-args', '-p', 'node:=3'],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}, capture_output=True,
+        text=True, timeout=60.0)
+    assert done.returncode == 1
+    assert re.fullmatch("torque_guard: .*'node'.*\n", done.stderr)
