@@ -40,7 +40,7 @@ def error(tolerance, feedforward, ahead):
 
 
 @pytest.mark.parametrize('ahead', [0.0, PERIOD])  # the time at which versions sample the effort
-@pytest.mark.parametrize(('tolerance', 'factor'), [(None, 50.0), (0.01, 200.0)])
+@pytest.mark.parametrize(('tolerance', 'factor'), [(None, 300.0), (0.01, 600.0)])
 def test_filled_efforts_divide_the_tracking_error_of_the_loop_alone(tolerance, factor, ahead):
     alone, helped = error(None, False, 0.0), error(tolerance, True, ahead)
     assert 0.02 < alone < 0.2
