@@ -115,8 +115,9 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
                          'position; expected 0 s, or an active node that receives joint states')
     rest = settings.rest if settings.rest is not None else measured
     if lacking and rest is None:
-        raise InputError(f'joint_names: without {", ".join(set(joints) - set(names))}; expected '
-                         'all joints, parameter feedforward.rest, or an active node that receives '
+        missing = [name for name in joints if name not in names]
+        raise InputError(f'joint_names: without {", ".join(missing)}; expected all '
+                         'joints, parameter feedforward.rest, or an active node that receives '
                          'joint states')
     start = (measured[index], None, None) if (
         measured is not None and starts and len(index) == len(names)) else None
