@@ -115,9 +115,9 @@ class JumpWatch:
         kernel, names = self._kernel(q is not None), self._names[q is not None]
         along = None if q is None else np.diff(q, axis=0) / np.diff(times)[:, None]
 
-        def screen(begin: Array, end: Array, place: Array) -> tuple[Array, Array]:
+        def screen(begin: Array, end: Array, step: Array) -> tuple[Array, Array]:
             moved = [] if q is None or along is None else [
-                q[place] + (begin - times[place])[:, None] * along[place], along[place]]
+                q[step] + (begin - times[step])[:, None] * along[step], along[step]]
             found = _run(kernel, [*moved, begin, end])
             bad = np.flatnonzero(~np.isfinite(found[:, 0]))
             if len(bad):
@@ -225,35 +225,35 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
         Relative length of an interval that is not halved.
 
     """
-    begin, end, place = times[:-1], times[1:], np.arange(len(times) - 1)
+    begin, end, step = times[:-1], times[1:], np.arange(len(times) - 1)
     span = float(np.diff(times).max())
     found: list[tuple[float, int, float]] = []
     while len(begin):
-        difference, _ = screen(begin, end, place)
+        difference, _ = screen(begin, end, step)
         suspect = np.flatnonzero(difference > 1.0)
         if len(suspect) > MOST:
             suspect = np.sort(suspect[np.argsort(-difference[suspect], kind='stable')[:MOST]])
-        begin, end, place = begin[suspect], end[suspect], place[suspect]
+        begin, end, step = begin[suspect], end[suspect], step[suspect]
         last = end - begin <= short * np.maximum(np.maximum(np.abs(begin), np.abs(end)), span)
         for k in np.flatnonzero(last).tolist():
-            found += _jumps(screen, float(begin[k]), float(end[k]), int(place[k]), within)
-        begin, end, place = begin[~last], end[~last], place[~last]
+            found += _jumps(screen, float(begin[k]), float(end[k]), int(step[k]), within)
+        begin, end, step = begin[~last], end[~last], step[~last]
         middle = 0.5 * (begin + end)
         begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
-        place = np.tile(place, 2)
+        step = np.tile(step, 2)
     if not found:
         return None
     near = min(found)[0] + SAME * (abs(min(found)[0]) + span)
     return min((jump for jump in found if jump[0] <= near), key=lambda jump: jump[1])
 
 
-def _jumps(screen: Screen, begin: float, end: float, place: int,
+def _jumps(screen: Screen, begin: float, end: float, step: int,
            within: tuple[float, float]) -> list[tuple[float, int, float]]:
     """Return the jumps in an interval: there the points on either side are apart."""
     away = np.arange(1, SIDE + 1) * (end - begin)
     sides = np.concatenate([np.maximum(begin - away, within[0]),
                             np.minimum(end + away, within[1])])
-    before, after = np.split(screen(sides, sides, np.full(2 * SIDE, place))[1], 2)
+    before, after = np.split(screen(sides, sides, np.full(2 * SIDE, step))[1], 2)
     size = after.mean(axis=0) - before.mean(axis=0)
     scatter = np.ptp(before, axis=0) + np.ptp(after, axis=0)
     largest = np.abs(before).max(axis=0) + np.abs(after).max(axis=0)

@@ -28,12 +28,12 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     size = _singular_values(stacked(mechanism, q))
     shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
     words = [f'singular values of the rows, relative to the largest: {shown}']
-    places = _nearly_closed(mechanism, q)
-    rounding = _rounding(mechanism, places)
+    closed = _nearly_closed(mechanism, q)
+    rounding = _rounding(mechanism, closed)
     if rounding > RANK:
         words.append(f'if singular values and residuals up to {rounding:.3g} are rounding of the '
                      f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
-    words += _kinds(mechanism, places[0] if places else q)
+    words += _kinds(mechanism, closed[0] if closed else q)
     return '; '.join(words)
 
 
@@ -54,10 +54,10 @@ def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
     return [here for here, _, _, closed in ends if closed]
 
 
-def _rounding(mechanism: Mechanism, places: list[Array]) -> float:
+def _rounding(mechanism: Mechanism, closed: list[Array]) -> float:
     """Return the largest small singular value or residual at nearly closed configurations."""
     largest = 0.0
-    for q in places:
+    for q in closed:
         stack = stacked(mechanism, q)
         size = _singular_values(stack)
         small = size[(size > 1e-15) & (size < SMALL)]
