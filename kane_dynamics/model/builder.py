@@ -112,7 +112,7 @@ class ModelBuilder(ModelAssembly):
             raise ModelError(f"{what}: {', '.join(properties)} of {len(singles)} degrees of "
                              f'freedom; expected joint() for one of {names}')
         check_properties(joint, properties)
-        place = self._place(on, what)
+        placement = self._placement(on, what)
         self._check_new(name)
         check_matter(name, matter)  # before anything is added
         if self.strict:
@@ -122,21 +122,21 @@ class ModelBuilder(ModelAssembly):
             if properties:
                 raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected no '
                                  'property, since it does not move')
-            self._places[name] = place.frame(R, p)
+            self._placements[name] = placement.frame(R, p)
             self.load(name, matter)
             return
         for single in singles:
             self._check_joint(single.name)
         for single in singles:
-            place = place.frame(single.rotation, single.translation)
-            self._bodies.append(Body(single.child, place.body, Joint(
+            placement = placement.frame(single.rotation, single.translation)
+            self._bodies.append(Body(single.child, placement.body, Joint(
                 single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute',
-                single.axis, place.rotation, place.translation,
+                single.axis, placement.rotation, placement.translation,
                 **{'coordinate': len(self._coordinates), **mimic_fields, **properties})))
             if not mimic_fields:
                 self._coordinates.append(single.name)
-            place = Placement(len(self._bodies) - 1)
-        self._places[name] = place
+            placement = Placement(len(self._bodies) - 1)
+        self._placements[name] = placement
         self.load(name, matter)
 
     def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
@@ -172,7 +172,7 @@ class ModelBuilder(ModelAssembly):
         self._coordinates += shape.names
         self._shapes[name] = shape, coordinates
         if shape.count:
-            body = self._places[name].body
+            body = self._placements[name].body
             self._bodies[body] = replace(self._bodies[body], beam=shape.beam(coordinates))
         self.section(f'{name}/tip', name, shape.length)
 
@@ -197,14 +197,14 @@ class ModelBuilder(ModelAssembly):
             raise ModelError(f"frame '{name}': {at} m on beam '{of}'; expected 0 to "
                              f'{shape.length:g} m')
         self._check_new(name)
-        place = self._places[of].frame(np.eye(3), at * shape.axes[0])
+        placement = self._placements[of].frame(np.eye(3), at * shape.axes[0])
         if coordinates:
             for part, moves, axis, deflection in shape.deflections(at, coordinates):
-                self._bodies.append(Body(f'{name}/{part}', place.body, Joint(
-                    f'{name}/{part}', moves, axis, place.rotation, place.translation,
+                self._bodies.append(Body(f'{name}/{part}', placement.body, Joint(
+                    f'{name}/{part}', moves, axis, placement.rotation, placement.translation,
                     coordinates[0], deflection=deflection)))
-                place = Placement(len(self._bodies) - 1)
-        self._places[name] = place
+                placement = Placement(len(self._bodies) - 1)
+        self._placements[name] = placement
 
     def joint(self, name: str, **properties: Any) -> None:
         """
@@ -230,11 +230,11 @@ class ModelBuilder(ModelAssembly):
         self.body(name, on, 'fixed', **options)
         joint = options.get('joint') or name
         self._check_joint(joint)
-        place = self._places[name]
-        self._bodies.append(Body(name, place.body, Joint(
-            joint, 'revolute', np.array([0.0, 0.0, 1.0]), place.rotation, place.translation,
-            coordinate, multiplier=0.0)))
-        self._places[name] = Placement(len(self._bodies) - 1)
+        placement = self._placements[name]
+        self._bodies.append(Body(name, placement.body, Joint(
+            joint, 'revolute', np.array([0.0, 0.0, 1.0]), placement.rotation,
+            placement.translation, coordinate, multiplier=0.0)))
+        self._placements[name] = Placement(len(self._bodies) - 1)
 
     def _mimic_fields(self, what: str, kind: str, mimic: str | None, multiplier: float,
                       offset: float) -> dict[str, Any]:

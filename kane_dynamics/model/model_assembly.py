@@ -26,7 +26,7 @@ class ModelAssembly:
         self._impossible: list[str] = []  # bodies with inertias that strict=True refuses
         self._bodies: list[Body] = []
         self._coordinates: list[str] = []
-        self._places = {'world': Placement(WORLD)}
+        self._placements = {'world': Placement(WORLD)}
         self._base = NOTHING
 
     def load(self, on: str, matter: Inertial) -> None:
@@ -39,21 +39,21 @@ class ModelAssembly:
             If the frame does not exist, or the moments of inertia are impossible.
 
         """
-        place = self._place(on, 'load')
+        placement = self._placement(on, 'load')
         check_matter(on, matter)
         self._check_moments(on, matter)
-        moved = matter.moved(place.rotation, place.translation)
-        if place.body == WORLD:
+        moved = matter.moved(placement.rotation, placement.translation)
+        if placement.body == WORLD:
             self._base = self._base + moved
         else:
-            body = self._bodies[place.body]
-            self._bodies[place.body] = replace(body, inertial=body.inertial + moved)
+            body = self._bodies[placement.body]
+            self._bodies[placement.body] = replace(body, inertial=body.inertial + moved)
 
     def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN,
               rpy: ArrayLike = ORIGIN) -> None:
         """Add a frame fixed in another, at a point, m, and roll, pitch, yaw, rad."""
         self._check_new(name)
-        self._places[name] = self._place(on, f"frame '{name}'").frame(
+        self._placements[name] = self._placement(on, f"frame '{name}'").frame(
             *pose(at, rpy, f"frame '{name}'"))
 
     def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
@@ -78,7 +78,7 @@ class ModelAssembly:
             If a name exists already; choose a prefix.
 
         """
-        base = self._place(on, f"model '{model.name}'").frame(*pose(at, rpy, 'mount'))
+        base = self._placement(on, f"model '{model.name}'").frame(*pose(at, rpy, 'mount'))
         names = {prefix + frame.name for frame in model.frames} | {prefix + model.base_name}
         for name in sorted(names):
             self._check_new(name)
@@ -91,16 +91,17 @@ class ModelAssembly:
                             deflection=further(body.joint.deflection, joints))
             parent = first + body.parent
             if body.parent == WORLD:
-                place = base.frame(joint.rotation, joint.translation)
-                parent = place.body
-                joint = replace(joint, rotation=place.rotation, translation=place.translation)
+                placement = base.frame(joint.rotation, joint.translation)
+                parent = placement.body
+                joint = replace(joint, rotation=placement.rotation,
+                                translation=placement.translation)
             self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial,
                                      further(body.beam, joints)))
         self._coordinates += [prefix + name for name in model.coordinate_names]
-        self._places[prefix + model.base_name] = base
+        self._placements[prefix + model.base_name] = base
         for frame in model.frames:
             start = base if frame.body == WORLD else Placement(first + frame.body)
-            self._places[prefix + frame.name] = start.frame(frame.rotation, frame.translation)
+            self._placements[prefix + frame.name] = start.frame(frame.rotation, frame.translation)
         self.load(prefix + model.base_name, model.base_inertial)
 
     def model(self) -> Model:
@@ -111,8 +112,8 @@ class ModelAssembly:
             names = ', '.join(dict.fromkeys(self._impossible))
             warnings.warn('inertias that no rigid body can have, accepted by strict=False: '
                           f'{names}', ModelWarning, stacklevel=2)
-        frames = [Frame(name, place.body, place.rotation, place.translation)
-                  for name, place in self._places.items()]
+        frames = [Frame(name, placement.body, placement.rotation, placement.translation)
+                  for name, placement in self._placements.items()]
         return Model(self.name, tuple(self._bodies), tuple(self._coordinates), tuple(frames),
                      self.gravity, 'world', self._base)
 
@@ -125,16 +126,16 @@ class ModelAssembly:
                 raise
             self._impossible.append(on)
 
-    def _place(self, on: str, what: str) -> Placement:
-        if not isinstance(on, str) or on not in self._places:
+    def _placement(self, on: str, what: str) -> Placement:
+        if not isinstance(on, str) or on not in self._placements:
             raise ModelError(f"{what}: no body or frame '{on}'; expected one of "
-                             f'{listing(self._places)}')
-        return self._places[on]
+                             f'{listing(self._placements)}')
+        return self._placements[on]
 
     def _check_new(self, name: str) -> None:
         if not isinstance(name, str) or not name:
             raise ModelError(f'name of a body or frame: {name!r}; expected a text')
-        if name in self._places:
+        if name in self._placements:
             raise ModelError(f"body or frame '{name}': exists already; expected a unique name")
 
     def _check_joint(self, name: str) -> None:

@@ -27,42 +27,42 @@ Moving = list[tuple[StatedJoint, Placement]]  # the joint of each moving body, a
 def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravity: ArrayLike,
              notices: Notices, *, strict: bool) -> Model:
     """Assemble the Model of the selected part of a URDF; ModelError names an impossible body."""
-    places, moving = _place(selection)
-    links = [name for name in places if name in tree.links]
+    placements, moving = _placements(selection)
+    links = [name for name in placements if name in tree.links]
     parts: list[list[Inertial]] = [[] for _ in (*moving, 'base')]  # of each body, then of WORLD
     for name in links:
         inertial = tree.links[name]
         if inertial is not None and name not in selection.drop:
             check_inertial(name, inertial, notices, strict)
-            _load(inertial, places[name], parts)
+            _load(inertial, placements[name], parts)
     if supplement.payload is not None:
         name, inertial = supplement.payload
-        if name not in places or name not in tree.links:
+        if name not in placements or name not in tree.links:
             raise UrdfError(f"supplement: payload: link '{name}' is not part of the model; "
                             f'expected one of {listing(links)}')
-        _load(inertial, places[name], parts)
+        _load(inertial, placements[name], parts)
     _note_masses(tree, moving, parts, notices)
     names = [single.name for single, _ in moving if single.name in selection.free]
     names = list(selection.order) if selection.order is not None else names
     index = {name: k for k, name in enumerate(names)}
     limits = coordinate_limits([single for single, _ in moving], selection, notices)
-    bodies = [Body(single.child, place.body,
-                   _joint(single, place, selection, index, supplement, limits), _sum(riders))
-              for (single, place), riders in zip(moving, parts)]
-    frames = [Frame(name, places[name].body, places[name].rotation, places[name].translation)
-              for name in links]
+    bodies = [Body(single.child, placement.body,
+                   _joint(single, placement, selection, index, supplement, limits), _sum(riders))
+              for (single, placement), riders in zip(moving, parts)]
+    frames = [Frame(name, at.body, at.rotation, at.translation)
+              for name, at in ((name, placements[name]) for name in links)]
     return Model(tree.name, tuple(bodies), tuple(names), tuple(frames),
                  constant(gravity, (3,), 'gravity'), selection.base, _sum(parts[WORLD]))
 
 
-def _place(selection: Selection) -> tuple[dict[str, Placement], Moving]:
+def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     """
     Return the placements of all links, and the moving bodies in topological order.
 
     Ties are in the order of the URDF. Locked joints are followed at once, so that they do not
     affect the order.
     """
-    places = {selection.base: Placement(WORLD)}
+    placements = {selection.base: Placement(WORLD)}
     moving: Moving = []
     order = {name: k for k, name in enumerate(selection.singles)}
     ready: list[tuple[bool, int, StatedJoint]] = []
@@ -75,15 +75,15 @@ def _place(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     reach(selection.base)
     while ready:
         moves, _, single = heapq.heappop(ready)
-        place = places[single.parent].frame(single.rotation, single.translation)
+        placement = placements[single.parent].frame(single.rotation, single.translation)
         if moves:
-            moving.append((single, place))
-            places[single.child] = Placement(len(moving) - 1)
+            moving.append((single, placement))
+            placements[single.child] = Placement(len(moving) - 1)
         else:
             position = selection.positions.get(single.name, 0.0)
-            places[single.child] = place.frame(*_motion(single, position))
+            placements[single.child] = placement.frame(*_motion(single, position))
         reach(single.child)
-    return places, moving
+    return placements, moving
 
 
 def _motion(single: StatedJoint, position: float) -> tuple[Array, Array]:
@@ -96,11 +96,11 @@ def _motion(single: StatedJoint, position: float) -> tuple[Array, Array]:
     return snapped(rotation_about(axis, position)), np.zeros(3)
 
 
-def _load(inertial: Inertial, place: Placement, parts: list[list[Inertial]]) -> None:
+def _load(inertial: Inertial, placement: Placement, parts: list[list[Inertial]]) -> None:
     """Add the inertial of a link to the parts of the body that carries it."""
-    if place.rotation is not EYE or place.translation.any():
-        inertial = inertial.moved(place.rotation, place.translation)
-    parts[place.body].append(inertial)
+    if placement.rotation is not EYE or placement.translation.any():
+        inertial = inertial.moved(placement.rotation, placement.translation)
+    parts[placement.body].append(inertial)
 
 
 def _sum(parts: list[Inertial]) -> Inertial:
@@ -111,7 +111,7 @@ def _sum(parts: list[Inertial]) -> Inertial:
     return total
 
 
-def _joint(single: StatedJoint, place: Placement, selection: Selection, index: dict[str, int],
+def _joint(single: StatedJoint, placement: Placement, selection: Selection, index: dict[str, int],
            supplement: Supplement, limits: dict[str, Limits]) -> Joint:
     """Return the joint of a moving body."""
     mimic = selection.followers.get(single.name)
@@ -119,7 +119,7 @@ def _joint(single: StatedJoint, place: Placement, selection: Selection, index: d
                            **supplement.joints.get(single.name, {})}
     return Joint(
         single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute', single.axis,
-        place.rotation, place.translation,
+        placement.rotation, placement.translation,
         index[single.name if mimic is None else mimic.master],
         1.0 if mimic is None else mimic.multiplier, 0.0 if mimic is None else mimic.offset,
         limits.get(single.name, UNLIMITED), **own)
