@@ -171,7 +171,7 @@ class Expr:
         return self.trace.node('floor', self)
 
 
-_SCALAR: Any = (Expr, numbers.Real)
+_SCALAR: Any = (Expr, float, int, numbers.Real)  # the abstract class last: it is slow
 
 
 def _constant_factor(x: Scalar) -> tuple[Scalar, float]:
