@@ -30,4 +30,6 @@ def npz_arrays(path: str | os.PathLike[str],
                 raise ValueError('a single array')
             return {name: file[name] for name in file.files if wanted(name)}
     except (EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f'{os.fspath(path)}: {error}; expected an npz file') from None
+        # NumPy takes any other file for a pickle, and advises to load it as one.
+        reason = 'another format, or Python objects' if 'pickle' in str(error) else error
+        raise InputError(f'{os.fspath(path)}: {reason}; expected an npz file') from None

@@ -119,7 +119,7 @@ def test_columns_of_one_name_are_refused_where_states_are_read_too(tmp_path):
         read_states(path, ['j'])
 
 
-@pytest.mark.parametrize('damage', ['empty', 'single', 'short', 'objects'])
+@pytest.mark.parametrize('damage', ['empty', 'single', 'short', 'objects', 'text'])
 def test_damaged_npz_is_named_by_all_who_read_one(tmp_path, damage):
     path = tmp_path / 'bad.npz'
     np.savez(path, t=np.arange(3.0), q=np.array([{}]) if damage == 'objects' else np.zeros(300))
@@ -127,11 +127,14 @@ def test_damaged_npz_is_named_by_all_who_read_one(tmp_path, damage):
     if damage == 'single':
         with path.open('wb') as stream:
             np.save(stream, np.zeros(3))
+    elif damage == 'text':
+        path.write_text('t,q.joint1\n')
     elif damage != 'objects':
         path.write_bytes(content[:0 if damage == 'empty' else len(content) // 2])
     for reader in (lambda: read_recording(path, NAMES), lambda: Trajectory.load_npz(path)):
-        with pytest.raises(InputError, match=r'bad\.npz.*expected an npz file'):
+        with pytest.raises(InputError, match=r'bad\.npz.*expected an npz file') as caught:
             reader()
+        assert 'pickle' not in str(caught.value)  # which would run what is in the file
 
 
 @pytest.mark.parametrize(('change', 'words'), [
