@@ -21,21 +21,22 @@ from sensor_msgs.msg import JointState
 
 RATE = 500.0
 QUEUED = 5  # states that wait for the node before the oldest is lost
-HELD = 0.5 * QUEUED / RATE  # s within the time of the queue; a node may need the rest
+HELD = 0.25 * QUEUED / RATE  # s of one thread in that time: several may wait one after the other
 
 
 def waits_for_a_processor(pid):
-    """Return a function that returns how long the threads of a torque path waited so far, s."""
+    """Return a function that returns how long each thread of a torque path waited so far, s."""
     files = [os.open(task / 'schedstat', os.O_RDONLY)
              for task in Path(f'/proc/{pid}/task').iterdir()
              if task.name == str(pid) or (task / 'comm').read_text().startswith('dds.')]
-    return lambda: 1e-9 * sum(int(os.pread(file, 100, 0).split()[1]) for file in files)
+    return lambda: np.array([1e-9 * int(os.pread(file, 100, 0).split()[1]) for file in files])
 
 
 def judged(held):
-    """Return which states to judge, by how long the machine held up each or the node, s."""
+    """Return which states to judge, (K,), by how long each thread was held up, (K, threads), s."""
     chosen = np.ones(len(held), dtype=bool)
-    recent = np.convolve(held, np.ones(QUEUED))[:len(held)]
+    recent = np.max([np.convolve(thread, np.ones(QUEUED))[:len(held)]
+                     for thread in held.T], axis=0)
     for k in np.flatnonzero(recent >= HELD):
         begin = k - QUEUED - int(np.ceil(recent[k] * RATE))  # it is known at its end
         chosen[max(begin, 0):k + 1 + QUEUED] = False
@@ -43,7 +44,7 @@ def judged(held):
 
 
 def drive(joints, seconds, pid):
-    """Print how many states were sent, and how many are judged, and have no torque of these."""
+    """Print how many states were sent and judged, and how many of both have no torque."""
     rclpy.init()
     node = rclpy.create_node('driver')
     answered = set()
@@ -77,7 +78,7 @@ def drive(joints, seconds, pid):
         sent.append(send())
         now = time.perf_counter()
         after = waited()
-        held.append(now - due + after - before)
+        held.append([now - due, *(after - before)])
         before = after
         due = max(due + 1.0 / RATE, now)  # no bursts after a delay
         while (left := due - time.perf_counter()) > 0.0:
@@ -86,8 +87,8 @@ def drive(joints, seconds, pid):
     while time.perf_counter() < end:
         executor.spin_once(0.1)
     chosen = np.array(sent)[judged(np.array(held))].tolist()
-    print(json.dumps({'sent': len(sent), 'judged': len(chosen),
-                      'unanswered': len(set(chosen) - answered)}), flush=True)
+    print(json.dumps({'sent': len(sent), 'unanswered': len(set(sent) - answered),
+                      'judged': len(chosen), 'lost': len(set(chosen) - answered)}), flush=True)
     rclpy.shutdown()
 
 
