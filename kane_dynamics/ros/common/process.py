@@ -64,6 +64,18 @@ def start(make: Callable[[], _Node], program: str) -> tuple[_Node, Any] | None:
     return node, make_executor(node)
 
 
+def spin(node: Node, executor: Any, stop: Future,
+         timeout: Callable[[], float] = lambda: SPIN_TIMEOUT,
+         failed: Callable[[], None] = lambda: None) -> None:
+    """Spin until `stop`, each time for `timeout` s; report a failed callback and call `failed`."""
+    while not stop.done():
+        try:
+            executor.spin_until_future_complete(stop, timeout())
+        except Exception as error:
+            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
+            failed()
+
+
 def stop_on_signal(stop: Future) -> None:
     """
     Complete the future `stop` on SIGINT or SIGTERM.

@@ -7,22 +7,10 @@ Signals do not interrupt callbacks, and the node commands zeros before it exits.
 """
 
 import threading
-from typing import Any
 
-from kane_dynamics.ros.common.process import SPIN_TIMEOUT, start
+from kane_dynamics.ros.common.process import spin, start
 from kane_dynamics.ros.dynamics_node.node import DynamicsNode
 from rclpy.task import Future
-
-
-def spin(node: DynamicsNode, executor: Any, stop: Future) -> None:
-    """Spin until `stop`; if a callback fails, command zeros and continue."""
-    while not stop.done():
-        try:
-            executor.spin_until_future_complete(stop, SPIN_TIMEOUT)
-        except Exception as error:
-            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
-            if node.state == 'active':
-                node.trigger_deactivate()
 
 
 def run(stop: Future) -> int:
@@ -31,11 +19,16 @@ def run(stop: Future) -> int:
     if started is None:
         return 1
     node, executor = started
+
+    def command_zeros() -> None:
+        if node.state == 'active':
+            node.trigger_deactivate()
+
     thread = threading.Thread(target=node.server.spin, name='services', daemon=True)
     thread.start()
     try:
         node.autostart()
-        spin(node, executor, stop)
+        spin(node, executor, stop, failed=command_zeros)
     finally:
         node.halt()
         node.server.stop()

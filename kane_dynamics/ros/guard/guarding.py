@@ -1,6 +1,6 @@
 """Run torque_guard: executor, shutdown."""
 
-from kane_dynamics.ros.common.process import SPIN_TIMEOUT, start
+from kane_dynamics.ros.common.process import spin, start
 from kane_dynamics.ros.guard.guard_node import GuardNode
 from rclpy.task import Future
 
@@ -12,11 +12,7 @@ def run(stop: Future) -> int:
         return 1
     node, executor = started
     try:
-        while not stop.done():
-            try:
-                executor.spin_until_future_complete(stop, SPIN_TIMEOUT)
-            except Exception as error:
-                node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
+        spin(node, executor, stop)
     finally:
         node.close()
         executor.shutdown()

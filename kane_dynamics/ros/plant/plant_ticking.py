@@ -2,7 +2,7 @@
 
 import time
 
-from kane_dynamics.ros.common.process import start
+from kane_dynamics.ros.common.process import spin, start
 from kane_dynamics.ros.common.realtime import exclude_existing_objects
 from kane_dynamics.ros.plant.plant_node import PlantNode
 from rclpy.task import Future
@@ -18,10 +18,6 @@ def run(stop: Future) -> int:
     node, executor = started
     exclude_existing_objects()
     node.schedule.start(time.monotonic_ns())
-    while not stop.done():
-        try:
-            executor.spin_until_future_complete(stop, max(node.poll(), MIN_TIMEOUT))
-        except Exception as error:
-            node.get_logger().fatal(f'callback failed: {type(error).__name__}: {error}')
+    spin(node, executor, stop, timeout=lambda: max(node.poll(), MIN_TIMEOUT))
     executor.shutdown()
     return 0
