@@ -19,6 +19,7 @@ import ctypes
 import gc
 import json
 import os
+from pathlib import Path
 import resource
 import subprocess
 import sys
@@ -158,6 +159,12 @@ def memory_in_use() -> dict[str, int]:
             'garbage collections': sum(each['collections'] for each in gc.get_stats())}
 
 
+def stolen() -> float:
+    """Return how long other virtual machines had this machine's processors so far, s."""
+    ticks = Path('/proc/stat').read_text(encoding='utf-8').splitlines()[0].split()[8]
+    return int(ticks) / os.sysconf('SC_CLK_TCK')
+
+
 def steady_memory(rig: Rig, cycles: int = STEADY) -> dict[str, int]:
     """
     Return the increase of each figure of `memory_in_use` over some cycles.
@@ -189,9 +196,11 @@ def serve(settings: str, cycles: int) -> None:
     rig = Rig(settings, cycles)
     memory = steady_memory(rig)
     sent, switched = rig.statistics.commands, resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
-    collecting = 0.0
+    collecting = taken = 0.0
     for line in sys.stdin:
+        before = stolen()
         rig.run(int(line))
+        taken += stolen() - before
         began = time.perf_counter()
         realtime.collect_if_disabled()  # in the node at each report, in the services' thread
         collecting = max(collecting, time.perf_counter() - began)
@@ -201,7 +210,7 @@ def serve(settings: str, cycles: int) -> None:
     took = np.array(rig.took)
     result = {'all': np.percentile(took, PERCENTILES).tolist(),
               'after a pause': np.percentile(took[::BURST], PERCENTILES).tolist(),
-              'refused': rig.refused, 'memory': memory, 'preempted': switched,
+              'refused': rig.refused, 'memory': memory, 'preempted': switched, 'stolen': taken,
               'collecting': collecting, 'transient': transient_memory(rig)}
     print(json.dumps(result))
 
@@ -239,7 +248,8 @@ def markdown(found: dict[str, dict[str, Any]], cycles: int, load: float) -> str:
         lines.append(f'{settings}: memory held after {STEADY} cycles and not before: ' + ', '.join(
             f'{count} {name}' for name, count in result['memory'].items())
             + f'; at most {result["transient"]} bytes during a cycle; preempted '
-            f'{result["preempted"]} times; a garbage collection between blocks at most '
+            f'{result["preempted"]} times, processors given to other virtual machines for '
+            f'{result["stolen"]:.2f} s; a garbage collection between blocks at most '
             f'{result["collecting"] * 1e3:.2f} ms')
     return '\n'.join(lines)
 
