@@ -22,7 +22,7 @@ def with_info(callback: Callable[[Any, Any], None]) -> Callable[..., None]:
 
 class LostMessages:
     """
-    Counts lost messages of one publisher by the gaps between their sequence numbers.
+    Counts lost messages of one publisher by the sequence numbers that are missing.
 
     Attributes
     ----------
