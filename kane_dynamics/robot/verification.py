@@ -41,9 +41,12 @@ def verified(robot: Any, states: int) -> float:
     gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
     if payload is not None:
         model = with_payload(model, robot.equations.payload_frame.name, payload)
+    constrained = isinstance(robot.equations, ConstrainedEquations)
+    if constrained:  # seconds of work, shared by the processors
+        robot.compile('forward_dynamics', 'inverse_dynamics', 'mass_matrix')
     worst = 0.0
     for _ in range(states):
-        if isinstance(robot.equations, ConstrainedEquations):
+        if constrained:
             pairs = _constrained(robot, model, gravity, rng)
         else:
             q, u, udot = rng.uniform(-2.0, 2.0, (3, robot.n))

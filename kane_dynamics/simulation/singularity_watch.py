@@ -1,4 +1,11 @@
-"""Detection of singularities between successive states of a simulation."""
+"""
+Detection of singularities in a simulation: where a step computes its margin, and between steps.
+
+A native step computes one margin (`step_kernels`). With closed loops it is that of the step's
+end, before the loops are closed, where the correction needs the same system. With constraints of
+velocities alone it is the smallest of the four stages of the Runge-Kutta method, where the
+dynamics need that system; the step's end is then a stage of the next step.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,12 +13,15 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
-                                                              described, stacked)
+                                                              described, SHARE, Stack, stacked)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
 TURN = 0.5  # largest change of S in a step, relative to S, near a singularity
@@ -99,3 +109,80 @@ class SingularityWatch:
             'stacked_rows', lambda: trace_program('stacked_rows', rows, [
                 *inputs, ('parameters', block.shape)]), [Argument(*x) for x in inputs], block,
             (robot.n_q + len(mechanism.labels), robot.n_q))
+
+
+def watches_stages(robot: Robot, q: Any, t: Any) -> bool:
+    """Return whether a step's margin is that of its stages: no constraint is one of positions."""
+    equations = robot.equations
+    return (isinstance(equations, ConstrainedEquations) and equations.watched
+            and not equations.keeps_positions(q, t))
+
+
+def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: float, most: float,
+                   where: str, step: float) -> None:
+    """
+    Raise ConstraintError if a step from q, t ends at residuals of positions over `most`.
+
+    With `kept`, if the largest is that of a kept row, else if it is that of another.
+    """
+    worst = int(np.argmax(np.abs(stack.residual)))
+    if np.linalg.norm(stack.residual) <= SHARE * most or kept != (worst in mechanism.kept):
+        return
+    what = f"{where}constraint '{mechanism.labels[worst]}'"
+    missed = f'{abs(stack.residual[worst]):.3g} (m or rad)'
+    if kept:
+        raise ConstraintError(
+            f'{what} opens by {missed} within one step of {step:g} s at '
+            f'{described(mechanism, q)}; expected at most {most:g}, as with a shorter step')
+    raise ConstraintError(
+        f'{what} contradicts the others at {described(mechanism, q)}, t = {t:.6g} s: its residual '
+        f'is {missed} where the others hold; expected 0')
+
+
+def watched_configurations(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+                           step: float) -> list[tuple[float, Array]]:
+    """
+    Return where a Runge-Kutta step computes its margin: times after its start, s, and q, (n_q,).
+
+    Computed in NumPy, without the correction of closed loops.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    state : (size,) array
+        Entries as `state_names`; rad or m, and s.
+    tau : (n,) array
+        Dual to the speeds named `dual_to`, held during the step; N m or N.
+    dual_to : tuple of str
+        Names of independent speeds.
+    step : float
+        s.
+
+    Raises
+    ------
+    ConstraintError, ZeroDivisionError
+        The mass matrix, or the system of speeds and constraints, is singular.
+
+    """
+    equations: Any = robot.equations
+    n_q, n = robot.n_q, robot.n
+    block = robot.parameters.block[:robot.parameters.physical]
+    wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+
+    stages: list[Array] = []
+
+    def rates(x: Any, given: Any) -> Any:
+        stages.append(x[:n_q])
+        time = x[n_q + n:-1]
+        t = time[0] if len(time) else 0.0
+        own = tau_from(equations, dual_to, x[:n_q], tau, t)
+        found = equations.state_rates(x[:n_q], x[n_q:n_q + n], own, wrench, block, t)
+        return np.array([*found, *(1.0 for _ in time), 0.0], dtype=np.float64)
+    with np.errstate(all='ignore'):
+        after = runge_kutta_4(rates, state, (tau, tau, tau), step)
+    t = state[n_q + n] if equations.timed else 0.0
+    if not watches_stages(robot, state[:n_q], t):
+        return [(step, np.asarray(after[:n_q], dtype=np.float64))]
+    return [(moment * step, np.asarray(q, dtype=np.float64))
+            for moment, q in zip((0.0, 0.5, 0.5, 1.0), stages)]

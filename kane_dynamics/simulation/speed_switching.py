@@ -9,18 +9,20 @@ state; any other reason is an error. Near a singularity of all choices every ste
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS,
                                                               figure, LIMITS, loosened, SHARE,
                                                               SINGULAR, singular_error, stacked,
                                                               WELL_CHOSEN)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
-from kane_dynamics.simulation.singularity_watch import SingularityWatch
-from kane_dynamics.simulation.step_kernels import next_configuration, step_kernel
+from kane_dynamics.simulation.singularity_watch import (residual_error, SingularityWatch,
+                                                        watched_configurations)
+from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import diverged_error
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
@@ -185,12 +187,8 @@ class SwitchingInput:
             raise singular_error(mechanism, stack, q, t, where, u)
         if GAIN * best.figure < now:
             return self._changed(i, state, best, done)
-        q_next = self._next(i, state, done)
-        t_next = self._time(done + 1)
-        stack = stacked(mechanism, q_next, t_next)
-        if not np.isfinite(stack.J).all():
-            raise self._diverged(i, done + 1)
-        now = figure(mechanism, stack, mechanism.free, mechanism.kept)
+        watched = self._watched(i, state, done)
+        now, stack, q_next, t_next = max(watched, key=itemgetter(0))
         if now > SHARE * phase.limit:
             best = self._preferred(stack)
             if best.figure >= SINGULAR:
@@ -199,19 +197,11 @@ class SwitchingInput:
                 return self._changed(i, state, best, done)
             self._enter(i, Phase(phase.robot, ROOM * now))
             return state
-        worst = int(np.argmax(np.abs(stack.residual)))
-        if np.linalg.norm(stack.residual) > SHARE * self._open and worst in mechanism.kept:
-            raise ConstraintError(
-                f"{where}constraint '{mechanism.labels[worst]}' opens by "
-                f'{abs(stack.residual[worst]):.3g} (m or rad) within one step of {self.step:g} s '
-                f'at {described(mechanism, q)}; expected at most {self._open:g}, as with a '
-                'shorter step')
-        left_out_error(mechanism, stack, q_next, t_next, SHARE * self._excess, where)
-        if np.linalg.norm(stack.residual) > SHARE * self._open:
-            raise ConstraintError(
-                f"{where}constraint '{mechanism.labels[worst]}' contradicts the others at "
-                f'{described(mechanism, q)}, t = {t:.6g} s: its residual is '
-                f'{abs(stack.residual[worst]):.3g} (m or rad) where the others hold; expected 0')
+        for _, stack, q_next, t_next in watched:
+            at = q, t, self._open, where, self.step
+            residual_error(mechanism, stack, True, *at)
+            left_out_error(mechanism, stack, q_next, t_next, SHARE * self._excess, where)
+            residual_error(mechanism, stack, False, *at)
         raise self._diverged(i, done + 1)
 
     def _preferred(self, stack: Any) -> Any:
@@ -241,15 +231,25 @@ class SwitchingInput:
         self._phases[i] = phase
         self._elsewhere.add(i)
 
-    def _next(self, i: int, state: Array, done: int) -> Array:
-        """Return the configuration after the next step, before loops are closed."""
+    def _watched(self, i: int, state: Array,
+                 done: int) -> list[tuple[float, Any, Array, float]]:
+        """Return figure, system, q and time where the next step computes its margin."""
+        mechanism = self._phases[i].robot.mechanism
         table = self.torque[min(i, len(self.torque) - 1)]
         tau = table[min(done, len(table) - 1)]
         try:
-            return next_configuration(self._phases[i].robot, state, tau, self.robot.speed_names,
-                                      self.step)
+            configurations = watched_configurations(self._phases[i].robot, state, tau,
+                                                    self.robot.speed_names, self.step)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
+        result = []
+        for after, q in configurations:
+            t = self._time(done) + after
+            stack = stacked(mechanism, q, t)
+            if not np.isfinite(stack.J).all():
+                raise self._diverged(i, done + 1)
+            result.append((figure(mechanism, stack, mechanism.free, mechanism.kept), stack, q, t))
+        return result
 
     def user_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
         """Return q and the user's own speeds of simulation i at one of its states."""

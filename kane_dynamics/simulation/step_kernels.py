@@ -1,17 +1,16 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.argument import Argument
@@ -24,6 +23,7 @@ from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_kernels import compile_balance
+from kane_dynamics.simulation.singularity_watch import watches_stages
 from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
@@ -76,7 +76,9 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
 
     The last entry of a constrained robot's state is `conditioning.margin`, whose limits are the
-    last of the constants: a state is accepted if it is positive.
+    last of the constants: a state is accepted if it is positive. It is that of the step's end, or,
+    for constraints of velocities alone, the smallest of the configurations at which the step
+    evaluates the dynamics, where it costs least; see `singularity_watch`.
 
     Raises
     ------
@@ -121,10 +123,16 @@ class _RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
-                 dual_to: tuple[str, ...] | None) -> None:
-        """Store the arguments of the step; `gains` is None if torques are held."""
+                 dual_to: tuple[str, ...] | None, watched: bool) -> None:
+        """
+        Store the arguments of the step.
+
+        `gains` is None if torques are held; with `watched`, `margins` collects those of the
+        configurations at which the dynamics are evaluated.
+        """
         self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._gains, self._parameters = inputs, gains, parameters
+        self.watched, self.margins = watched, list[Any]()
         kernels = robot.kernels
         self._wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
         self._law = None if gains is None else law_program(robot)
@@ -139,7 +147,7 @@ class _RobotMotion:
 
     @lazy_property
     def _motion(self) -> Program:
-        return _state_program(self._robot, self._dual_to)
+        return _state_program(self._robot, self._dual_to, self.watched)
 
     def rates(self, state: Any, moment: int) -> Any:
         """Return the time derivative of q, u, time and margin."""
@@ -147,6 +155,9 @@ class _RobotMotion:
         q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
         found = call(self._motion, q, u, self.torque(q, u, moment), *self._wrench, *time,
                      self._parameters)
+        if self.watched:
+            *found, margin = found
+            self.margins.append(margin)
         constrained = isinstance(self.equations, ConstrainedEquations)
         return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
                          *[0.0] * margins])
@@ -179,9 +190,14 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
-        motion = _RobotMotion(robot, inputs, gains if feedback else None, parameters, dual_to)
+        t = state[n_q + n] if equations.timed else 0.0
+        watched = watches_stages(robot, state[:n_q], t)
+        motion = _RobotMotion(robot, inputs, gains if feedback else None, parameters, dual_to,
+                              watched)
         after = method.step(motion, state, h[0])
-        if isinstance(equations, ConstrainedEquations):
+        if watched:
+            after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
+        elif isinstance(equations, ConstrainedEquations):
             q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
             if equations.watched:  # no later step reads this entry, so it causes no latency
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
@@ -208,8 +224,9 @@ def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
         *vectors, ('g', ()), *wrench, ('parameters', robot.parameters.block.shape)])
 
 
-def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
-    """Trace udot; with chosen speeds or constraints, q' and udot."""
+def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
+                   watched: bool = False) -> Program:
+    """Trace udot; with chosen speeds or constraints, q' and udot; if `watched`, the margin too."""
     equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
         return robot.kernels.program('forward_dynamics')
@@ -220,48 +237,9 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None) -> Program:
         *moment, parameters = rest[len(wrench):]
         t = moment[0][()] if moment else 0.0
         tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
-        return equations.state_rates(q, u, tau, rest[0] if wrench else None,
-                                     parameters[:-LIMITS], t)
+        found = equations.state_rates(q, u, tau, rest[0] if wrench else None,
+                                      parameters[:-LIMITS], t)
+        return [*found, equations.margin(q, t, parameters[-LIMITS:])] if watched else found
     return trace_program('state_rates', rates, [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
         ('parameters', robot.parameters.block.shape)])
-
-
-def next_configuration(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
-                       step: float) -> Array:
-    """
-    Return q, (n_q,), after one Runge-Kutta step in NumPy, without the correction of closed loops.
-
-    Parameters
-    ----------
-    robot : Robot
-        With constraints.
-    state : (size,) array
-        Entries as `state_names`; rad or m, and s.
-    tau : (n,) array
-        Dual to the speeds named `dual_to`, held during the step; N m or N.
-    dual_to : tuple of str
-        Names of independent speeds.
-    step : float
-        s.
-
-    Raises
-    ------
-    ConstraintError, ZeroDivisionError
-        The mass matrix, or the system of speeds and constraints, is singular.
-
-    """
-    equations: Any = robot.equations
-    n_q, n = robot.n_q, robot.n
-    block = robot.parameters.block[:robot.parameters.physical]
-    wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
-
-    def rates(x: Any, given: Any) -> Any:
-        time = x[n_q + n:-1]
-        t = time[0] if len(time) else 0.0
-        own = tau_from(equations, dual_to, x[:n_q], tau, t)
-        found = equations.state_rates(x[:n_q], x[n_q:n_q + n], own, wrench, block, t)
-        return np.array([*found, *(1.0 for _ in time), 0.0], dtype=np.float64)
-    with np.errstate(all='ignore'):
-        after = runge_kutta_4(rates, state, (tau, tau, tau), step)
-    return np.asarray(after[:n_q], dtype=np.float64)

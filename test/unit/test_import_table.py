@@ -27,7 +27,8 @@ simulation
 analysis
 feasibility identification sweep
 plot view
-ros cli demo
+ros cli
+demo
 """
 # The parts of a package that is large enough to need an order of its own.
 PARTS = {

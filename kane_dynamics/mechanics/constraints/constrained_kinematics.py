@@ -66,6 +66,11 @@ class ConstrainedKinematics:
         """Return q'', (n_q,)."""
         return self.joint_motion(q, u, udot, t).qddot
 
+    def keeps_positions(self, q: Any, t: Any = 0.0) -> bool:
+        """Return whether a constraint is one of positions, such as a closed loop."""
+        rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
+        return any(x is not None for x in rows.residual)
+
     def closure_step(self, q: Any, t: Any = 0.0) -> Any:
         """
         Return q after one Newton step on the constraint residuals of positions, (n_q,).

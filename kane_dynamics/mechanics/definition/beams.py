@@ -17,7 +17,7 @@ psi e, and its -F_r* is w^r . (J alpha + w x J w), minus that of the disc of the
 
 from typing import Any
 
-from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.algebra.vector import cross, skew
 from kane_dynamics.mechanics.definition.kinematics import BodyMotion, Configuration
 from kane_dynamics.model.beam import Beam
 import numpy as np
@@ -38,7 +38,7 @@ class BeamPoints:
         self.modal = [across, along]  # d rho_1 / d eta, d rho_2 / d eta: (m, 3) per point
         self.partials = []  # v_0, v_1, v_2 of each point, (n, 3)
         for g in range(len(beam.weights)):
-            v = [np.array([cross(row, places[g]) for row in here.partial_angular_velocity])
+            v = [here.partial_angular_velocity @ skew(places[g])  # each row crossed with it
                  for places in self.places]
             self.partials.append([v[0] + here.partial_velocity_origin,
                                   v[1] + unit.T @ across[g], v[2] + unit.T @ along[g]])

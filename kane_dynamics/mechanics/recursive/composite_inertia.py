@@ -34,7 +34,7 @@ def mass_matrix(links: Sequence[Link], q: Any) -> Any:
     M = [[0.0] * len(q) for _ in q]
     for i in reversed(range(len(links))):
         link, step, (mass, h, S) = links[i], steps[i], composite[i]
-        moves = _combined_by_modes(pending[i], Modes(link, q), M) if link.beam is not None else []
+        moves = [] if link.modes is None else _combined_by_modes(pending[i], link.modes, M)
         own = _accelerated(step, mass, h, S)
         seen[i] += [(move[0], _axis_component(step, move)) for move in moves]
         seen[i].append((own[0], 0.5 * _axis_component(step, own)))

@@ -24,12 +24,15 @@ import numpy as np
 
 
 def bent(links: Sequence[Link], q: Any) -> Sequence[Link]:
-    """Return the links with the pseudo-inertias of the bent beams at q."""
-    if all(link.beam is None for link in links):
-        return links
-    return [link if link.beam is None else replace(
-        link, pseudo_inertia=link.pseudo_inertia + Modes(link, q).pseudo_inertia)
-        for link in links]
+    """Return the links with the modes and the pseudo-inertias of the bent beams at q."""
+    result = []
+    for link in links:
+        if link.beam is not None:
+            modes = Modes(link, q)
+            link = replace(link, modes=modes,
+                           pseudo_inertia=link.pseudo_inertia + modes.pseudo_inertia)
+        result.append(link)
+    return result
 
 
 class Modes:
@@ -55,21 +58,17 @@ class Modes:
         self.coordinates, self.mass = beam.coordinates, beam.mass
         self._places = list(beam.coordinates)
         eta = q[self._places]
-        self._slope = np.array([T @ P @ T.T for P in beam.pseudo_slope])
-        self._bend = np.array([[T @ P @ T.T for P in row] for row in beam.pseudo_curvature])
-        self._spin_slope = np.array([
-            [R @ x + np.cross(t, R @ P[:3, 3]) for x, P in zip(row, bend)]
-            for row, bend in zip(beam.momentum_slope, beam.pseudo_curvature)])  # [j, i]
-        spin = [R @ x + np.cross(t, R @ P[:3, 3])
-                for x, P in zip(beam.momentum, beam.pseudo_slope)]
+        self._slope, self._bend = (T @ P @ T.T for P in (beam.pseudo_slope, beam.pseudo_curvature))
+        spin, self._spin_slope = (  # the slopes by [j, i]
+            h @ R.T + np.cross(t, P[..., :3, 3] @ R.T) for h, P in (
+                (beam.momentum, beam.pseudo_slope), (beam.momentum_slope, beam.pseudo_curvature)))
         m = len(eta)
-        bend = [sum(self._bend[i, j] * eta[j] for j in range(m)) for i in range(m)]
+        bend = [_symmetric_sum(row, eta) for row in self._bend]
         self._changes = [self._slope[i] + bend[i] for i in range(m)]  # dP/d eta_i
-        self.pseudo_inertia = (sum(self._slope[i] * eta[i] for i in range(m))
+        self.pseudo_inertia = (_symmetric_sum(self._slope, eta)
                                + 0.5 * sum(bend[i] * eta[i] for i in range(m)))
         self.momentum = [change[:3, 3] for change in self._changes]
-        self.spin = [spin[i] + sum(self._spin_slope[j, i] * eta[j] for j in range(m))
-                     for i in range(m)]
+        self.spin = [spin[i] + _sum(self._spin_slope[:, i], eta) for i in range(m)]
 
     def inertia_force(self, motion: tuple[Any, Any, Any, Any], u: Any,
                       udot: Any) -> tuple[Any, Any, list[Any]]:
@@ -80,14 +79,15 @@ class Modes:
         flow = sum(self.momentum[i] * speed[i] for i in m)
         change = sum(self._changes[i][:3, :3] * speed[i] for i in m)
         spin = sum(self.spin[i] * speed[i] for i in m)
-        spin_rates = [sum(self._spin_slope[j, i] * speed[j] for j in m) for i in m]
-        curved = sum(self._bend[i, j, :3, 3] * (speed[i] * speed[j]) for i in m for j in m)
+        spin_rates = [_sum(self._spin_slope[:, i], speed) for i in m]
+        curved = _sum(self._bend[:, :, :3, 3].reshape(-1, 3),
+                           np.multiply.outer(speed, speed).ravel())
         force = (2.0 * cross(omega, flow) + sum(self.momentum[i] * gain[i] for i in m) + curved)
         moment = (_angular_momentum(change, omega) + cross(omega, spin)
                   + sum(self.spin[i] * gain[i] + spin_rates[i] * speed[i] for i in m))
         spun = 0.5 * ((omega @ omega) * np.eye(3) - np.multiply.outer(omega, omega))
         modal = [self.momentum[i] @ a + self.spin[i] @ alpha + self.mass[i] @ gain
-                 + omega @ (spin_rates[i] - sum(self._spin_slope[i, j] * speed[j] for j in m))
+                 + omega @ (spin_rates[i] - _sum(self._spin_slope[i], speed))
                  - np.sum(self._changes[i][:3, :3] * spun) for i in m]
         return force, moment, modal
 
@@ -97,6 +97,21 @@ class Modes:
         flow = sum(p * x for p, x in zip(self.momentum, speed))
         spin = sum(Q * x for Q, x in zip(self.spin, speed))
         return 2.0 * (v @ flow + omega @ spin) + speed @ (self.mass @ speed)
+
+
+def _sum(constants: Any, factors: Any) -> Any:
+    """Return the sum of constant arrays, each times a factor; zeros cost nothing."""
+    result = np.zeros(constants.shape[1:], dtype=object)
+    for place in map(tuple, np.argwhere(constants).tolist()):
+        entry = place[1:]
+        result[entry] = result[entry] + constants[place] * factors[place[0]]
+    return result
+
+
+def _symmetric_sum(constants: Any, factors: Any) -> Any:
+    """Return `_sum` of symmetric matrices."""
+    upper = _sum(np.triu(constants), factors)
+    return np.triu(upper) + np.triu(upper, 1).T
 
 
 def _angular_momentum(second_moment: Any, omega: Any) -> Any:

@@ -18,7 +18,7 @@ from typing import Any
 
 from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, rate_tensor,
                                                     rotated_about_z, sin_cos, symmetric)
-from kane_dynamics.mechanics.recursive.flexible_modes import bent, Modes
+from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
 import numpy as np
@@ -101,15 +101,14 @@ def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Any, Any]:
             inertia_moment(link.second_moment, omega, U) + cross(h, a))
 
 
-def link_forces(link: Link, motion: LinkMotion, q: Any, u: Any,
+def link_forces(link: Link, motion: LinkMotion, u: Any,
                 udot: Any) -> tuple[Any, Any, list[tuple[int, Any]]]:
     """Return `inertia_wrench` of a link or beam, and modal forces with their indices in q."""
     force, moment = inertia_wrench(link, motion)
-    if link.beam is None:
+    if link.modes is None:
         return force, moment, []
-    modes = Modes(link, q)
-    more, turning, modal = modes.inertia_force(motion, u, udot)
-    return force + more, moment + turning, list(zip(modes.coordinates, modal))
+    more, turning, modal = link.modes.inertia_force(motion, u, udot)
+    return force + more, moment + turning, list(zip(link.modes.coordinates, modal))
 
 
 def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
@@ -138,7 +137,7 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
     tau = [0.0] * len(q)
     for link, step in zip(links, steps):
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
-        force, moment, modal = link_forces(link, motion[-1], q, u, udot)
+        force, moment, modal = link_forces(link, motion[-1], u, udot)
         wrench.append((force, moment))
         for k, along in modal:
             tau[k] = tau[k] + along
@@ -177,8 +176,8 @@ def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
     twice: Any = 0.0
     links = bent(links, q)
     for link, (omega, v) in zip(links, velocities(links, q, u)):
-        if link.beam is not None:
-            twice = twice + Modes(link, q).twice_energy(omega, v, u)
+        if link.modes is not None:
+            twice = twice + link.modes.twice_energy(omega, v, u)
         S, h = link.second_moment, link.first_moment
         spin = S[0, 0] + S[1, 1] + S[2, 2]
         twice = (twice + link.mass * (v @ v) + 2.0 * (v @ cross(omega, h))

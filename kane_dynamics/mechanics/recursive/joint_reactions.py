@@ -86,7 +86,7 @@ def _inertia_wrenches(links: Sequence[Link], steps: Sequence[JointStep], q: Any,
     motion: list[LinkMotion] = []
     for link, step in zip(links, steps):
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
-    return [link_forces(link, m, q, u, udot)[:2] for link, m in zip(links, motion)]
+    return [link_forces(link, m, u, udot)[:2] for link, m in zip(links, motion)]
 
 
 def _add_to_parent(step: JointStep, wrench: tuple[Any, Any],

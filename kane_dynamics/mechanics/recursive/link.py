@@ -31,6 +31,8 @@ class Link:
         `offset` is added, `coordinate` and `multiplier` are not used.
     beam : Beam, optional
         Modal integrals of a flexible link, in the axes of the body frame.
+    modes : Modes, optional
+        Modes of a flexible link at one configuration; set by `flexible_modes.bent`.
 
     """
 
@@ -44,6 +46,7 @@ class Link:
     body: Array
     deflection: Deflection | None = None
     beam: Beam | None = None
+    modes: Any = None
 
     def position(self, q: Any) -> Any:
         """Return the position of the joint without `offset`, rad or m."""

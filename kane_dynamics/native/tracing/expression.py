@@ -30,7 +30,7 @@ class Trace:
 
     def node(self, op: str, *args: Any) -> 'Expr':
         """Return the node that applies `op` to `args`; create it if it does not exist."""
-        key = (op, *[arg.index if isinstance(arg, Expr) else (arg,) for arg in args])
+        key = (op, *args)
         found = self._table.get(key)
         if found is None:
             found = self._table[key] = Expr(self, len(self.nodes), op, args)
@@ -39,7 +39,7 @@ class Trace:
 
     def has(self, op: str, *args: 'Expr') -> bool:
         """Return whether the node that applies `op` to `args` exists."""
-        return (op, *[arg.index for arg in args]) in self._table
+        return (op, *args) in self._table
 
     def inputs(self, name: str, *shape: int) -> Any:
         """Return an object array of `shape` with the input nodes of the argument `name`."""
@@ -171,7 +171,7 @@ class Expr:
         return self.trace.node('floor', self)
 
 
-_SCALAR: Any = (Expr, numbers.Real)
+_SCALAR: Any = (Expr, float, int, numbers.Real)  # the abstract class last: it is slow
 
 
 def _constant_factor(x: Scalar) -> tuple[Scalar, float]:
@@ -281,4 +281,4 @@ def _quotient(x: Scalar, y: Scalar) -> Scalar:
 
 def operands(node: Expr) -> Sequence[Any]:
     """Return the arguments of a node that are expressions."""
-    return [arg for arg in node.args if isinstance(arg, Expr)]
+    return [arg for arg in node.args if type(arg) is Expr]
