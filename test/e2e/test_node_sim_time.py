@@ -90,7 +90,7 @@ def pair(processes, client):
 
 
 def test_the_node_holds_the_simulated_arm(pair):
-    for _ in range(3):  # a stall of 15 ms at the reset lets the arm fall by as much, whoever holds
+    for _ in range(3):  # a stall of 15 ms at the reset lets the arm fall by as much
         pair.states.clear()
         assert wait_until(lambda: len(pair.states) > 200 and np.abs(
             pair.states[-1][1] - pair.states[-100][1]).max() < 1e-7)  # the arm is at rest
