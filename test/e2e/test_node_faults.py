@@ -140,7 +140,7 @@ def test_states_that_the_node_does_not_read_in_time_are_counted_and_reported(cli
     finally:
         os.kill(node.pid, signal.SIGCONT)
     client.diagnostics.clear()
-    assert wait_until(lambda: any('of the joint states lost: the node is too slow' in message
+    assert wait_until(lambda: any('of the joint states lost: the node or the network' in message
                                   and level == b'\1' and int(values['states lost']) > before
                                   for level, message, values in client.diagnostics), 5.0)
 

@@ -1,4 +1,4 @@
-"""Count the messages that are lost before a node reads them, because it is too slow for them."""
+"""Count the messages that are lost because the node or the network is too slow for them."""
 
 from collections.abc import Callable, Mapping
 from functools import wraps
@@ -11,8 +11,8 @@ def with_info(callback: Callable[[Any, Any], None]) -> Callable[..., None]:
     """
     Return a subscription's callback of a message and its info, for every executor.
 
-    The EventsExecutor of some rclpy (7.1, for example) passes both as one tuple, other executors
-    as two arguments. rclpy reads the signature of `callback`, by which it knows what to pass.
+    The EventsExecutor of some releases of rclpy (such as 7.1) passes both as one tuple, other
+    executors as two arguments. rclpy passes the info because `callback` has two parameters.
     """
     @wraps(callback)
     def call(*given: Any) -> None:

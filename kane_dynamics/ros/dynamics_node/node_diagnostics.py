@@ -78,8 +78,8 @@ def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
         warnings.append(f'{dropped.total()} joint states dropped: '
                         + ', '.join(DROP_REMEDIES.get(each, each) for each in dropped))
     if lost > WARNING_SHARE:
-        warnings.append(f'{lost:.0%} of the joint states lost: the node is too slow for their '
-                        'rate; lower it, free a processor, or set realtime.*')
+        warnings.append(f'{lost:.0%} of the joint states lost: the node or the network is too '
+                        'slow for their rate; lower it, free a processor, or set realtime.*')
     if arm.state_publishers > 1:
         warnings.append(f'{arm.state_publishers} publishers on joint_states: stop all but one')
     if len(arm.commanders) > 1:
