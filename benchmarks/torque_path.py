@@ -5,9 +5,10 @@ The node's torque path runs without DDS: its publishers only keep the bytes. A s
 follows a motion in mode computed_torque. Two processes, one with the real-time settings of the
 node (realtime.priority, lock_memory, collect_rarely) and one without, alternate in blocks; the
 machine should be idle otherwise. Each cycle is timed from the call with the bytes of the state to
-its return, after both messages are published. The path pauses every few milliseconds, because
-Linux suspends SCHED_FIFO threads that never sleep. The cycle after a pause has cold caches, as
-every cycle at the rates of an arm; these cycles are listed separately too.
+its return, after both messages are published. The path pauses for a fifth of the time, because
+Linux suspends SCHED_FIFO threads for 50 ms if they leave others less than that in a second. The
+cycle after a pause has cold caches, as every cycle at the rates of an arm; these cycles are listed
+separately too.
 
 Memory in steady state: what Python's allocator and the C heap hold after many cycles and did not
 hold before. The gate: nothing.
@@ -46,7 +47,7 @@ REALTIME = {'realtime.priority': 50, 'realtime.lock_memory': True,
             'realtime.collect_rarely': True}
 CYCLES = 1_000_000
 BLOCK = 100_000  # cycles of one process before the other runs
-BURST, PAUSE = 250, 5e-4  # cycles between two pauses; s
+BURST, PAUSE = 250, 2e-3  # cycles between two pauses; s
 STATES = 1024    # different joint states
 WARM_UP = 5_000  # cycles
 STEADY = 100_000  # cycles between two readings of the memory in use
