@@ -82,7 +82,8 @@ class Rig:
     def __init__(self, settings: str, cycles: int) -> None:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
         values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
-            'mode': 'computed_torque', 'joints': joints} | (REALTIME if settings == ON else {})
+            'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0}
+        values |= REALTIME if settings == ON else {}
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()
         self.statistics, self.commands, self.torques = Statistics(), Sink(), Sink()
@@ -223,13 +224,17 @@ def measure(cycles: int) -> dict[str, dict[str, Any]]:
         running[settings] = subprocess.Popen(
             [sys.executable, __file__, '--cycles', str(cycles), '--settings', settings],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    for begin in range(0, cycles, BLOCK):
+    try:
+        for begin in range(0, cycles, BLOCK):
+            for process in running.values():
+                print(min(BLOCK, cycles - begin), file=process.stdin, flush=True)
+                if not process.stdout.readline():
+                    raise RuntimeError('the process of the torque path ended')
+        return {settings: json.loads(process.communicate()[0])
+                for settings, process in running.items()}
+    finally:
         for process in running.values():
-            print(min(BLOCK, cycles - begin), file=process.stdin, flush=True)
-            if not process.stdout.readline():
-                raise RuntimeError('the process of the torque path ended')
-    return {settings: json.loads(process.communicate()[0])
-            for settings, process in running.items()}
+            process.kill()
 
 
 def markdown(found: dict[str, dict[str, Any]], cycles: int, load: float) -> str:
