@@ -85,11 +85,11 @@ def compile_echo() -> str:
     """Compile echo.c against the installed ROS; return why that fails, or an empty string."""
     if shutil.which('gcc') is None:
         return 'there is no gcc'
-    prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':')
-                if prefix]
+    prefixes = [Path(prefix) for prefix in (
+        *os.environ.get('AMENT_PREFIX_PATH', '').split(':'), sys.prefix) if prefix]
     prefix = next((each for each in prefixes if (each / 'include/rcl/rcl/rcl.h').exists()), None)
     if prefix is None:
-        return 'AMENT_PREFIX_PATH: no headers of rcl'
+        return 'there are no headers of rcl in AMENT_PREFIX_PATH'
     LIBRARY.parent.mkdir(parents=True, exist_ok=True)
     done = subprocess.run(
         ['gcc', '-O2', '-fPIC', '-shared', *(f'-I{each}' for each in prefix.glob('include/*')),
