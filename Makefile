@@ -115,7 +115,8 @@ $(VENV)/.bench: $(VENV)/.dependencies
 	@touch $@
 
 # All of them run, then any failure counts.
-BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/node_latency.py
+BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
+  benchmarks/node_latency.py benchmarks/state_rates.py
 BENCH_ARGS ?=
 
 bench: install $(VENV)/.bench

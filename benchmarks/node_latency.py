@@ -1,22 +1,25 @@
 """
 Round trip of the node compared with empty echo nodes, in one shuffled run.
 
-Three processes live together: the dynamics node with a seven-axis arm, an empty rclpy node that
-answers each joint state with an array of the same size on rclpy's default executor, and the same
-on the EventsExecutor. One driver visits them in shuffled order, one visit every 2 ms on average,
-with a jittered period, so that every contender meets the same noise; visits of one round belong
-together. Rounds come in blocks, and through every other block a fourth process calls the node's
-simulation service back to back.
+Four processes live together: the dynamics node with a seven-axis arm, an empty rclpy node that
+answers each joint state with an array of the same size on rclpy's default executor, the same on
+the EventsExecutor, and the same in C (echo.c). One driver visits them in shuffled order, one visit
+every 2 ms on average, with a jittered period, so that every contender meets the same noise; visits
+of one round belong together. Rounds come in blocks, and through every other block a fifth process
+calls the node's simulation service back to back.
 
 The gates: the median of the paired ratios to the echo on the default executor is at most 0.75 when
 idle, and beside simulations the node loses less than 2 % of the states. With the argument
 `realtime` the node runs with its real-time settings (which need the rights).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+import ctypes
 import os
+from pathlib import Path
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -39,15 +42,23 @@ from std_msgs.msg import Float64MultiArray
 
 URDF = resource_path('urdf', 'fr3.urdf')
 JOINTS = [name for name in load_urdf(URDF).joint_names if 'finger' not in name]
-OURS, DEFAULT, EVENTS = 'node', 'echo, default executor', 'echo, EventsExecutor'
-NAMESPACES = {OURS: '/ours', DEFAULT: '/default', EVENTS: '/events'}
+OURS, DEFAULT, EVENTS, IN_C = ('node', 'echo, default executor', 'echo, EventsExecutor',
+                               'echo in C')
+NAMESPACES = {OURS: '/ours', DEFAULT: '/default', EVENTS: '/events', IN_C: '/c'}
+SOURCE = Path(__file__).with_name('echo.c')
+LIBRARY = Path(__file__).resolve().parents[1] / 'build' / 'bench' / 'echo.so'
+LIBRARIES = ('rcl', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
+             'sensor_msgs__rosidl_generator_c', 'std_msgs__rosidl_typesupport_c',
+             'std_msgs__rosidl_generator_c')
 REALTIME = ['-p', 'realtime.priority:=50', '-p', 'realtime.lock_memory:=true',
             '-p', 'realtime.collect_rarely:=true']
 IDLE, BUSY = 'idle', 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
 BLOCK = 250   # rounds
 WARM_UP = 200  # rounds
-MOST_RATIO, MOST_LOST = 0.75, 0.02
+# Most paired ratio by load and contender, and most states lost.
+MOST_RATIO = {(IDLE, DEFAULT): 0.70, (BUSY, DEFAULT): 0.65, (IDLE, IN_C): 2.0}
+MOST_LOST = 0.02
 PATIENCE = 20e-3  # s after which an answer counts as lost
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 GENERATOR = np.random.default_rng(0)
@@ -56,6 +67,8 @@ RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 def echo(namespace: str, executor: str) -> None:
     """Run an empty node: publish one array for each joint state."""
+    if executor == IN_C:
+        sys.exit(ctypes.CDLL(str(LIBRARY)).echo(namespace.encode()))
     rclpy.init()
     node = Node('echo', namespace=namespace)
     publisher = node.create_publisher(Float64MultiArray, 'commands', RELIABLE)
@@ -66,6 +79,23 @@ def echo(namespace: str, executor: str) -> None:
     spinner.add_node(node)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         spinner.spin_until_future_complete(Future(), 1e6)
+
+
+def compile_echo() -> str:
+    """Compile echo.c against the installed ROS; return why that fails, or an empty string."""
+    if shutil.which('gcc') is None:
+        return 'there is no gcc'
+    prefixes = [Path(prefix) for prefix in (
+        *os.environ.get('AMENT_PREFIX_PATH', '').split(':'), sys.prefix) if prefix]
+    prefix = next((each for each in prefixes if (each / 'include/rcl/rcl/rcl.h').exists()), None)
+    if prefix is None:
+        return 'there are no headers of rcl in AMENT_PREFIX_PATH'
+    LIBRARY.parent.mkdir(parents=True, exist_ok=True)
+    done = subprocess.run(
+        ['gcc', '-O2', '-fPIC', '-shared', *(f'-I{each}' for each in prefix.glob('include/*')),
+         str(SOURCE), '-o', str(LIBRARY), f'-L{prefix}/lib', f'-Wl,-rpath,{prefix}/lib',
+         *(f'-l{each}' for each in LIBRARIES)], capture_output=True, text=True, check=False)
+    return f'gcc failed: {done.stderr[-2000:]}' if done.returncode else ''
 
 
 def load() -> None:
@@ -94,13 +124,13 @@ def load() -> None:
 
 
 @contextmanager
-def contenders(*more: str) -> Iterator[subprocess.Popen[str]]:
-    """Run the processes while the block runs; yield the one that asks for simulations."""
+def contenders(names: Sequence[str], *more: str) -> Iterator[subprocess.Popen[str]]:
+    """Run these echoes and the node in a block; yield the process that asks for simulations."""
     node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
             '-r', f'__ns:={NAMESPACES[OURS]}', '-p', f'urdf:={URDF}', '-p', 'state_timeout:=5.0',
             '-p', 'mode:=computed_torque', '-p', f'joints:=[{",".join(JOINTS)}]', *more]
     commands = [node] + [[sys.executable, __file__, NAMESPACES[name], name]
-                         for name in (DEFAULT, EVENTS)]
+                         for name in names]
     running = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for command in commands]
     loader = subprocess.Popen([sys.executable, __file__, 'load'], stdin=subprocess.PIPE,
                               stdout=subprocess.PIPE, text=True)
@@ -121,12 +151,13 @@ def contenders(*more: str) -> Iterator[subprocess.Popen[str]]:
 class Driver(Node):
     """Sends a joint state to one contender and waits for its answer."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: Sequence[str]) -> None:
         super().__init__('driver')
         self._answered = ''
         self._at = 0.0
         self._publishers_to = {}
-        for name, namespace in NAMESPACES.items():
+        for name in names:
+            namespace = NAMESPACES[name]
             self._publishers_to[name] = self.create_publisher(
                 JointState, f'{namespace}/joint_states', BEST_EFFORT)
             self.create_subscription(Float64MultiArray, f'{namespace}/commands',
@@ -161,10 +192,11 @@ class Driver(Node):
             self._executor.spin_once(left)
 
 
-def rounds(driver: Driver, number: int, chance: random.Random) -> dict[str, np.ndarray]:
+def rounds(driver: Driver, names: Sequence[str], number: int,
+           chance: random.Random) -> dict[str, np.ndarray]:
     """Return the round trips of `number` rounds, s; entries of one round belong together."""
-    trips: dict[str, list[float]] = {name: [] for name in NAMESPACES}
-    order = list(NAMESPACES)
+    trips: dict[str, list[float]] = {name: [] for name in names}
+    order = list(names)
     for _ in range(number):
         chance.shuffle(order)
         for name in order:
@@ -174,30 +206,31 @@ def rounds(driver: Driver, number: int, chance: random.Random) -> dict[str, np.n
     return {name: np.array(values) for name, values in trips.items()}
 
 
-def measure(samples: int, switch: IO[str]) -> dict[str, dict[str, np.ndarray]]:
+def measure(names: Sequence[str], samples: int,
+            switch: IO[str]) -> dict[str, dict[str, np.ndarray]]:
     """Return the round trips under each load; a line to `switch` changes the load."""
-    driver = Driver()
+    driver = Driver(names)
     deadline = time.monotonic() + 60.0
-    for name in NAMESPACES:
+    for name in names:
         while np.isnan(driver.visit(name, 0.1)):
             if time.monotonic() > deadline:
                 raise RuntimeError(f'{name} does not answer')
     chance = random.Random(0)
-    rounds(driver, WARM_UP, chance)
+    rounds(driver, names, WARM_UP, chance)
     blocks: dict[str, list[dict[str, np.ndarray]]] = {IDLE: [], BUSY: []}
     for _ in range(-(-samples // BLOCK)):
         for blocks_of_load in blocks.values():
             driver.pause(time.perf_counter() + 0.2)  # the last simulation ends, the next begins
-            blocks_of_load.append(rounds(driver, BLOCK, chance))
+            blocks_of_load.append(rounds(driver, names, BLOCK, chance))
             switch.write('\n')
             switch.flush()
     driver.destroy_node()
     return {which: {name: np.concatenate([block[name] for block in several])
-                    for name in NAMESPACES} for which, several in blocks.items()}
+                    for name in names} for which, several in blocks.items()}
 
 
-def show(which: str, trips: dict[str, np.ndarray]) -> float:
-    """Print the figures under one load; return the paired ratio to the default executor."""
+def show(which: str, trips: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
+    """Print the figures under one load; return the paired ratios by load and contender."""
     print(f'\n{which}:\n\n| | p50, us | p99, us | lost | over {PERIOD * 1e3:g} ms |')
     print('|---|---|---|---|---|')
     for name, values in trips.items():
@@ -205,36 +238,43 @@ def show(which: str, trips: dict[str, np.ndarray]) -> float:
         print(f'| {name} | {p50:.0f} | {p99:.0f} | {np.isnan(values).mean():.2%} '
               f'| {(values > PERIOD).mean():.2%} |')
     ours, paired = trips[OURS], {}
-    for name in (DEFAULT, EVENTS):
-        paired[name] = float(np.nanmedian(ours / trips[name]))
+    for name in list(trips)[1:]:
+        paired[which, name] = float(np.nanmedian(ours / trips[name]))
         p99 = np.nanpercentile(ours, 99) / np.nanpercentile(trips[name], 99)
         difference = np.nanmedian(ours - trips[name]) * 1e6
-        print(f'node / {name}: median of the paired ratios {paired[name]:.2f}, of the paired '
-              f'differences {difference:+.0f} us; ratio of the p99 {p99:.2f}')
-    return paired[DEFAULT]
+        print(f'node / {name}: median of the paired ratios {paired[which, name]:.2f}, of the '
+              f'paired differences {difference:+.0f} us; ratio of the p99 {p99:.2f}')
+    return paired
 
 
 def main(*arguments: str, samples: int = 2500) -> int:
     """Print the comparison; return 1 if a gate does not hold."""
+    machine_load = os.getloadavg()[0]
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
+    left_out = compile_echo()
+    names = [name for name in NAMESPACES if not (left_out and name == IN_C)]
     rclpy.init()
-    with contenders(*(REALTIME if 'realtime' in arguments else [])) as loader:
+    with contenders(names[1:], *(REALTIME if 'realtime' in arguments else [])) as loader:
         assert loader.stdin is not None
         assert loader.stdout is not None
         loader.stdout.readline()
-        trips = measure(samples, loader.stdin)
+        trips = measure(names, samples, loader.stdin)
     simulations = int(loader.stdout.readline())
     rclpy.shutdown()
     print(f'Round trip, joint state to torques, {len(JOINTS)} joints, one shuffled run, '
-          f'{len(trips[IDLE][OURS])} visits each; {simulations} simulations of 10 s meanwhile')
-    ratio = show(IDLE, trips[IDLE])
-    show(BUSY, trips[BUSY])
+          f'{len(trips[IDLE][OURS])} visits each; {simulations} simulations of 10 s meanwhile; '
+          f'load of the machine before {machine_load:.2f}')
+    ratios = show(IDLE, trips[IDLE]) | show(BUSY, trips[BUSY])
     lost = np.isnan(trips[BUSY][OURS]).mean()
-    failed = [words for words, bad in (
-        (f'the paired ratio is {ratio:.2f}, more than {MOST_RATIO}', ratio > MOST_RATIO),
+    failed = [f'{which}: the paired ratio to the {name} is {ratios[which, name]:.2f}, more than '
+              f'{most}' for (which, name), most in MOST_RATIO.items()
+              if (which, name) in ratios and not ratios[which, name] <= most]
+    failed += [words for words, bad in (
         (f'{lost:.2%} lost beside simulations, {MOST_LOST:.0%} or more', lost >= MOST_LOST),
         ('no simulation was answered', simulations == 0)) if bad]
+    if left_out:
+        print(f'LEFT OUT: {IN_C}, its gate is not checked: {left_out}')
     for words in failed:
         print(f'FAILED: {words}')
     return 1 if failed else 0

@@ -125,6 +125,26 @@ def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
     client.destroy_publisher(gripper)
 
 
+def test_states_that_the_node_does_not_read_in_time_are_counted_and_reported(client, start):
+    node = start(state_timeout=60.0)
+    client.connect()
+    assert client.rest() is not None
+    client.diagnostics.clear()
+    assert wait_until(lambda: any(values['states lost'].isdigit()
+                                  for _, _, values in client.diagnostics), 5.0)
+    before = int(client.diagnostics[-1][2]['states lost'])
+    os.kill(node.pid, signal.SIGSTOP)
+    try:
+        for _ in range(500):
+            client.send(Q)
+    finally:
+        os.kill(node.pid, signal.SIGCONT)
+    client.diagnostics.clear()
+    assert wait_until(lambda: any('of the joint states lost: the node or the network' in message
+                                  and level == b'\1' and int(values['states lost']) > before
+                                  for level, message, values in client.diagnostics), 5.0)
+
+
 def test_a_second_node_that_commands_is_reported_in_log_and_diagnostics(client, start):
     node = start(state_timeout=60.0)
     client.connect()

@@ -18,7 +18,9 @@ Reference counts
     `bound` and methods return the array of the result, with one more reference. `entry` returns a
     new reference; it reuses an array only while it holds the one reference to it and nothing
     refers to it weakly. Before it releases an old array, whose finalization may run any code, it
-    has stored the new one and holds its own reference to it.
+    has stored the new one and holds its own reference to it. Only arrays are counted, which are
+    never immortal. A reference that the interpreter borrows (Python 3.14) is of a variable that
+    holds one.
 GIL
     A single call holds the GIL throughout, so nothing changes beside it. Batches release it
     (`runtime.batch_loop`); their callers hold kernel and arrays until all threads have ended.

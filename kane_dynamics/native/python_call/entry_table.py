@@ -8,6 +8,7 @@ held by the object whose method reads it, so it lives as long as either can be c
 from collections.abc import Callable, Mapping, Sequence
 import ctypes
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 from kane_dynamics.native.machine_code import llvm, object_cache
@@ -64,7 +65,11 @@ PY_ARRAY_NEW = 93  # slot of PyArray_New in numpy's C API table, fixed since num
 @cache
 def interpreter_words() -> dict[str, int]:
     """Return the table words that are equal for all functions."""
-    capsule = np._core.multiarray._ARRAY_API  # type: ignore[attr-defined]
+    try:
+        core = import_module('numpy._core.multiarray')
+    except ImportError:  # numpy 1
+        core = import_module('numpy.core.multiarray')
+    capsule = core._ARRAY_API
     pointer = ctypes.pythonapi.PyCapsule_GetPointer
     pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     numpy_api = ctypes.cast(pointer(capsule, None), ctypes.POINTER(ctypes.c_void_p))

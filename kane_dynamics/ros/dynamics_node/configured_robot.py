@@ -12,6 +12,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import CommanderCount
+from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
@@ -81,6 +82,8 @@ class ConfiguredRobot:
         self.loads: GravityAndPayload = parameter_loads(model, values)
         self._payload_from_service = False  # whether ~/set_payload set the payload
         self.state_publishers = 1  # publishers of joint states of this arm
+        self.all_state_publishers = 1  # with those of other joints only
+        self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
         self.gravity_source = GravityFromImu(
@@ -129,13 +132,17 @@ class ConfiguredRobot:
                                self.robot.n) if guarded else None
         self.path.arbiter = self.guard
         self._distribute()
-        self._states = node.create_subscription(JointState, 'joint_states', self.path.on_state,
-                                                BEST_EFFORT, raw=True)
+        self._states = node.create_subscription(
+            JointState, 'joint_states', with_info(self._on_state), BEST_EFFORT, raw=True)
         opened.callback(node.destroy_subscription, self._states)
         if self.gravity_source is not None:
             imu = server.create_subscription(
                 Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu, BEST_EFFORT)
             opened.callback(server.destroy_subscription, imu)
+
+    def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
+        self.path.on_state(data)  # first: the command must not wait for the count
+        self.lost_states.note(info)
 
     def _now(self) -> int:
         """Return the node's clock, ns; read the system clock directly unless time is simulated."""
@@ -157,7 +164,7 @@ class ConfiguredRobot:
     def count_publishers(self) -> None:
         """Update `commanders`, and `state_publishers` without publishers of other joints only."""
         self._commanders.update()
-        publishers = int(self._states.get_publisher_count())
+        publishers = self.all_state_publishers = int(self._states.get_publisher_count())
         # Two periods, because some publishers have a low rate.
         before, self._foreign_joints = self._foreign_joints, self.path.take_foreign_joints()
         self.state_publishers = max(publishers - len(before | self._foreign_joints),

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from kane_dynamics.ros.common.commanders import several_commanders
+from kane_dynamics.ros.common.lost_messages import WARNING_SHARE
 from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, MISSING, NO_CLOCK,
@@ -31,8 +32,10 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
     rate, dropped, figures = node.statistics.period(period)
     arm = node.arm
     level, message = WARN, f'{node.state}{REMEDIES.get(node.state, "")}'
+    lost, figures['states lost'] = (0.0, '0') if arm is None else arm.lost_states.period(
+        arm.all_state_publishers)
     if arm is not None and arm.path.running:
-        level, message = _active(arm, rate, dropped)
+        level, message = _active(arm, rate, dropped, lost)
     elif node.state == 'inactive':
         level = OK
     if node.sim_time.warning:
@@ -54,8 +57,13 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
                   arm.robot.model.name if arm is not None else '', level, message, figures)
 
 
-def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str]) -> tuple[bytes, str]:
-    """Return level and message of an active node: what is wrong, and what to do."""
+def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
+            lost: float) -> tuple[bytes, str]:
+    """
+    Return level and message of an active node: what is wrong, and what to do.
+
+    Commands per second, the dropped states and the share of lost states are those of the period.
+    """
     level, message = OK, f'active, {rate:.0f} commands/s'
     warnings = [f"collision at joint '{arm.optional_topics.collision}': check the arm"
                 ] if arm.optional_topics.collision is not None else []
@@ -69,6 +77,9 @@ def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str]) -> tuple[b
     if dropped:
         warnings.append(f'{dropped.total()} joint states dropped: '
                         + ', '.join(DROP_REMEDIES.get(each, each) for each in dropped))
+    if lost > WARNING_SHARE:
+        warnings.append(f'{lost:.0%} of the joint states lost: the node or the network is too '
+                        'slow for their rate; lower it, free a processor, or set realtime.*')
     if arm.state_publishers > 1:
         warnings.append(f'{arm.state_publishers} publishers on joint_states: stop all but one')
     if len(arm.commanders) > 1:

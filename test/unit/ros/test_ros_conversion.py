@@ -1,5 +1,9 @@
 """Conversion of messages and arrays, and the statistics of a node."""
 
+import os
+from pathlib import Path
+import subprocess
+import sys
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Duration
@@ -51,7 +55,23 @@ def test_statistics_count_one_period():
     statistics.dropped['not finite'] += 3
     rate, dropped, values = statistics.period(2.0)
     assert (rate, dropped) == (100.0, {'not finite': 3})
-    assert values['callback latency max'] == '200 us'
+    latencies = [values[f'callback latency {which}'] for which in ('p50', 'p99', 'max')]
+    assert latencies == ['100 us', '198 us', '200 us']
     assert values['commands clamped'] == '100'
     assert values['states dropped: not finite'] == '3'
     assert statistics.period(1.0)[:2] == (0.0, {})
+
+
+def test_the_first_report_imports_nothing_as_imports_hold_up_the_commands():
+    program = """
+import sys
+from kane_dynamics.ros.common.node_statistics import Statistics, status
+statistics, before = Statistics(), set(sys.modules)
+statistics.command(1e-6, 1e-3, False)
+status('', '', b'0', '', statistics.period(1.0)[2])
+print(*set(sys.modules) - before)
+"""
+    environment = dict(os.environ, PYTHONPATH=str(Path(__file__).parents[3]))
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          env=environment, check=True)
+    assert not done.stdout.split()

@@ -27,6 +27,7 @@ def executors(monkeypatch):
 
 
 class Events:
+
     def __init__(self):
         self.nodes = []
 

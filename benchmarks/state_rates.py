@@ -1,0 +1,154 @@
+"""
+The rate of joint states at which the node begins to lose them, idle and beside simulations.
+
+A driver publishes states at rising rates to the dynamics node with a seven-axis arm and counts the
+states without a command. The node's diagnostics give the number that it knows to be lost. A driver
+that cannot hold a rate says so: the rate that it reached is in the table.
+
+The gate: at the lowest rate, without simulations, less than 2 % have no command. With the argument
+`realtime` the node runs with its real-time settings (which need the rights).
+"""
+
+from dataclasses import dataclass
+import os
+import random
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
+from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, JOINTS, MOST_LOST, NAMESPACES, OURS,
+                          REALTIME)
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+RATES = (500, 1000, 1500, 2000)  # Hz
+SECONDS = 3.0
+SETTLE = 0.3     # s for the last commands of a rate
+REPORT = 1.5     # s in which the node reports once
+BEGIN = 0.001    # share without a command at which losses begin
+ALL = QoSProfile(depth=1000)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One rate under one load."""
+
+    load: str
+    rate: int         # Hz, asked for
+    reached: float    # Hz
+    unanswered: float  # share of the states
+    reported: str     # states that the node's diagnostics call lost, since the last result
+
+
+class Driver(Node):
+    """Publishes joint states at a rate and counts the commands."""
+
+    def __init__(self) -> None:
+        super().__init__('driver')
+        name = NAMESPACES[OURS]
+        self._states = self.create_publisher(JointState, f'{name}/joint_states', BEST_EFFORT)
+        self.create_subscription(Float64MultiArray, f'{name}/commands', self._on_command, ALL,
+                                 raw=True)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, ALL)
+        n = len(JOINTS)
+        writer, offsets = write_joint_state(JOINTS, '', (n, n, n))
+        self._message = PreparedMessage(writer, offsets[0], n)
+        self.commands, self.lost = 0, '0'
+        self._executor = EventsExecutor()
+        self._executor.add_node(self)
+
+    def _on_command(self, data: bytes) -> None:
+        self.commands += 1
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for pair in status.values:
+                if pair.key == 'states lost':
+                    self.lost = pair.value
+
+    def send(self) -> None:
+        """Publish one state with the present time."""
+        self._message.stamp(*divmod(time.time_ns(), NANO))
+        self._message.numbers[:] = random.random()
+        self._states.publish(self._message.serialized())
+
+    def spin(self, until: float) -> None:
+        """Receive until a time of perf_counter."""
+        while (left := until - time.perf_counter()) > 0.0:
+            self._executor.spin_once(left)
+
+    def connect(self) -> None:
+        """Wait until the node answers."""
+        deadline = time.perf_counter() + 60.0
+        while not self.commands:
+            if time.perf_counter() > deadline:
+                raise RuntimeError('the node does not answer')
+            self.send()
+            self.spin(time.perf_counter() + 0.05)
+
+    def drive(self, load: str, rate: int) -> Result:
+        """Publish at a rate; states that are due while the driver is late are left out."""
+        self.spin(time.perf_counter() + SETTLE)
+        before, lost, sent = self.commands, self.lost, 0
+        began = due = time.perf_counter()
+        while due - began < SECONDS:
+            self.spin(due)
+            self.send()
+            sent += 1
+            due = max(due + 1.0 / rate, time.perf_counter())
+        reached = sent / (time.perf_counter() - began)
+        self.spin(time.perf_counter() + REPORT)
+        known = lost.isdigit() and self.lost.isdigit()
+        return Result(load, rate, reached, 1.0 - (self.commands - before) / sent,
+                      str(int(self.lost) - int(lost)) if known else self.lost)
+
+
+def table(results: list[Result]) -> str:
+    """Return the results as Markdown, and the rates at which losses begin."""
+    lines = ['| | rate, Hz | reached, Hz | without a command | lost by diagnostics |',
+             '|---|---|---|---|---|']
+    lines += [f'| {each.load} | {each.rate} | {each.reached:.0f} | {each.unanswered:.2%} '
+              f'| {each.reported} |' for each in results]
+    for load in dict.fromkeys(each.load for each in results):
+        first = next((each for each in results
+                      if each.load == load and each.unanswered > BEGIN), None)
+        lines.append(f'{load}: more than {BEGIN:.1%} lost ' + (
+            f'from {first.rate} Hz on' if first else f'at no rate up to {RATES[-1]} Hz'))
+    return '\n'.join(lines)
+
+
+def main(*arguments: str) -> int:
+    """Print the losses at each rate; return 1 if the gate does not hold."""
+    load = os.getloadavg()[0]
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
+    rclpy.init()
+    with contenders([], *(REALTIME if 'realtime' in arguments else [])) as loader:
+        assert loader.stdin is not None
+        assert loader.stdout is not None
+        loader.stdout.readline()
+        driver = Driver()
+        driver.connect()
+        results = []
+        for which in (IDLE, BUSY):
+            results += [driver.drive(which, rate) for rate in RATES]
+            loader.stdin.write('\n')  # the simulations begin, or end
+            loader.stdin.flush()
+        driver.destroy_node()
+    rclpy.shutdown()
+    print(f'Joint states of {len(JOINTS)} joints, {SECONDS:g} s at each rate; load of the machine '
+          f'before {load:.2f}\n\n{table(results)}')
+    if results[0].unanswered < MOST_LOST:
+        return 0
+    print(f'FAILED: {results[0].unanswered:.2%} lost at {RATES[0]} Hz, {MOST_LOST:.0%} or more')
+    return 1
+
+
+if __name__ == '__main__':
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,283 @@
+"""
+The torque path's own computation: a serialized joint state in, serialized torques out.
+
+The node's torque path runs without DDS: its publishers only keep the bytes. A seven-axis arm
+follows a motion in mode computed_torque. Two processes, one with the real-time settings of the
+node (realtime.priority, lock_memory, collect_rarely) and one without, alternate in blocks; the
+machine should be idle otherwise. Each cycle is timed from the call with the bytes of the state to
+its return, after both messages are published. The path pauses for a fifth of the time, because
+Linux suspends SCHED_FIFO threads for 50 ms if they leave others less than that in a second. The
+cycle after a pause has cold caches, as every cycle at the rates of an arm; these cycles are listed
+separately too.
+
+Memory in steady state: what Python's allocator and the C heap hold after many cycles and did not
+hold before. The gate: nothing.
+"""
+
+import argparse
+from array import array
+import ctypes
+import gc
+import json
+import os
+from pathlib import Path
+import resource
+import subprocess
+import sys
+import time
+import tracemalloc
+from typing import Any
+
+from kane_dynamics import load_urdf, Motion
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.ros.common import realtime
+from kane_dynamics.ros.common.configuration_files import load_model
+from kane_dynamics.ros.common.conversion import NANO
+from kane_dynamics.ros.common.node_statistics import Statistics
+from kane_dynamics.ros.parameters.parameter_checks import read
+from kane_dynamics.ros.parameters.parameter_table import SPECS
+from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
+from kane_dynamics.ros.torque_path.path_controller import path_controller
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
+import numpy as np
+
+URDF = resource_path('urdf', 'fr3.urdf')
+OFF, ON = 'realtime.* off', 'realtime.* on'
+REALTIME = {'realtime.priority': 50, 'realtime.lock_memory': True,
+            'realtime.collect_rarely': True}
+CYCLES = 1_000_000
+BLOCK = 100_000  # cycles of one process before the other runs
+BURST, PAUSE = 250, 2e-3  # cycles between two pauses; s
+STATES = 1024    # different joint states
+WARM_UP = 5_000  # cycles
+STEADY = 100_000  # cycles between two readings of the memory in use
+BLOCKS, BYTES = 'blocks of Python', 'bytes of the C heap'
+PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99, 99.999, 100.0)
+
+
+class Sink:
+    """Stands for a publisher: keeps the bytes."""
+
+    def __init__(self) -> None:
+        self.data = b''
+
+    def publish(self, data: bytes) -> None:
+        """Keep one serialized message."""
+        self.data = data
+
+
+class Rig:
+    """
+    The torque path of the node with its states and its results.
+
+    Parameters
+    ----------
+    settings : str
+        OFF or ON.
+    cycles : int
+        Number of cycles that will be timed.
+
+    """
+
+    def __init__(self, settings: str, cycles: int) -> None:
+        joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
+        values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
+            'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0}
+        values |= REALTIME if settings == ON else {}
+        controller = path_controller(load_model(URDF, values, _ignore), values)
+        controller.compile()
+        self.statistics, self.commands, self.torques = Statistics(), Sink(), Sink()
+        self.path = TorquePath(controller, self.commands, self.torques, time.time_ns,
+                               values['state_timeout'], self.statistics, _refuse)
+        rng, n = np.random.default_rng(0), len(joints)
+        pose = controller.robot.neutral() + 0.2
+        self.motion = Motion.from_points(
+            np.arange(1.0, 11.0), pose + rng.uniform(-0.05, 0.05, (10, n)), joint_names=joints)
+        self._states = pose + rng.uniform(-0.05, 0.05, (STATES, n))
+        self._speeds = rng.uniform(-0.1, 0.1, (STATES, n))
+        writer, (positions, velocities, _) = write_joint_state(joints, '', (n, n, n))
+        self._message = PreparedMessage(writer, positions, n)
+        self._velocities = self._message.doubles(velocities, n)
+        self.took = array('L', bytes(array('L').itemsize * cycles))  # ns
+        self.done = 0
+        self.refused: list[str] = []
+        self.path.start()
+        gc.collect()
+        gc.freeze()  # as the node does
+        realtime.apply_realtime_settings(values, self.refused.append)
+        self.run(WARM_UP, timed=False)
+
+    def run(self, count: int, *, timed: bool = True) -> None:
+        """Run `count` cycles along the motion from its beginning."""
+        now = time.time_ns()
+        assert self.path.active_motion.follow(self.motion, now, now,
+                                              self.path.active_motion.generation)
+        for begin in range(0, count, BURST):
+            time.sleep(PAUSE)
+            self._burst(min(BURST, count - begin), timed)
+
+    def _burst(self, count: int, timed: bool) -> None:
+        message, velocities, took, first = self._message, self._velocities, self.took, self.done
+        on_state, clock = self.path.on_state, time.perf_counter_ns
+        for k in range(count):
+            message.numbers[:] = self._states[(first + k) % STATES]
+            velocities[:] = self._speeds[(first + k) % STATES]
+            message.stamp(*divmod(time.time_ns(), NANO))
+            data = message.serialized()
+            began = clock()
+            on_state(data)
+            ended = clock()
+            if timed:
+                took[first + k] = ended - began
+        self.done += timed * count
+
+
+class HeapUse(ctypes.Structure):
+    """The struct mallinfo2 of glibc."""
+
+    _fields_ = [(name, ctypes.c_size_t) for name in (
+        'arena', 'ordblks', 'smblks', 'hblks', 'hblkhd', 'usmblks', 'fsmblks', 'uordblks',
+        'fordblks', 'keepcost')]
+
+
+C_LIBRARY = ctypes.CDLL(None)
+C_LIBRARY.mallinfo2.restype = HeapUse
+
+
+def _ignore(warning: str) -> None:
+    """Ignore a warning about the URDF."""
+
+
+def _refuse(reason: str, detail: str) -> None:
+    raise RuntimeError(f'joint state dropped: {reason}: {detail}')
+
+
+def memory_in_use() -> dict[str, int]:
+    """Return what this process holds and counts of events that allocations cause."""
+    heap = C_LIBRARY.mallinfo2()
+    return {BLOCKS: sys.getallocatedblocks(),
+            BYTES: heap.uordblks + heap.hblkhd,
+            'page faults': resource.getrusage(resource.RUSAGE_SELF).ru_minflt,
+            'garbage collections': sum(each['collections'] for each in gc.get_stats())}
+
+
+def stolen() -> float:
+    """Return how long other virtual machines had this machine's processors so far, s."""
+    ticks = Path('/proc/stat').read_text(encoding='utf-8').splitlines()[0].split()[8]
+    return int(ticks) / os.sysconf('SC_CLK_TCK')
+
+
+def steady_memory(rig: Rig, cycles: int = STEADY) -> dict[str, int]:
+    """
+    Return the increase of each figure of `memory_in_use` over some cycles.
+
+    Two readings come before, so that the readings' own memory is not counted.
+    """
+    for count in (1, 1, cycles):
+        before = memory_in_use()
+        rig.run(count, timed=False)
+        after = memory_in_use()
+    return {name: after[name] - before[name] for name in before}
+
+
+def transient_memory(rig: Rig) -> int:
+    """Return the largest number of bytes that one cycle holds temporarily, with its state."""
+    tracemalloc.start()
+    try:
+        rig.run(BURST, timed=False)
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        rig.run(BURST, timed=False)
+        return tracemalloc.get_traced_memory()[1] - before
+    finally:
+        tracemalloc.stop()
+
+
+def serve(settings: str, cycles: int) -> None:
+    """Run a block for each line of standard input; at its end print the results as JSON."""
+    rig = Rig(settings, cycles)
+    memory = steady_memory(rig)
+    sent, switched = rig.statistics.commands, resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
+    collecting = taken = 0.0
+    for line in sys.stdin:
+        before = stolen()
+        rig.run(int(line))
+        taken += stolen() - before
+        began = time.perf_counter()
+        realtime.collect_if_disabled()  # in the node at each report, in the services' thread
+        collecting = max(collecting, time.perf_counter() - began)
+        print(flush=True)
+    switched = resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw - switched
+    assert rig.statistics.commands - sent == rig.done == cycles
+    took = np.array(rig.took)
+    result = {'all': np.percentile(took, PERCENTILES).tolist(),
+              'after a pause': np.percentile(took[::BURST], PERCENTILES).tolist(),
+              'refused': rig.refused, 'memory': memory, 'preempted': switched, 'stolen': taken,
+              'collecting': collecting, 'transient': transient_memory(rig)}
+    print(json.dumps(result))
+
+
+def measure(cycles: int) -> dict[str, dict[str, Any]]:
+    """Return the results of both settings, whose processes alternate."""
+    running = {}
+    for settings in (OFF, ON):
+        running[settings] = subprocess.Popen(
+            [sys.executable, __file__, '--cycles', str(cycles), '--settings', settings],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        for begin in range(0, cycles, BLOCK):
+            for process in running.values():
+                print(min(BLOCK, cycles - begin), file=process.stdin, flush=True)
+                if not process.stdout.readline():
+                    raise RuntimeError('the process of the torque path ended')
+        return {settings: json.loads(process.communicate()[0])
+                for settings, process in running.items()}
+    finally:
+        for process in running.values():
+            process.kill()
+
+
+def markdown(found: dict[str, dict[str, Any]], cycles: int, load: float) -> str:
+    """Return the results as Markdown."""
+    heads = [f'p{p:g}' for p in PERCENTILES[:-1]] + ['max']
+    title = (f'Torque path, bytes to bytes, 7 joints, {cycles} cycles each, us; load of the '
+             f'machine before {load:.2f}')
+    lines = [title, '', '| | ' + ' | '.join(heads) + ' |',
+             '|---' * (1 + len(heads)) + '|']
+    for settings, result in found.items():
+        for which in ('all', 'after a pause'):
+            lines.append(f'| {settings}, {which} | ' + ' | '.join(
+                f'{ns / 1e3:.1f}' for ns in result[which]) + ' |')
+    lines.append('')
+    for settings, result in found.items():
+        lines += [f'{settings}: {warning}' for warning in result['refused']]
+        lines.append(f'{settings}: memory held after {STEADY} cycles and not before: ' + ', '.join(
+            f'{count} {name}' for name, count in result['memory'].items())
+            + f'; at most {result["transient"]} bytes during a cycle; preempted '
+            f'{result["preempted"]} times, processors given to other virtual machines for '
+            f'{result["stolen"]:.2f} s; a garbage collection between blocks at most '
+            f'{result["collecting"] * 1e3:.2f} ms')
+    return '\n'.join(lines)
+
+
+def main() -> int:
+    """Print both distributions; return 1 if the memory grows in steady state."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('.')[0])
+    parser.add_argument('--cycles', type=int, default=CYCLES, help='default: %(default)s')
+    parser.add_argument('--settings', choices=(OFF, ON), help=argparse.SUPPRESS)
+    options = parser.parse_known_args()[0]  # some are for other benchmarks
+    if options.settings:
+        serve(options.settings, options.cycles)
+        return 0
+    load = os.getloadavg()[0]
+    found = measure(options.cycles)
+    print(markdown(found, options.cycles, load))
+    grown = [settings for settings, result in found.items()
+             if any(result['memory'][what] > 0 for what in (BLOCKS, BYTES))]
+    for settings in grown:
+        print(f'FAILED: {settings}: memory grows in steady state')
+    return 1 if grown else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
