@@ -42,7 +42,7 @@ cmake_language(DEFER CALL _drop_missing_include_directories)
 # 3. The generated C++ files include the same large headers: those of a target are compiled
 # together, which takes a fraction of the processor time.
 function(_compile_together)
-  foreach(kind fastrtps_c fastrtps_cpp c cpp)
+  foreach(kind fastrtps_c fastrtps_cpp introspection_cpp c cpp)
     set(target ${PROJECT_NAME}__rosidl_typesupport_${kind})
     if(TARGET ${target})
       set_target_properties(${target} PROPERTIES UNITY_BUILD ON)
@@ -50,10 +50,3 @@ function(_compile_together)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL _compile_together)
-
-# 4. Fast DDS, the middleware of these wheels (pyproject.toml), needs no introspection code, which
-# takes a quarter of the time: its generators are found here, and taken off the list.
-foreach(language c cpp)
-  find_package(rosidl_typesupport_introspection_${language} REQUIRED)
-endforeach()
-list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX introspection)
