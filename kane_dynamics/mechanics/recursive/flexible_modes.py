@@ -81,7 +81,7 @@ class Modes:
         spin = sum(self.spin[i] * speed[i] for i in m)
         spin_rates = [_sum(self._spin_slope[:, i], speed) for i in m]
         curved = _sum(self._bend[:, :, :3, 3].reshape(-1, 3),
-                           np.multiply.outer(speed, speed).ravel())
+                      np.multiply.outer(speed, speed).ravel())
         force = (2.0 * cross(omega, flow) + sum(self.momentum[i] * gain[i] for i in m) + curved)
         moment = (_angular_momentum(change, omega) + cross(omega, spin)
                   + sum(self.spin[i] * gain[i] + spin_rates[i] * speed[i] for i in m))
