@@ -249,7 +249,8 @@ class Client(Node):
         return future.result()
 
     def on_spinner(self, function):
-        """Return what a function returns that runs where messages are taken.
+        """
+        Return what a function returns that runs where messages are taken.
 
         A goal's answer that comes before its request is noted is lost in an action client, which
         locks nothing; on the thread that takes the answers it cannot come before.
@@ -277,7 +278,8 @@ class Client(Node):
         return self.call(ChangeState, 'change_state', transition=request.transition).success
 
     def state(self, timeout=20.0):
-        """Return the lifecycle state; ask again where no node hears, as after one was killed.
+        """
+        Return the lifecycle state; ask again where no node hears, as after one was killed.
 
         The services of a killed node are seen until its lease ends, so that a request can be sent
         before the node that follows it is known.
