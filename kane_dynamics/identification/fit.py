@@ -136,13 +136,13 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         If the recording has other joints or moves too little, or an argument is out of range.
 
     """
-    check_recording(model, recording)
     if weight is not None and not 0.0 < weight < np.inf:
         raise InputError(f'weight: {weight:g}; expected a positive, finite number')
     if not (bounded or friction_only):
         raise InputError('bounded: False; expected it only with friction_only=True')
     if not standstill >= 0.0:
         raise InputError(f'standstill: {standstill:g}; expected a number >= 0')
+    check_recording(model, recording)
     if not diagnosed:
         for finding in diagnose(model, recording):
             if finding.level != 'remark':

@@ -106,8 +106,8 @@ def test_a_motion_is_the_same_when_rclpy_reads_the_message():
     message = trajectory(5)
     for k, point in enumerate(message.points):
         point.velocities = [0.1 * k, -0.2]
-    mine = motion_from_message(read_trajectory(serialize_message(message), 10), 'ba', 10)
-    theirs = motion_from_message(message, 'ba', 10)
+    mine = motion_from_message(read_trajectory(serialize_message(message), 10), ('b', 'a'), 10)
+    theirs = motion_from_message(message, ('b', 'a'), 10)
     for t in np.linspace(-1.0, 5.0, 60):
         for a, b in zip(mine.sample(t), theirs.sample(t), strict=True):
             assert (a == b).all()
