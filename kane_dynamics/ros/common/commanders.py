@@ -24,7 +24,7 @@ def commanders(node: Node, topic: str) -> list[str]:
 
 class CommanderCount:
     """
-    Keeps `commanders` of a topic; asks the graph for names only after their number changed.
+    Keeps `commanders` of a topic; asks the graph for the name of one only after a change.
 
     Queries for names hold the interpreter's lock, which delays the torque path.
 
@@ -43,7 +43,9 @@ class CommanderCount:
     def update(self) -> list[str]:
         """Return the names; those that are not known yet are asked for again."""
         count = self._node.count_publishers(self._topic)
-        if count != self._count or any(UNKNOWN in name for name in self.names):
+        # Of several, one may end and another begin between two updates.
+        if count != self._count or len(self.names) > 1 or any(
+                UNKNOWN in name for name in self.names):
             self._count, self.names = count, commanders(self._node, self._topic)
         return self.names
 
