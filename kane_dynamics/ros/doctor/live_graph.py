@@ -75,6 +75,9 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
             foreign = _foreign_names(robot, received)
             received.clear()
             _spin(executor, seconds, lambda: False)
+        if not _named(_lines(node, commands, joint_states)):  # found only now, not heard yet
+            _spin(executor, DISCOVERY, lambda: _named(_lines(node, commands, joint_states)))
+            _spin(executor, seconds, lambda: False)
         found = [*examine_states(robot, received, seconds),
                  *_endpoint_findings(node, commands, joint_states,
                                      len(foreign | _foreign_names(robot, received)))]
@@ -191,12 +194,22 @@ def _names(ends: list[TopicEndpointInfo]) -> str:
                   for end in ends)
 
 
+def _lines(node: Node, commands: str, joint_states: str) -> list[list[TopicEndpointInfo]]:
+    """Return the endpoints of the topics of the torque path."""
+    return [node.get_publishers_info_by_topic(joint_states),
+            node.get_publishers_info_by_topic(commands),
+            node.get_subscriptions_info_by_topic(commands)]
+
+
+def _named(lines: list[list[TopicEndpointInfo]]) -> bool:
+    """Return whether the nodes of all endpoints are known by name."""
+    return all(end.node_name != NAMELESS for line in lines for end in line)
+
+
 def _discovered(node: Node, commands: str, joint_states: str) -> bool:
     """Return whether all topics of the torque path have endpoints with known node names."""
-    lines = (node.get_publishers_info_by_topic(joint_states),
-             node.get_publishers_info_by_topic(commands),
-             node.get_subscriptions_info_by_topic(commands))
-    return all(lines) and all(end.node_name != NAMELESS for line in lines for end in line)
+    lines = _lines(node, commands, joint_states)
+    return all(lines) and _named(lines)
 
 
 def _endpoint_findings(node: Node, commands: str, joint_states: str,
