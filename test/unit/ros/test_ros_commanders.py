@@ -1,4 +1,4 @@
-"""Who publishes commands: asked of the graph only where it may have changed."""
+"""The publishers of commands: the graph is queried only when they may have changed."""
 
 from types import SimpleNamespace
 
