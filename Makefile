@@ -97,19 +97,22 @@ demo:
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project
 	$(ROS_ENV) $(BIN)/kane-dynamics demo
 
-# What runs nodes in real time has the processors to itself; all else shares them.
+# What runs nodes in real time or judges processor time has the processors to itself; all else shares
+# them.
 REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
+TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 
-# A machine that stalls for tens of milliseconds fails such a test, whatever the node does; a
+# A machine that stalls for tens of milliseconds fails a test of time, whatever the code does; a
 # defect fails it twice.
-REPEATED = echo '== what failed is repeated once';
+PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
+REPEATED = echo '== what failed is repeated once, by itself';
 FAILED_ONES = --last-failed --last-failed-no-failures=none
+LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs -m 'not slow and not timed' $(PYTEST_ARGS)
+ALONE = $(REAL_TIME) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
 
 test: install
-	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal $(REAL_TIME:%=--ignore=%) \
-	  --ignore=test/docs $(PYTEST_ARGS)
-	$(ROS_ENV) $(BIN)/python -m pytest $(REAL_TIME) $(PYTEST_ARGS) || { $(REPEATED) \
-	  $(ROS_ENV) $(BIN)/python -m pytest $(FAILED_ONES) $(REAL_TIME) $(PYTEST_ARGS); }
+	$(PYTEST) -n auto --dist worksteal $(LIBRARY) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(LIBRARY); }
+	$(PYTEST) $(ALONE) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(ALONE); }
 
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)

@@ -375,6 +375,7 @@ def test_a_malformed_urdf_leaves_no_traceback(tmp_path):
     assert done.stderr.startswith('kane-dynamics: error: ') and 'Traceback' not in done.stderr
 
 
+@pytest.mark.timed
 def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
     """By processor time, compared with numpy and llvmlite, without which nothing is computed."""
     environment = {**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')}
@@ -388,9 +389,9 @@ def test_torque_of_a_known_urdf_costs_little_more_than_its_imports(tmp_path):
     torque = ['-m', 'kane_dynamics.cli', 'torque', 'urdf/fr3.urdf']
     first = seconds(*torque)
     imports = ['-c', 'import numpy, llvmlite.binding, argparse, json, csv, inspect']
-    again, least = zip(*((seconds(*torque), seconds(*imports)) for _ in range(3)))
-    assert min(again) < 2.0 * min(least)
-    assert min(again) < 0.8 * first  # which reads the URDF and compiles
+    pairs = [(seconds(*torque), seconds(*imports)) for _ in range(5)]
+    assert np.median([again / least for again, least in pairs]) < 2.0
+    assert min(pairs)[0] < 0.8 * first  # which reads the URDF and compiles
 
 
 @pytest.mark.parametrize('words', [['--help'], ['torque', '--help'], ['torque', 'missing.urdf']])

@@ -49,6 +49,7 @@ def test_an_unknown_name_is_an_attribute_error():
         exec('from kane_dynamics import Robott')
 
 
+@pytest.mark.timed
 def test_importing_the_package_alone_imports_no_library():
     """Not even numpy: its import is most of what a start costs."""
     before, after = fresh("""

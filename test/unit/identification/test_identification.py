@@ -326,6 +326,7 @@ def test_noise_of_accelerations_is_measured():
         assert np.allclose(made.acceleration_noise(), share, rtol=0.1)
 
 
+@pytest.mark.timed
 def test_identification_of_many_rows_takes_seconds_of_processor_time():
     """Of 21,000 rows: below 10 s."""
     given = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)

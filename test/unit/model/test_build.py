@@ -253,6 +253,7 @@ def test_impossible_inertias_stand_where_asked_for_with_a_warning_that_names_the
         ModelBuilder('tight').body('a', matter=matter)
 
 
+@pytest.mark.timed
 def test_a_beam_of_sixteen_modes_is_prepared_within_a_second():
     start = process_time()
     b = ModelBuilder('beam')

@@ -54,6 +54,7 @@ def test_the_first_error_is_raised_when_all_have_ended(monkeypatch):
         Robot(MODEL).compile('mass_matrix', 'nonsense')
 
 
+@pytest.mark.timed
 def test_a_warm_start_of_all_kernels_takes_a_fraction_of_a_cold_one(tmp_path):
     """By processor time, of what a node for the FR3 compiles."""
     program = """

@@ -196,6 +196,7 @@ def test_long_rows_with_partial_tiles_are_transposed_correctly():
                                atol=1e-14)
 
 
+@pytest.mark.timed
 def test_batches_release_the_gil(robot, monkeypatch):
     monkeypatch.setenv(threads.VARIABLE, '1')
     q, u, udot = batch(400_000)

@@ -185,6 +185,7 @@ def test_an_entry_is_json_without_code(place):
     assert list(data[0]) == ['Model'] and len(data[1]) == 3
 
 
+@pytest.mark.timed
 def test_a_known_urdf_is_loaded_without_parser_and_libraries_of_meshes(place):
     """By processor time too: the parser's imports alone take several times as long."""
     program = """

@@ -115,6 +115,7 @@ def test_meshes_are_never_opened():
 
 @pytest.mark.parametrize('links', [1000, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('kind', ['revolute', 'fixed'])
+@pytest.mark.timed
 def test_long_chain_loads_in_milliseconds_a_link(kind, links):
     start = time.process_time()
     model = load(chain(links, kind))
@@ -122,6 +123,7 @@ def test_long_chain_loads_in_milliseconds_a_link(kind, links):
     assert time.process_time() - start < 3e-3 * links
 
 
+@pytest.mark.timed
 def test_long_chain_of_mimics_resolves_in_seconds():
     n = 1000
     follow = [joint(f'j{i}', f'l{i - 1}', f'l{i}', limit='',
@@ -146,6 +148,7 @@ DEEP = {
 
 
 @pytest.mark.parametrize('name', DEEP)
+@pytest.mark.timed
 def test_deep_xml_loads(name):
     start = time.process_time()
     model, _ = load_with_warnings(DEEP[name])
@@ -161,6 +164,7 @@ def test_deep_xml_loads(name):
     '<robot name="r">' + '<link name="a"/>' * 20_000 + '</robot>',
     '<robot name="' + 'n' * 11_000_000 + '"><link name="a"/></robot>',
 ], ids=['deep root', 'unclosed', 'comments', 'roots', 'duplicates', 'name'])
+@pytest.mark.timed
 def test_absurd_input_is_rejected_quickly_with_its_reason(source):
     start = time.process_time()
     with pytest.raises(KaneError) as caught:
