@@ -65,15 +65,13 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
     rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
     # Joints move along their partial rates: loops stay closed to first order, and the residual of
     # second order is equal on both sides.
-    still = robot.joint_rates(q, rest, t=t)
-    along = [robot.joint_rates(q, v, t=t) - still for v in turned]
-
-    def slopes(moved: list[tuple[Array, Array]]) -> Array:
-        """Return the central differences of udot for small motions of q and u."""
-        return np.array([robot.forward_dynamics(q + dq, du, rest, t=t)
-                         - robot.forward_dynamics(q - dq, -du, rest, t=t)
-                         for dq, du in moved]).T / (2.0 * DIFFERENCE)
-    by_u, by_z = slopes([(0.0 * q, v) for v in turned]), slopes([(d, rest) for d in along])
+    along = np.array([robot.joint_rates(q, v, t=t) for v in (rest, *turned)]).reshape(n + 1, -1)
+    along = along[1:] - along[0]
+    dq, du = (np.concatenate(parts) for parts in (
+        [np.zeros((n, robot.n_q)), along], [turned, np.zeros((n, n))]))
+    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]), np.concatenate([du, -du]),
+                                  np.zeros((4 * n, n)), t=t)
+    by_u, by_z = np.split((udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE), 2, axis=1)
     J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])
     values, vectors = np.linalg.eig(J)
     # An unstable equilibrium (an inverted arm) does not limit the step.

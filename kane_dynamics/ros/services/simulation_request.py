@@ -72,13 +72,13 @@ class SimulationRequest:
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; end early when `proceed(t)` returns False."""
         self.loads.apply(self.robot)
-        warning = step_warning(self.robot, self.q0, self.step, self.integrator)
         began = time.perf_counter()
         try:
             trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
                                   torque=self.torque, sample=self.sample, progress=proceed,
                                   integrator=self.integrator)
         except InputError as error:
+            warning = step_warning(self.robot, self.q0, self.step, self.integrator)
             raise error if warning is None else InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
         changes = map(str, trajectory.speed_changes[:MOST_CHANGES])
