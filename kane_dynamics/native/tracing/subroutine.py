@@ -1,10 +1,10 @@
 """Subroutines: parts of a traced function that are compiled once and called repeatedly."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from kane_dynamics.native.tracing.expression import Expr, Scalar
-from kane_dynamics.native.tracing.program import Program, trace_program
+from kane_dynamics.native.tracing.program import applied, Program, size_of, trace_program
 import numpy as np
 
 
@@ -77,3 +77,37 @@ def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
     trace = next(x.trace for x in flat if isinstance(x, Expr))
     node = trace.node('call', program, *flat)
     return [trace.node('output', node, k) for k in range(program.n_outputs)]
+
+
+def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
+    """
+    Return the outputs of a program as a flat list, computed in place instead of by a call.
+
+    Parameters
+    ----------
+    program : Program
+    values : sequence of scalars
+        The entries of all of its inputs, in order: traced values of another program, or floats.
+
+    """
+    rest = iter(values)
+    given = {name: [next(rest) for _ in range(size_of(shape))] for name, shape in program.inputs}
+    new: dict[int, Any] = {}  # of a call: the list of its results
+
+    def of(x: Any) -> Any:
+        return new[x.index] if isinstance(x, Expr) else x
+
+    for node in program.schedule():
+        if node.op == 'input':
+            found = given[node.args[0]][node.args[1]]
+        elif node.op == 'output':
+            found = of(node.args[0])[node.args[1]]
+        elif node.op == 'call':
+            callee, *flat = node.args
+            arguments = [of(x) for x in flat]
+            found = (call(callee, arguments) if any(isinstance(x, Expr) for x in arguments)
+                     else inlined(callee, arguments))
+        else:
+            found = applied(node.op, [of(x) for x in node.args])
+        new[node.index] = found
+    return [of(x) for x in program.outputs]
