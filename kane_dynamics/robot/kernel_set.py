@@ -113,6 +113,7 @@ class KernelSet:
             One of `names` and '', or one of `FRAME_QUANTITIES` and a frame, or 'joint_reaction'
             and a joint.
         derivative : Derivative, optional
+            The derivative; by default the quantity itself.
 
         Raises
         ------
@@ -123,18 +124,24 @@ class KernelSet:
         label = name if derivative is None else derivative.label(name)
 
         def make() -> Kernel:
-            quantity, method = self._quantity(name), self._method(name, at)
-            shape, more = self._sizes.shape(quantity.shape), []
-            if derivative is not None:
-                shapes = self.differentiable(name)
-                more = derivative.arguments(shapes, shape)
-                shape = derivative.shape(shapes, shape)
+            arguments, shape = self._signature(name, derivative)
+            self._method(name, at)  # raises InputError now, not where the kernel is traced
             self._same[label, at] = lambda other: other.kernel(name, at, derivative)
-            return Kernel(
-                label, lambda: self._traced(name, method, quantity, derivative, more),
-                self.key and self.key + at, [*more, *self._arguments(quantity)],
-                self._parameters, shape, partial(self._another, (label, at)))
+            return Kernel(label, lambda: self.program(name, at, derivative),
+                          self.key and self.key + at, arguments, self._parameters, shape,
+                          partial(self._another, (label, at)))
         return self._kept((label, at), make)
+
+    def _signature(self, name: str,
+                   derivative: Derivative | None) -> tuple[list[Argument], Shape]:
+        """Return the arguments of a kernel and the shape of its result."""
+        quantity = self._quantity(name)
+        arguments, shape = self._arguments(quantity), self._sizes.shape(quantity.shape)
+        if derivative is None:
+            return arguments, shape
+        shapes = self.differentiable(name)
+        return ([*derivative.arguments(shapes, shape), *arguments],
+                derivative.shape(shapes, shape))
 
     def differentiable(self, name: str) -> dict[str, Shape]:
         """Return the shapes of the inputs by which a quantity can be differentiated."""
@@ -155,10 +162,6 @@ class KernelSet:
         """Return a kernel of a program of the caller; `name` identifies it in this set."""
         return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
                                                      shape))
-
-    def program(self, name: str) -> Program:
-        """Trace one of `names`."""
-        return self._traced(name, self._method(name), self._quantity(name))
 
     def _quantity(self, name: str) -> Quantity:
         """Return the quantity of a name; InputError lists the valid ones."""
@@ -203,9 +206,8 @@ class KernelSet:
             L, reciprocal = equations.factors(q, parameters)
             places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
             return [*(L[k][i] for k, i in places), *reciprocal]
-        entries = call(trace_program('factorization', factors,
-                                     self._inputs(QUANTITIES['inverse_mass_matrix'])),
-                       q, parameters)
+        inputs = self._inputs(self._signature('inverse_mass_matrix', None)[0])
+        entries = call(trace_program('factorization', factors, inputs), q, parameters)
 
         def solution(entries: Any, b: Any) -> Any:
             L = [[0.0] * n for _ in range(n)]
@@ -239,9 +241,8 @@ class KernelSet:
             arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
 
-    def _traced(self, name: str, method: Callable[..., Any], quantity: Quantity,
-                derivative: Derivative | None = None, more: Sequence[Argument] = ()) -> Program:
-        """Trace a method of the equations, or a derivative of it with more arguments."""
+    def program(self, name: str, at: str = '', derivative: Derivative | None = None) -> Program:
+        """Trace a quantity or a derivative of it; arguments as `kernel`."""
         def function(*inputs: Any) -> Any:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
@@ -258,11 +259,11 @@ class KernelSet:
                 return result
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
-        inputs = [*((argument.name, argument.shape) for argument in more),
-                  *self._inputs(quantity)]
+        quantity, method = self._quantity(name), self._method(name, at)
+        inputs = self._inputs(self._signature(name, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)
 
-    def _inputs(self, quantity: Quantity) -> list[tuple[str, Shape]]:
-        return [*((argument.name, argument.shape) for argument in self._arguments(quantity)),
+    def _inputs(self, arguments: Sequence[Argument]) -> list[tuple[str, Shape]]:
+        return [*((argument.name, argument.shape) for argument in arguments),
                 ('parameters', self._parameters.shape)]

@@ -22,7 +22,7 @@ class Sizes(NamedTuple):
 
     @property
     def slopes(self) -> int:
-        """Return the number of columns of the derivatives by q, u, and udot or tau together."""
+        """Return the number of columns of dtau/dq, dtau/du and dtau/dudot together."""
         return self.n_q + 2 * self.n
 
     def shape(self, entries: tuple[int | str, ...]) -> Shape:

@@ -86,6 +86,7 @@ def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
     Parameters
     ----------
     program : Program
+        The program to trace again.
     values : sequence of scalars
         The entries of all of its inputs, in order: traced values of another program, or floats.
 

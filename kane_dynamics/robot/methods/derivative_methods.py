@@ -211,7 +211,7 @@ class DerivativeMethods(Dispatch):
         return parts[0] if single else parts
 
     def _matrices(self, name: str, arguments: tuple[Any, ...], t: Any) -> Matrices:
-        """Return the derivatives by q, u and the third argument, of a kernel that has all."""
+        """Return the three matrices of a kernel that has all of them."""
         kernel = self.kernels.quantity(name)
         entry = self._entry(name, '', lambda _: kernel)
         result = entry(*self._at_time(arguments, t))
