@@ -21,7 +21,7 @@ Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
 LONG = 10_000  # lines of IR: without instruction scheduling
-_own = local()  # of each thread: code generators by level, each for one module at a time
+_own = local()  # of each thread: code generators, each for one module at a time
 
 _lock = llvm.ffi.lib._lock  # llvmlite holds it in every call of LLVM
 os.register_at_fork(before=_lock.__enter__, after_in_parent=_lock.__exit__,
@@ -41,12 +41,13 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _target_machine(level: int) -> Any:
-    """Return a code generator for this processor."""
+def _target_machine(level: int, shared: bool = False) -> Any:
+    """Return a code generator for this processor; `shared`: for shared libraries."""
     _initialized()
     name, features = _processor()
+    kind = {'reloc': 'pic', 'codemodel': 'default'} if shared else {'jit': True}
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=name, features=features, opt=level, jit=True)
+        cpu=name, features=features, opt=level, **kind)
 
 
 @cache
@@ -62,7 +63,8 @@ def fingerprint() -> str:
                      '.'.join(map(str, llvm.llvm_version_info))])
 
 
-def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
+def assemble(text: str, level: int = 1, optimise: bool = False,
+             shared: bool = False) -> bytes:
     """
     Compile LLVM IR to an object file in memory.
 
@@ -76,6 +78,8 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
     optimise : bool
         Run LLVM's optimization passes first. Traced programs are folded already; only
         hand-written loops profit.
+    shared : bool
+        Position-independent code, to be linked into a shared library.
 
     Raises
     ------
@@ -84,9 +88,9 @@ def assemble(text: str, level: int = 1, optimise: bool = False) -> bytes:
 
     """
     machines = vars(_own).setdefault('machines', {})
-    if level not in machines:
-        machines[level] = _target_machine(level)
-    return _assembled(text, machines[level], optimise)
+    if (level, shared) not in machines:
+        machines[level, shared] = _target_machine(level, shared)
+    return _assembled(text, machines[level, shared], optimise)
 
 
 def code_size(text: str) -> int:

@@ -1,0 +1,123 @@
+"""
+Generate LLVM IR of a function by CasADi's conventions for functions in shared libraries.
+
+For a function f these are `f` itself, which takes arrays of pointers to the nonzeros of arguments
+and results, null for zeros and for a result that is not wanted; and `f_n_in`, `f_name_in`,
+`f_sparsity_in`, the same for results, and `f_work`, which describe it.
+A result is NaN where the kernel's is, and where a position is too large for sines and cosines.
+"""
+
+from collections.abc import Sequence
+import math
+
+from kane_dynamics.native.backends.llvm_math import literal, size_limit
+from kane_dynamics.native.backends.llvm_scalar import module_text
+from kane_dynamics.native.tracing.matrix_function import Block, MatrixFunction
+
+KERNEL = 'kernel'
+
+
+def casadi_text(function: MatrixFunction) -> str:
+    """Return a module with a function and its descriptions; other symbols are internal."""
+    kernel = module_text(function.program, KERNEL).replace('define void', 'define internal void')
+    lines = [kernel, *_evaluation(function)]
+    for end, blocks in (('in', function.inputs), ('out', function.outputs)):
+        lines += _description(f'{function.name}_', end, blocks)
+    sizes = (len(function.inputs), len(function.outputs), 0,
+             _entries(function))
+    lines += [f'define i32 @{function.name}_work(ptr %arg, ptr %res, ptr %iw, ptr %w) {{',
+              *(f'  store i64 {size}, ptr %{name}'
+                for name, size in zip(('arg', 'res', 'iw', 'w'), sizes)),
+              '  ret i32 0', '}']
+    return '\n'.join(lines)
+
+
+def _evaluation(function: MatrixFunction) -> list[str]:
+    """Return the function itself: it computes all results in work space, and copies them."""
+    read = [k for k, block in enumerate(function.inputs) if block.places]
+    most = max((len(block.places) for block in function.inputs), default=0)
+    lines = [f'@zeros = internal constant [{max(most, 1)} x double] zeroinitializer',
+             'declare double @llvm.fabs.f64(double)',
+             'declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)',
+             f'define i32 @{function.name}(ptr %arg, ptr %res, ptr %iw, ptr %w, i32 %mem) {{',
+             f'  %args = alloca [{len(read) + 1} x ptr]']
+    for place, k in enumerate(read):
+        lines += [f'  %from{k} = getelementptr ptr, ptr %arg, i64 {k}',
+                  f'  %given{k} = load ptr, ptr %from{k}',
+                  f'  %null{k} = icmp eq ptr %given{k}, null',
+                  f'  %in{k} = select i1 %null{k}, ptr @zeros, ptr %given{k}',
+                  f'  %slot{k} = getelementptr ptr, ptr %args, i64 {place}',
+                  f'  store ptr %in{k}, ptr %slot{k}']
+    lines += _check(function, read)
+    lines += [f'  %result = getelementptr ptr, ptr %args, i64 {len(read)}',
+              '  store ptr %w, ptr %result', f'  call void @{KERNEL}(ptr %args)',
+              '  br i1 %invalid, label %spoil, label %results',
+              'spoil:',  # bytes of ones are NaN
+              f'  call void @llvm.memset.p0.i64(ptr %w, i8 -1, i64 {8 * _entries(function)}, '
+              'i1 false)',
+              '  br label %results', 'results:']
+    offset = 0
+    for k, block in enumerate(function.outputs):
+        count = len(block.places)
+        if count:
+            lines += [f'  %to{k} = getelementptr ptr, ptr %res, i64 {k}',
+                      f'  %out{k} = load ptr, ptr %to{k}',
+                      f'  %unwanted{k} = icmp eq ptr %out{k}, null',
+                      f'  br i1 %unwanted{k}, label %next{k}, label %copy{k}', f'copy{k}:',
+                      f'  %source{k} = getelementptr double, ptr %w, i64 {offset}',
+                      f'  call void @llvm.memcpy.p0.p0.i64(ptr %out{k}, ptr %source{k}, '
+                      f'i64 {8 * count}, i1 false)', f'  br label %next{k}', f'next{k}:']
+        offset += count
+    return [*lines, '  ret i32 0', '}']
+
+
+def _entries(function: MatrixFunction) -> int:
+    """Return the number of nonzeros of all results."""
+    return len(function.program.outputs)
+
+
+def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
+    """Return the code that finds whether an argument is beyond its limit, in `%invalid`."""
+    lines, worst = [], 'false'
+    for k in read:
+        limit = size_limit(function.inputs[k].name)
+        for place in range(len(function.inputs[k].places) if math.isfinite(limit) else 0):
+            value = f'%check{k}.{place}'
+            lines += [f'  {value}.at = getelementptr double, ptr %in{k}, i64 {place}',
+                      f'  {value}.load = load double, ptr {value}.at',
+                      f'  {value}.size = call double @llvm.fabs.f64(double {value}.load)',
+                      f'  {value}.over = fcmp ogt double {value}.size, {literal(limit)}',
+                      f'  {value} = or i1 {worst}, {value}.over']
+            worst = value
+    return [*lines, f'  %invalid = or i1 {worst}, false']
+
+
+def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
+    """Return the functions for number, names and sparsity of the arguments or results."""
+    count = len(blocks)
+    lines = [f'define i64 @{prefix}n_{end}() {{', f'  ret i64 {count}', '}']
+    for k, block in enumerate(blocks):
+        pattern = _compressed(block)
+        lines += [
+            f'@name.{end}.{k} = internal constant [{len(block.name) + 1} x i8] '
+            f'c"{block.name}\\00"',
+            f'@sparsity.{end}.{k} = internal constant [{len(pattern)} x i64] ['
+            + ', '.join(f'i64 {x}' for x in pattern) + ']']
+    for kind in ('name', 'sparsity'):
+        entries = ', '.join(f'ptr @{kind}.{end}.{k}' for k in range(count))
+        lines += [f'@{kind}.{end} = internal constant [{count} x ptr] [{entries}]',
+                  f'define ptr @{prefix}{kind}_{end}(i64 %k) {{',
+                  f'  %known = icmp ult i64 %k, {count}',
+                  '  %place = select i1 %known, i64 %k, i64 0',
+                  f'  %at = getelementptr ptr, ptr @{kind}.{end}, i64 %place',
+                  '  %found = load ptr, ptr %at',
+                  '  %result = select i1 %known, ptr %found, ptr null', '  ret ptr %result', '}']
+    return lines
+
+
+def _compressed(block: Block) -> list[int]:
+    """Return rows, columns, where each column begins, and the row of each nonzero."""
+    rows, columns = block.shape
+    begins = [sum(place < rows * column for place in block.places)
+              for column in range(columns + 1)]
+    return [rows, columns, *begins, *(place % rows for place in block.places)]

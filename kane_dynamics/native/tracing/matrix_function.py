@@ -1,0 +1,248 @@
+"""Functions of matrices with their derivatives, as traced programs with sparse results."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from kane_dynamics.native.tracing.differentiation import forward, jacobian, reverse
+from kane_dynamics.native.tracing.expression import Expr, operands
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.subroutine import call, inlined, Subroutines
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Block:
+    """
+    A matrix: an argument or a result of a function.
+
+    Attributes
+    ----------
+    name : str
+    shape : (int, int)
+        Rows and columns.
+    places : tuple of int
+        Its structural nonzeros, row + rows * column, ascending: column by column.
+
+    """
+
+    name: str
+    shape: tuple[int, int]
+    places: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Return the number of entries, zeros included."""
+        return math.prod(self.shape)
+
+
+def full(name: str, shape: tuple[int, int]) -> Block:
+    """Return a matrix without structural zeros."""
+    return Block(name, shape, tuple(range(math.prod(shape))))
+
+
+def unused(name: str, block: Block) -> Block:
+    """Return an argument that a function does not read, of the shape of a block."""
+    return Block(name, block.shape, ())
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixFunction:
+    """
+    A function of matrices, column by column, as a program.
+
+    The derivatives have the names, arguments and results by which CasADi looks for them. Results
+    of the function itself are arguments of its derivatives there; they are not read here.
+
+    Attributes
+    ----------
+    name : str
+        A C identifier.
+    inputs, outputs : tuple of Block
+        Arguments and results.
+    program : Program
+        Of the nonzeros of each argument that has some, to the nonzeros of all results.
+
+    """
+
+    name: str
+    inputs: tuple[Block, ...]
+    outputs: tuple[Block, ...]
+    program: Program
+
+    @property
+    def read(self) -> list[Block]:
+        """Return the arguments that have entries."""
+        return [block for block in self.inputs if block.places]
+
+    def forward(self) -> 'MatrixFunction':
+        """Return the rates of the results for given rates of the arguments."""
+        seeds = [Block(f'fwd_{x.name}', x.shape, x.places) for x in self.inputs]
+        rates = [Block(f'fwd_{y.name}', y.shape, y.places) for y in self.outputs]
+        count = len(self.read)
+
+        def function(*given: Any) -> Any:
+            x, tangents = _joined(given[:count]), _joined(given[count:])
+            return forward(inlined(self.program, x), x, tangents, Subroutines())
+        return _traced(f'fwd1_{self.name}', [*self._nominal(), *seeds], rates, function)
+
+    def reverse(self) -> 'MatrixFunction':
+        """Return the gradients of the results' weighted sum, for given weights."""
+        seeds = [Block(f'adj_{y.name}', y.shape, y.places) for y in self.outputs]
+        gradients = [Block(f'adj_{x.name}', x.shape, x.places) for x in self.inputs]
+        count = len(self.read)
+
+        def function(*given: Any) -> Any:
+            x, weights = _joined(given[:count]), _joined(given[count:])
+            return reverse(inlined(self.program, x), weights, x, Subroutines())
+        return _traced(f'adj1_{self.name}', [*self._nominal(), *seeds], gradients, function)
+
+    def jacobian(self, program: Program | None = None) -> 'MatrixFunction':
+        """
+        Return the derivative of every result by every argument, with its structural zeros.
+
+        `program`, if given, computes the entries, a row of all arguments for each entry of the
+        results. By default passes over the function do.
+        """
+        def function(*given: Any) -> Any:
+            x = _joined(given)
+            if program is not None:
+                return inlined(program, x)
+            return jacobian(np.array(inlined(self.program, x), dtype=object), x,
+                            Subroutines())
+        n = sum(len(x.places) for x in self.read)
+        dense = _traced('', self.read, [full('', (1, len(self.program.outputs) * n))], function)
+        depends = [sum((not _is_zero(x)) << k for k, x in enumerate(row))
+                   for row in np.reshape(np.array(dense.program.outputs, dtype=object), (-1, n))]
+        blocks, entries = self._slopes(depends)
+
+        def chosen(*given: Any) -> Any:
+            values = inlined(dense.program, _joined(given))
+            return [values[row * n + column] for row, column in entries]
+        return _traced(f'jac_{self.name}', self._nominal(), blocks, chosen)
+
+    def jacobian_by_columns(self) -> 'MatrixFunction':
+        """
+        Return the same as `jacobian`, by a call of the forward derivative for every column.
+
+        The program is short where that of `jacobian` is long, as for second derivatives.
+        """
+        rates = self.forward().program
+        blocks, entries = self._slopes(dependence(self.program))
+
+        def function(*given: Any) -> Any:
+            x = _joined(given)
+            columns = {k: _rates_by(rates, x, k) for k in sorted({k for _, k in entries})}
+            return [columns[column][row] for row, column in entries]
+        return _traced(f'jac_{self.name}', self._nominal(), blocks, function)
+
+    def _nominal(self) -> list[Block]:
+        """Return the arguments of derivatives: those of the function, and its results."""
+        return [*self.inputs, *(unused(f'out_{y.name}', y) for y in self.outputs)]
+
+    def _slopes(self, depends: Sequence[int]) -> tuple[list[Block], list[tuple[int, int]]]:
+        """
+        Return the blocks of the Jacobian, and the row and column of each of their nonzeros.
+
+        `depends` has a number for every nonzero of the results; its bit k is set if that depends
+        on nonzero k of the arguments.
+        """
+        blocks, entries = [], []
+        first_row = 0
+        for y in self.outputs:
+            first_column = 0
+            for x in self.inputs:
+                found = [(row, column) for column in range(len(x.places))
+                         for row in range(len(y.places))
+                         if depends[first_row + row] >> (first_column + column) & 1]
+                blocks.append(Block(f'jac_{y.name}_{x.name}', (y.size, x.size), tuple(
+                    y.places[row] + y.size * x.places[column] for row, column in found)))
+                entries += [(first_row + row, first_column + column) for row, column in found]
+                first_column += len(x.places)
+            first_row += len(y.places)
+        return blocks, entries
+
+
+def retraced(program: Program, arguments: Sequence[Block], parts: Mapping[str, Sequence[Any]],
+             arranged: Callable[[Any], Any]) -> Program:
+    """
+    Return a program with matrices, column by column, as its arguments.
+
+    Parameters
+    ----------
+    program : Program
+        Its inputs are in C order.
+    arguments : sequence of Block
+        Arguments without structural zeros: inputs of the program, or named in `parts`.
+    parts : mapping
+        The entries of inputs that are no arguments: numbers, or (name, k) for entry k of an
+        argument.
+    arranged : callable
+        Takes the result of the program, of its shape; returns the entries in the new order.
+
+    """
+    def function(*given: Any) -> Any:
+        arrays = {block.name: np.reshape(x, block.shape, order='F').ravel()
+                  for block, x in zip(arguments, given)}
+        values = [x for key, _ in program.inputs
+                  for x in (arrays[key] if key in arrays else [
+                      arrays[each[0]][each[1]] if isinstance(each, tuple) else float(each)
+                      for each in parts[key]])]
+        entries = np.array(inlined(program, values), dtype=object)
+        return np.ravel(arranged(entries.reshape(program.shape)))
+    return trace_program(program.name, function, _inputs(arguments))
+
+
+def dependence(program: Program) -> list[int]:
+    """Return a number for each output; its bit k is set if that depends on input entry k."""
+    first, count = {}, 0
+    for name, shape in program.inputs:
+        first[name] = count
+        count += math.prod(shape)
+    inner: dict[int, list[int]] = {}
+    found: dict[int, int] = {}
+    for node in program.schedule():
+        if node.op == 'input':
+            found[node.index] = 1 << (first[node.args[0]] + node.args[1])
+        elif node.op == 'call':
+            inner[node.index] = dependence(node.args[0])
+        elif node.op == 'output':
+            source, place = node.args
+            bits = inner[source.index][place]
+            found[node.index] = _union(found[x.index] for k, x in enumerate(source.args[1:])
+                                       if bits >> k & 1 and isinstance(x, Expr))
+        else:
+            found[node.index] = _union(found[x.index] for x in operands(node))
+    return [found[x.index] if isinstance(x, Expr) else 0 for x in program.outputs]
+
+
+def _union(masks: Iterable[int]) -> int:
+    result = 0
+    for mask in masks:
+        result |= mask
+    return result
+
+
+def _rates_by(rates: Program, x: list[Any], k: int) -> list[Any]:
+    """Return the results of a forward derivative for the unit rate of entry k of x."""
+    unit = [float(j == k) for j in range(len(x))]
+    return call(rates, x, unit)
+
+
+def _traced(name: str, inputs: Sequence[Block], outputs: Sequence[Block],
+            function: Any) -> MatrixFunction:
+    return MatrixFunction(name, tuple(inputs), tuple(outputs),
+                          trace_program(name, function, _inputs(inputs)))
+
+
+def _inputs(blocks: Sequence[Block]) -> list[tuple[str, Shape]]:
+    return [(block.name, (len(block.places),)) for block in blocks if block.places]
+
+
+def _joined(arrays: Iterable[Any]) -> list[Any]:
+    return [x for array in arrays for x in array]
+
+
+def _is_zero(x: Any) -> bool:
+    return not isinstance(x, Expr) and x == 0.0
