@@ -124,8 +124,9 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
         return shared_library.linked(linker, [
             llvm.assemble(each, shared=True) for each in [text, *map(casadi_text, others)]])
     library = object_cache.fetch(object_cache.key('casadi', text), made)
-    # The gradient of a weighted sum by reverse mode, more directions by the Jacobian.
-    options = {'jac_penalty': 1.0 / max(len(function.program.outputs), 1)}
+    # By CasADi's rules, one direction by forward or reverse mode, more by the Jacobian.
+    fewest = min(sum(len(x.places) for x in function.inputs), len(function.program.outputs))
+    options = {'jac_penalty': 1.0 / max(fewest, 1), 'ad_weight': 0.5}
     with tempfile.TemporaryDirectory() as folder:  # CasADi opens the file once
         path = Path(folder, f'{function.name}.so')
         path.write_bytes(library)

@@ -81,6 +81,7 @@ RANK = ranks(TABLE)
 # Who may import these at all, even inside a function.
 DOORS = {
     'ament_index_python': ('ros',),
+    'casadi': (),  # by name only, when a function for it is asked for
     'control_msgs': (),  # by name only, where a parameter asks for it
     'distributed': ('sweep',),
     'example_robot_data': (),
