@@ -212,7 +212,7 @@ class Rig:
             if self.moving():
                 break
         recorder.forget()
-        recorder.spin(0.1)
+        recorder.spin(0.2)
 
     def moving(self):
         """Return whether the arm moves and only the node commands."""
