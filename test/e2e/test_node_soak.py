@@ -212,7 +212,7 @@ def test_the_fullest_configuration_starts_works_and_ends_500_times_on_a_busy_mac
     wrenches = client.create_publisher(WrenchStamped, f'{NAME}/wrench', 1)
     wrench = WrenchStamped(header=Header(frame_id='c'),
                            wrench=Wrench(force=Vector3(x=1.0, z=-2.0)))
-    burning = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+    burning = [subprocess.Popen(['nice', sys.executable, '-c', 'while True: pass'])
                for _ in range(os.cpu_count())]
     answered = 0
     try:
@@ -222,7 +222,7 @@ def test_the_fullest_configuration_starts_works_and_ends_500_times_on_a_busy_mac
                 if k % 5 == 4:  # a signal at some moment of the start
                     time.sleep(chance.uniform(0.5, 6.0))
                 else:
-                    process.wait_for('active, mode')
+                    process.wait_for('active, mode', 300.0)
                     client.torques.clear()
                     for _ in range(chance.randrange(100, 300)):
                         wrench.header.stamp = client.get_clock().now().to_msg()
@@ -231,7 +231,7 @@ def test_the_fullest_configuration_starts_works_and_ends_500_times_on_a_busy_mac
                         time.sleep(1.0 / RATE)
                     answered += bool(client.torques)
             finally:
-                code, _ = process.end(chance.choice([signal.SIGINT, signal.SIGTERM]), 60.0)
+                code, _ = process.end(chance.choice([signal.SIGINT, signal.SIGTERM]), 300.0)
             assert code == 0 or (k % 5 == 4 and code in (-signal.SIGINT, -signal.SIGTERM)), (
                 k, code, process.log)
             assert not traced(process.log), (k, process.log)
