@@ -21,8 +21,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from kane_dynamics.native.tracing.expression import Expr, operands
-from kane_dynamics.native.tracing.subroutine import inlined, Subroutines
+from kane_dynamics.native.tracing.program import Program
+from kane_dynamics.native.tracing.subroutine import call, inlined, replayed, Subroutines
 import numpy as np
+
+LARGE = 50_000  # operations, times passes, of a Jacobian whose passes are calls
 
 # The slopes of every operation y = f(a, b): by a and by b.
 SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
@@ -117,16 +120,37 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
     Return the Jacobian of outputs by inputs, of the outputs' shape and one more axis.
 
     By forward mode, a pass for each input, or by reverse mode, a pass for each output: whichever
-    are fewer.
+    are fewer. Together the passes share the function's values, and each has only its own nonzero
+    entries; but where that code would be large, they are calls of one subroutine.
     """
-    flat = np.ravel(outputs)
-    if len(inputs) <= len(flat):
-        rows = np.array([forward(flat, inputs, unit, share) for unit in np.eye(len(inputs))],
-                        dtype=object).reshape(len(inputs), len(flat)).T
+    flat = list(np.ravel(np.asarray(outputs, dtype=object)))
+    by_inputs = len(inputs) <= len(flat)
+    passes = min(len(inputs), len(flat))
+
+    def one_pass(y: Any, x: Sequence[Expr], seed: Any) -> list[Any]:
+        return forward(y, x, seed, share) if by_inputs else reverse(y, seed, x, share)
+    if passes * len(_between(inputs, flat)) <= LARGE:
+        rows = [one_pass(flat, inputs, unit) for unit in np.eye(passes)]
     else:
-        rows = np.array([reverse(flat, unit, inputs, share) for unit in np.eye(len(flat))],
-                        dtype=object).reshape(len(flat), len(inputs))
-    return rows.reshape(*np.shape(outputs), len(inputs))
+        rows = _by_calls(one_pass, flat, inputs, passes, share)
+    matrix = np.array(rows, dtype=object).reshape(passes, -1)
+    return (matrix.T if by_inputs else matrix).reshape(*np.shape(outputs), len(inputs))
+
+
+def _by_calls(one_pass: Callable[..., list[Any]], outputs: Sequence[Any],
+              inputs: Sequence[Expr], passes: int, share: Subroutines) -> list[list[Any]]:
+    """Return the results of passes by calls of a subroutine, which computes any one of them."""
+    function = Program('function', (), tuple(outputs), (len(outputs),))
+    own = {x.index for x in inputs}
+    leaves = [*inputs, *(node for node in function.schedule()
+                         if node.op == 'input' and node.index not in own)]
+    place = {node.index: k for k, node in enumerate(leaves)}
+
+    def traced(values: Any, seed: Any) -> Any:
+        return np.array(one_pass(replayed(function, lambda node: values[place[node.index]]),
+                                 values[:len(inputs)], seed))
+    subroutine = share.trace('row', traced, [('values', (len(leaves),)), ('seed', (passes,))])
+    return [call(subroutine, leaves, unit) for unit in np.eye(passes)]
 
 
 def _between(inputs: Sequence[Expr], outputs: Sequence[Any]) -> list[Expr]:

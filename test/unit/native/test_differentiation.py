@@ -4,6 +4,7 @@ from kane_dynamics import Robot
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select
 from kane_dynamics.mechanics.algebra.hyperdual import HyperDual
 from kane_dynamics.native.backends.llvm_scalar import ARITHMETIC, ELEMENTARY
+from kane_dynamics.native.tracing import differentiation
 from kane_dynamics.native.tracing.differentiation import forward, jacobian, reverse, SLOPES
 from kane_dynamics.native.tracing.program import evaluate, trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
@@ -123,6 +124,21 @@ def test_subroutines_are_differentiated_as_subroutines():
     found = callees(program)
     assert sum('reverse' in each.name for each in found) >= 2
     assert len({each.name for each in found}) == len(found)  # each is a function of its own
+
+
+@pytest.mark.parametrize('results', [1, 5])
+def test_a_large_jacobian_is_computed_by_calls_of_one_pass(monkeypatch, results):
+    def function(x, y, z):
+        return np.array([np.sin(x * y) / z, 3.0, y - x, np.tanh(z) * x, z])[:results]
+
+    def matrix(x):
+        return jacobian(function(*x[:3]), [*x], Subroutines())  # x[3] has no effect
+    x, inputs = np.array([0.3, -0.8, 1.7, 0.1]), [('x', (4,))]
+    plain = trace_program('plain', matrix, inputs)
+    monkeypatch.setattr(differentiation, 'LARGE', 0)
+    called = trace_program('called', matrix, inputs)
+    assert (callees(plain), len(callees(called))) == (set(), 1)
+    np.testing.assert_allclose(evaluate(called, [x]), evaluate(plain, [x]), rtol=1e-14)
 
 
 def callees(program):
