@@ -1,4 +1,4 @@
-"""Functions for CasADi: values, derivatives of both orders, batches, an optimal control problem."""
+"""Functions for CasADi: values, derivatives of both orders, batches, optimal control."""
 
 from functools import cache
 import sys
@@ -63,7 +63,8 @@ def hessian(function):
     shapes = [function.size_in(k) for k in range(function.n_in())]
     ends = np.cumsum([0, *(rows * columns for rows, columns in shapes)]).tolist()
     z = casadi.MX.sym('z', ends[-1])
-    parts = [casadi.reshape(part, *shape) for part, shape in zip(casadi.vertsplit(z, ends), shapes)]
+    parts = [casadi.reshape(part, *shape)
+             for part, shape in zip(casadi.vertsplit(z, ends), shapes)]
     y = casadi.vec(function(*parts))
     weights = casadi.DM(np.linspace(0.7, -1.3, y.numel()))
     return casadi.Function('hessian', [z], [casadi.hessian(casadi.dot(weights, y), z)[0]])
@@ -173,6 +174,16 @@ def test_ipopt_swings_two_links_within_their_torques():
         _, tau, cost = swing(robot, True)
         np.testing.assert_allclose(cost, objective, rtol=1e-9)
         np.testing.assert_allclose(tau, expected, atol=1e-6 * most)
+
+
+@pytest.mark.skipif(shared_library.linker() is None, reason='no linker on the PATH')
+def test_a_derivative_that_machine_code_lacks_is_refused():
+    x = casadi.MX.sym('x', 2)
+    slope = casadi.vec(arm().casadi('gravity_force').jacobian()(x, 0))
+    with pytest.raises(RuntimeError, match='Derivatives cannot be calculated for jac_gravity'):
+        casadi.jacobian(slope, x)
+    slope = casadi.vec(arm().casadi('gravity_force', compiled=False).jacobian()(x, 0))
+    assert casadi.jacobian(slope, x).shape == (4, 2)
 
 
 @kinds

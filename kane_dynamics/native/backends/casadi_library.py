@@ -15,6 +15,8 @@ from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.tracing.matrix_function import Block, MatrixFunction
 
 KERNEL = 'kernel'
+KINDS = 'name', 'sparsity'
+COPY = '@llvm.memcpy.p0.p0.i64'
 
 
 def casadi_text(function: MatrixFunction) -> str:
@@ -24,7 +26,7 @@ def casadi_text(function: MatrixFunction) -> str:
     for end, blocks in (('in', function.inputs), ('out', function.outputs)):
         lines += _description(f'{function.name}_', end, blocks)
     sizes = (len(function.inputs), len(function.outputs), 0,
-             _entries(function))
+             len(function.program.outputs))
     lines += [f'define i32 @{function.name}_work(ptr %arg, ptr %res, ptr %iw, ptr %w) {{',
               *(f'  store i64 {size}, ptr %{name}'
                 for name, size in zip(('arg', 'res', 'iw', 'w'), sizes)),
@@ -34,11 +36,12 @@ def casadi_text(function: MatrixFunction) -> str:
 
 def _evaluation(function: MatrixFunction) -> list[str]:
     """Return the function itself: it computes all results in work space, and copies them."""
+    size = 8 * len(function.program.outputs)
     read = [k for k, block in enumerate(function.inputs) if block.places]
     most = max((len(block.places) for block in function.inputs), default=0)
     lines = [f'@zeros = internal constant [{max(most, 1)} x double] zeroinitializer',
              'declare double @llvm.fabs.f64(double)',
-             'declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)',
+             f'declare void {COPY}(ptr, ptr, i64, i1)',
              f'define i32 @{function.name}(ptr %arg, ptr %res, ptr %iw, ptr %w, i32 %mem) {{',
              f'  %args = alloca [{len(read) + 1} x ptr]']
     for place, k in enumerate(read):
@@ -53,27 +56,21 @@ def _evaluation(function: MatrixFunction) -> list[str]:
               '  store ptr %w, ptr %result', f'  call void @{KERNEL}(ptr %args)',
               '  br i1 %invalid, label %spoil, label %results',
               'spoil:',  # bytes of ones are NaN
-              f'  call void @llvm.memset.p0.i64(ptr %w, i8 -1, i64 {8 * _entries(function)}, '
-              'i1 false)',
+              f'  call void @llvm.memset.p0.i64(ptr %w, i8 -1, i64 {size}, i1 false)',
               '  br label %results', 'results:']
     offset = 0
     for k, block in enumerate(function.outputs):
-        count = len(block.places)
-        if count:
+        size = 8 * len(block.places)
+        if size:
             lines += [f'  %to{k} = getelementptr ptr, ptr %res, i64 {k}',
                       f'  %out{k} = load ptr, ptr %to{k}',
                       f'  %unwanted{k} = icmp eq ptr %out{k}, null',
                       f'  br i1 %unwanted{k}, label %next{k}, label %copy{k}', f'copy{k}:',
-                      f'  %source{k} = getelementptr double, ptr %w, i64 {offset}',
-                      f'  call void @llvm.memcpy.p0.p0.i64(ptr %out{k}, ptr %source{k}, '
-                      f'i64 {8 * count}, i1 false)', f'  br label %next{k}', f'next{k}:']
-        offset += count
+                      f'  %from.w{k} = getelementptr i8, ptr %w, i64 {offset}',
+                      f'  call void {COPY}(ptr %out{k}, ptr %from.w{k}, i64 {size}, i1 false)',
+                      f'  br label %next{k}', f'next{k}:']
+        offset += size
     return [*lines, '  ret i32 0', '}']
-
-
-def _entries(function: MatrixFunction) -> int:
-    """Return the number of nonzeros of all results."""
-    return len(function.program.outputs)
 
 
 def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
@@ -98,12 +95,11 @@ def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
     lines = [f'define i64 @{prefix}n_{end}() {{', f'  ret i64 {count}', '}']
     for k, block in enumerate(blocks):
         pattern = _compressed(block)
-        lines += [
-            f'@name.{end}.{k} = internal constant [{len(block.name) + 1} x i8] '
-            f'c"{block.name}\\00"',
-            f'@sparsity.{end}.{k} = internal constant [{len(pattern)} x i64] ['
-            + ', '.join(f'i64 {x}' for x in pattern) + ']']
-    for kind in ('name', 'sparsity'):
+        numbers, letters = ', '.join(f'i64 {x}' for x in pattern), len(block.name) + 1
+        name, sparsity = (f'@{kind}.{end}.{k} = internal constant' for kind in KINDS)
+        lines += [f'{name} [{letters} x i8] c"{block.name}\\00"',
+                  f'{sparsity} [{len(pattern)} x i64] [{numbers}]']
+    for kind in KINDS:
         entries = ', '.join(f'ptr @{kind}.{end}.{k}' for k in range(count))
         lines += [f'@{kind}.{end} = internal constant [{count} x ptr] [{entries}]',
                   f'define ptr @{prefix}{kind}_{end}(i64 %k) {{',
