@@ -45,7 +45,8 @@ def branching():
 def state_of(robot):
     """Return a closed configuration of a robot, speeds and their rates."""
     rng = np.random.default_rng(3)
-    q = {four_bar(): at_angle(0.7), driven(): np.r_[0.3, at_angle(0.7)]}.get(robot)
+    q = {four_bar(): at_angle(0.7), driven(): np.r_[0.3, at_angle(0.7)],
+         branching(): np.array([-1.0])}.get(robot)
     return (rng.normal(size=robot.n_q) if q is None else q,
             rng.normal(size=robot.n), rng.normal(size=robot.n))
 
