@@ -94,7 +94,8 @@ class Robot(DynamicsMethods, FrameMethods, Configurations):
 
     def __init__(self, model: Model, *, speeds: Any = None,
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
-                 actuated: Sequence[str] | Mapping[str, float] | None = None, configuration: Any = None,
+                 actuated: Sequence[str] | Mapping[str, float] | None = None,
+                 configuration: Any = None,
                  closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
                  rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,

@@ -102,7 +102,8 @@ class SpeedSets:
             raise singular_error(own, stack, q, t)
         actuated = self._equations(own).actuated
         if actuated is not None:
-            T = np.linalg.inv(system(stack, choice.free, choice.kept))[:, :own.n]
+            T = np.asarray(np.linalg.inv(system(stack, choice.free, choice.kept))[:, :own.n],
+                           dtype=np.float64)
             require_transmission(own, T, actuated, True, q)
         return self.kernels(choice.free, choice.kept) if choice.figure < now else None
 

@@ -13,6 +13,8 @@ from operator import itemgetter
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.control.constrained_law import require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS,
                                                               figure, LIMITS, loosened, SHARE,
@@ -20,7 +22,8 @@ from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCES
                                                               WELL_CHOSEN)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
-from kane_dynamics.simulation.singularity_watch import (residual_error, SingularityWatch,
+from kane_dynamics.simulation.singularity_watch import (all_trusted, residual_error,
+                                                        SingularityWatch, trusted,
                                                         watched_configurations)
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import diverged_error
@@ -34,6 +37,7 @@ GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
 ROOM = 4.0  # a choice is kept until its figure has grown by this factor
 PIECE = 256  # steps after a change before the next check of the states
 MOST_CHANGES = 20  # at one state
+NEARLY = 0.65  # of the largest transmission: its limit holds for the sum of two squares
 
 
 @dataclass(frozen=True)
@@ -42,21 +46,6 @@ class Phase:
 
     robot: Robot
     limit: float
-
-
-def trusted(states: Array) -> Any:
-    """Return which states, (K, size), are finite with a positive margin; first always true."""
-    good = np.isfinite(states).all(axis=-1) & (states[:, -1] > 0.0)
-    good[0] = True
-    return good
-
-
-def all_trusted(buffer: Array) -> Any:
-    """Return for which simulations, (N, K, size), every state is `trusted`."""
-    with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
-        whole = np.isfinite(buffer.sum(axis=(1, 2))) & (buffer[:, 1:, -1] > 0.0).all(axis=1)
-    whole[~whole] = [trusted(states).all() for states in buffer[~whole]]
-    return whole
 
 
 class SwitchingInput:
@@ -82,6 +71,7 @@ class SwitchingInput:
     def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
         """Start all simulations in the robot's own speeds."""
         self.robot, self.step, self.torque = source.robot, source.step, source.torque
+        self._law = source.torque if isinstance(source.torque, ComputedTorque) else None
         self._source, self._integrator, self._single = source, integrator, single
         mechanism = source.robot.mechanism
         self._open, self._excess = (loosened(mechanism, x) for x in (STEP_RESIDUAL, EXCESS))
@@ -128,11 +118,13 @@ class SwitchingInput:
         if key not in self._sources:
             constants = self._source.constants.copy()
             constants[-LIMITS:] = limits_of(phase.limit, self._open, self._excess)
-            kernel = step_kernel(phase.robot, False, self._integrator, self.robot.speed_names)
+            law = self._law
+            kernel = step_kernel(phase.robot, law is not None, self._integrator, None if law else
+                                 self.robot.speed_names, law.followed if law else ())
             self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
                                              self._source.start)
         torque = self.torque
-        if torque.shape[0] > 1 and len(places) < torque.shape[0]:
+        if self._law is None and torque.shape[0] > 1 and len(places) < torque.shape[0]:
             torque = np.ascontiguousarray(torque[places])
         return replace(self._sources[key], torque=torque)
 
@@ -188,6 +180,8 @@ class SwitchingInput:
         if GAIN * best.figure < now:
             return self._changed(i, state, best, done)
         watched = self._watched(i, state, done)
+        for _, _, q_next, t_next in () if self._law is None else watched:
+            require_following(phase.robot, self._law.followed, q_next, t_next, where, NEARLY)
         now, stack, q_next, t_next = max(watched, key=itemgetter(0))
         if now > SHARE * phase.limit:
             best = self._preferred(stack)
@@ -235,11 +229,11 @@ class SwitchingInput:
                  done: int) -> list[tuple[float, Any, Array, float]]:
         """Return figure, system, q and time where the next step computes its margin."""
         mechanism = self._phases[i].robot.mechanism
-        table = self.torque[min(i, len(self.torque) - 1)]
-        tau = table[min(done, len(table) - 1)]
+        robot = self._phases[i].robot
+        tau = self._source_of([i]).torque_at(state, done)
+        dual_to = (robot if self._law else self.robot).speed_names
         try:
-            configurations = watched_configurations(self._phases[i].robot, state, tau,
-                                                    self.robot.speed_names, self.step)
+            configurations = watched_configurations(robot, state, tau, dual_to, self.step)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
         result = []
