@@ -107,6 +107,20 @@ class ConstrainedEquations(ConstrainedKinematics):
         """Return M = T^T M_q T, (n, n)."""
         return congruent(self.tree.mass_matrix(q, parameters), self.at_rest(q, t).T)
 
+    def momentum_terms(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """
+        Return the momenta p of the independent speeds and beta, (2, n).
+
+        With q' = T u + X: p = T^T M_q q', and p' = tau + external - beta,
+        beta = T^T (h_q - dM_q/dt q') - (dT/dt)^T M_q q', where h_q is the tree's bias force.
+        """
+        motion = self.joint_motion(q, u, self.zeros, t)
+        tree, qdot = self.tree, motion.qdot
+        momentum = tree.mass_matrix(q, parameters) @ qdot
+        C = tree.coriolis_matrix(q, qdot, parameters)
+        held = tree.bias_force(q, qdot, parameters) - (C @ qdot + qdot @ C)
+        return np.array([motion.T.T @ momentum, motion.T.T @ held - motion.T_rate.T @ momentum])
+
     def inverse_mass_matrix(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return M^-1, (n, n)."""
         order = list(range(self.n))

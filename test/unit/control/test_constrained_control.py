@@ -2,61 +2,17 @@
 
 from functools import cache
 
-from kane_dynamics import (absolute_rates, Closure, ComputedTorque, ConstraintError, Controller,
-                           Inertial, InputError, ModelBuilder, Motion, Robot, rod, simulate)
+from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, Controller, Inertial,
+                           InputError, Motion, Robot, simulate)
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.mechanics.definition import kane
-from linkages import four_bar_model, PIN, sleigh
+from linkages import (five_bar, five_bar_at, five_bar_partial_rates, four_bar_model, PIN,
+                      sleigh)
 from mechanisms import random_model
 import numpy as np
 import pytest
 
 KP, KD = 100.0, 25.0
-BARS = (0.4, 0.7)  # m, of each arm of the five-bar
-SPAN = 0.5  # m
-
-
-@cache
-def five_bar(*actuated, weights=()):
-    """Return two arms of two bars each, joined at their tips: two degrees of freedom."""
-    b = ModelBuilder('five-bar')
-    for arm, x in (('left', 0.0), ('right', SPAN)):
-        on, at = 'world', (x, 0, 0)
-        for name, length in zip(('crank', 'bar'), BARS):
-            b.body(f'{arm}_{name}', on, axis=(0, -1, 0), at=at,
-                   matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
-            on, at = f'{arm}_{name}', (length, 0, 0)
-        b.frame(f'{arm}_tip', on, at=at)
-    tip = Closure('left_tip', 'right_tip', 'revolute', axis=(0, 1, 0), name='tip')
-    names = dict(zip(actuated, weights)) if weights else actuated or None
-    return Robot(b.model(), constraints=[tip], actuated=names, friction=False,
-                 independent=('left_crank', 'right_crank'))
-
-
-def five_bar_at(left, right):
-    """Return the closed configuration with the tip above, (4,), by two circles."""
-    ends = [np.array([x + BARS[0] * np.cos(a), BARS[0] * np.sin(a)])
-            for x, a in ((0.0, left), (SPAN, right))]
-    across = ends[1] - ends[0]
-    half = 0.5 * np.linalg.norm(across)
-    up = np.array([-across[1], across[0]]) / (2.0 * half)
-    tip = ends[0] + 0.5 * across + np.sqrt(BARS[1]**2 - half**2) * up
-    angles = [np.arctan2(*(tip - end)[::-1]) for end in ends]
-    return np.array([left, angles[0] - left, right, angles[1] - right])
-
-
-def five_bar_partial_rates(q):
-    """Return T, (4, 2), from the velocities of the two tips."""
-    columns = []
-    for first, second in (q[:2], q[2:]):
-        outer = first + second
-        both = BARS[1] * np.array([-np.sin(outer), np.cos(outer)])
-        columns += [both + BARS[0] * np.array([-np.sin(first), np.cos(first)]), both]
-    J = np.array([columns[0], columns[1], -columns[2], -columns[3]]).T
-    dependent = -np.linalg.solve(J[:, [1, 3]], J[:, [0, 2]])
-    T = np.zeros((4, 2))
-    T[[0, 2]], T[[1, 3]] = np.eye(2), dependent
-    return T
 
 
 def at_zero(function, h=5e-3):
@@ -178,7 +134,8 @@ def test_the_feedforward_of_a_five_bar_is_that_of_the_definition(everything):
         def pose(s, at=q_c, rate=u_c, twice=udot_c, cranks=cranks):
             return five_bar_at(*(at + s * rate + 0.5 * s**2 * twice)[cranks])
         q, qdot, qddot = at_zero(pose)
-        force = five_bar_partial_rates(q).T @ kane.inverse_dynamics(robot.model, q, qdot, qddot, friction=False)
+        force = five_bar_partial_rates(q).T @ kane.inverse_dynamics(
+            robot.model, q, qdot, qddot, friction=False)
         found = control.command(t, five_bar_at(2.0, 1.0), [0.0, 0.0], given).tau
         np.testing.assert_allclose(found[[0, 2]], force, rtol=0.0,
                                    atol=1e-9 * np.abs(force).max())
