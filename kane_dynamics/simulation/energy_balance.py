@@ -9,7 +9,7 @@ Energy and dissipation of all states of a chunk are one call of a SIMD kernel, w
 for a check of every step.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -86,7 +86,8 @@ class EnergyBalance:
         self._fastest, self._low, _ = self._terms(states[:, None])[:, 0]
         self._high = self._low
 
-    def look(self, states: Array, done: int, tau: Array | Law) -> None:
+    def look(self, states: Array, done: int, tau: Array | Law,
+             impacts: Sequence[tuple[int, int, float]] = ()) -> None:
         """
         Update the balance with further steps.
 
@@ -102,6 +103,8 @@ class EnergyBalance:
         tau : (1 or N, 1 or K, n) array, or callable
             Torques held during each of the K steps; or, for a continuous law, a function that
             returns the torques at row numbers of `states`, (N, rows, n).
+        impacts : sequence of (int, int, float)
+            Number of the step among the K, simulation, and energy lost at its end, J.
 
         """
         count = states.shape[1] - 1
@@ -109,12 +112,17 @@ class EnergyBalance:
         most = FEW_ROWS if len(states) > 1 else MANY_ROWS
         skips = sorted({-(-count // most), min(SKIP, count)}, reverse=True)
         with np.errstate(over='ignore', invalid='ignore'):
-            for skip in () if changing and self._driven else skips:
+            for skip in () if impacts or (changing and self._driven) else skips:
                 seen = self._balance(states, np.append(np.arange(0, count, skip), count), tau)
                 if (np.abs(seen.error) <= 0.5 * seen.allowed).all():
                     self._keep(seen)
                     return
             seen = self._balance(states, np.arange(count + 1), tau, unresolved=True)
+            if impacts:
+                lost = np.zeros(seen.error.shape)
+                for k, i, energy in impacts:
+                    lost[k, i] += energy
+                seen = seen._replace(error=seen.error + np.cumsum(lost, axis=0))
             missed = ~(np.abs(seen.error) <= seen.allowed)
         new = np.flatnonzero(np.isinf(self.began) & missed.any(axis=0))
         first = np.argmax(missed[:, new], axis=0)

@@ -73,6 +73,7 @@ class SwitchingInput:
         self.robot, self.step, self.torque = source.robot, source.step, source.torque
         self._law = source.torque if isinstance(source.torque, ComputedTorque) else None
         self._source, self._integrator, self._single = source, integrator, single
+        self.stops = source.stops
         mechanism = source.robot.mechanism
         self._open, self._excess = (loosened(mechanism, x) for x in (STEP_RESIDUAL, EXCESS))
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
@@ -122,11 +123,11 @@ class SwitchingInput:
             kernel = step_kernel(phase.robot, law is not None, self._integrator, None if law else
                                  self.robot.speed_names, law.followed if law else ())
             self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
-                                             self._source.start)
+                                             self._source.start, self._source.stops)
         torque = self.torque
         if self._law is None and torque.shape[0] > 1 and len(places) < torque.shape[0]:
             torque = np.ascontiguousarray(torque[places])
-        return replace(self._sources[key], torque=torque)
+        return replace(self._sources[key], torque=torque, places=list(places))
 
     def _resume(self, i: int, rows: Array, bad: int, done: int) -> None:
         """Continue simulation i from the state before the first rejected row to the last row."""

@@ -1,7 +1,7 @@
 """The torques of a simulation in the layout of the native step."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -16,6 +16,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.stops.joint_stops import JointStops
 import numpy as np
 
 
@@ -29,6 +30,8 @@ class TorqueInput:
     constants: Array  # gains and step, then the robot's parameters
     torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques
     start: float = 0.0  # s
+    stops: JointStops | None = None
+    places: Sequence[int] | None = None  # the simulations of the buffer; None: all, in order
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """
@@ -49,6 +52,28 @@ class TorqueInput:
             Least and largest of each entry of the K states.
 
         """
+        extremes = self._native(buffer, done, single)
+        if self.stops is not None:
+            for row in self.stops.apply(self, buffer, done):
+                for least, part in zip(extremes or (), (buffer[row, 1:].min(axis=0),
+                                                        buffer[row, 1:].max(axis=0))):
+                    least[row] = part
+        return extremes
+
+    @property
+    def follows(self) -> bool:
+        """Return whether the torque is that of computed torque, not held."""
+        return isinstance(self.torque, ComputedTorque)
+
+    def alone(self, row: int) -> 'TorqueInput':
+        """Return the input of one simulation of the buffer, without stops."""
+        table = self.torque
+        if not isinstance(table, ComputedTorque) and len(table) > 1:
+            table = table[row:row + 1]
+        return replace(self, torque=table, stops=None, places=None)
+
+    def _native(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
+        """Compute the states as `advance`, without stops."""
         steps = buffer.shape[1] - 1
         inputs, lane, stride = self._inputs(done, steps)
         rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
