@@ -28,6 +28,7 @@ ROUNDING = 1e-11  # rad or m: past a stop, with constraints, after loops are clo
 TOUCHING = 1e-9  # rad or m
 REGULAR = 1e-12  # relative, added to impulses of stops that the constraints couple
 DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
+RESTING = 1e-4  # rad/s or m/s: speed into a stop of a joint that already rests there
 ITERATIONS = 6  # of moving joints back and closing loops
 MORE = 4  # ratio of the lengths of successive pieces without contact
 
@@ -35,7 +36,7 @@ MORE = 4  # ratio of the lengths of successive pieces without contact
 class Contact(NamedTuple):
     """The contacts at the end of one step of a simulation."""
 
-    hits: dict[int, tuple[str, float]]  # joints past a stop: the stop, and the speed into it
+    hits: dict[int, tuple[str, float]]  # joints that did not rest there: stop, and speed into it
     loss: float  # J
     balance: float  # J: loss, less changes of the work of that step
 
@@ -66,7 +67,6 @@ class JointStops:
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
         self._most = ROUNDING if self._constrained else 0.0
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
-        self._last: dict[int, tuple[int, Contact]] = {}  # of each simulation, with its step
         self._events: list[StopEvent] = []
         q = starts[:, :robot.n_q]
         past = (q < self._lower - TOUCHING) | (q > self._upper + TOUCHING)
@@ -114,17 +114,14 @@ class JointStops:
         for i, contacts in self._contacts.items():
             for step, contact in contacts.items():
                 found.append((step - done - 1, i, contact.balance))
-                last, before = self._last.get(i, (-1, contact))
                 self._events += [
                     StopEvent(self._start + step * self._step, names[j], limit, speed,
-                              contact.loss, i) for j, (limit, speed) in contact.hits.items()
-                    if last != step - 1 or j not in before.hits]
-                self._last[i] = step, contact
+                              contact.loss, i) for j, (limit, speed) in contact.hits.items()]
         self._contacts.clear()
         return found
 
     def events(self, single: bool) -> tuple[StopEvent, ...]:
-        """Return the impacts: contacts of joints that were free in the step before."""
+        """Return the impacts so far, in order of time."""
         return tuple(event._replace(state=None) if single else event
                      for event in sorted(self._events))
 
@@ -154,9 +151,10 @@ class JointStops:
                 continue
             piece = 1 if first == 0 else MORE
             at = have = at + 1 + first
-            rows[at] = self._stopped(source, i, rows[at], done + at)
+            rows[at] = self._stopped(source, i, rows[at - 1], rows[at], done + at)
 
-    def _stopped(self, source: 'TorqueInput', i: int, state: Array, step: int) -> Array:
+    def _stopped(self, source: 'TorqueInput', i: int, last: Array, state: Array,
+                 step: int) -> Array:
         """Return a state after the impulses of the stops, and record the contact."""
         robot, n_q, n = source.robot, self._robot.n_q, self._robot.n
         t = self._start + step * self._step
@@ -168,8 +166,11 @@ class JointStops:
         else:
             after[:n_q], after[n_q:n_q + n] = stopped_state(
                 q, u, robot.inverse_mass_matrix(q), self._lower, self._upper)
+        before = self._rates(robot, last[:n_q], last[n_q:n_q + n], t - self._step)
+        near = np.abs(nearest_stops(last[:n_q], self._lower, self._upper)[1]) < TOUCHING
+        rested = near & (side * before < RESTING)
         hits = {int(j): ('upper' if side[j] > 0.0 else 'lower', float(side[j] * qdot[j]))
-                for j in np.flatnonzero(side * away > self._most)}
+                for j in np.flatnonzero((side * away > self._most) & ~rested)}
         loss, balance = self._energy(source, state, after, step)
         self._contacts.setdefault(i, {})[step] = Contact(hits, loss, balance)
         return after
@@ -212,7 +213,7 @@ class JointStops:
         s = side[touching]
         along = inverse @ (T[touching] * s[:, None]).T
         A = s[:, None] * T[touching] @ along
-        A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(len(A))
+        A = A + (REGULAR * np.diag(A).max(initial=0.0) or 1.0) * np.eye(len(A))
         change: Array = -(along @ stop_impulses(s * x[touching], A)[0])
         return change
 
@@ -240,11 +241,10 @@ class JointStops:
         """Return the energy lost, and the correction of the energy balance of the step, J."""
         robot, n_q, n, h = source.robot, self._robot.n_q, self._robot.n, self._step
         size = n_q + n + robot.equations.timed
-        (lost, power), u = (0.0, 0.0), []
-        for state, sign in ((before, 1.0), (after, -1.0)):
-            kinetic, potential, friction = energy_kernel(robot)(state[:size])
-            lost, power = lost + sign * (kinetic + potential), power - sign * friction
-            u.append(state[n_q:n_q + n])
+        u = [before[n_q:n_q + n], after[n_q:n_q + n]]
+        (kinetic, potential, friction), rest = energy_kernel(robot)(
+            np.array([before[:size], after[:size]])).tolist()
+        lost, power = kinetic - rest[0] + potential - rest[1], rest[2] - friction
         if not source.follows:
             tau = source.torque_at(before, step - 1)
             if not self._constrained:
