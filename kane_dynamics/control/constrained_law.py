@@ -44,11 +44,14 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
     Raises
     ------
     InputError
-        An unknown joint, another number of joints, or no default.
+        An unknown joint, another number of joints, no default, or a robot with beams.
 
     """
     names, n = robot.coordinate_names, robot.n
     equations = robot.equations
+    if robot.model.modal_coordinates:
+        raise InputError('robot: with beams, and chosen speeds or constraints; expected the rigid '
+                         'model, because no actuator moves the coordinates of bending')
     if followed is None:
         speeds = robot.speed_names
         actuated = equations.actuated if isinstance(equations, ConstrainedEquations) else None

@@ -16,6 +16,7 @@ from kane_dynamics.control.constrained_law import (constrained_law_kernel, follo
                                                    motion_columns, require_closed)
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.loop_closure import followed_posture, SMALL, STRIDE
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.native.runtime.argument import Argument
@@ -46,6 +47,7 @@ class ConstrainedTorques:
     def __init__(self, robot: Robot, followed: Sequence[str] | None,
                  preload: ArrayLike | None) -> None:
         """Find the joints that follow; kernels compile on first use."""
+        assert isinstance(robot.equations, ConstrainedEquations)
         self._robot, self._equations = robot, robot.equations
         self.places = list(followed_joints(robot, followed))
         self.followed = tuple(robot.coordinate_names[k] for k in self.places)
@@ -56,7 +58,7 @@ class ConstrainedTorques:
         """Return the preload; InputError unless it loads redundant actuators alone."""
         robot, equations = self._robot, self._equations
         torques = constant(preload, (robot.n_q,), 'preload', InputError)
-        actuated: Any = getattr(equations, 'actuated', None) or []
+        actuated = equations.actuated or []
         others = [name for k, name in enumerate(robot.coordinate_names)
                   if torques[k] and k not in actuated]
         if len(actuated) <= robot.n or others:
@@ -191,7 +193,7 @@ class ConstrainedTorques:
 
     def _closing(self, q: Any, target: Any, t: Any) -> Any:
         """Return q after one Newton step on the constraints and the joints that follow."""
-        equations: Any = self._equations
+        equations = self._equations
         closed = equations.closure_step(q, t)
         motion = equations.at_rest(q, t)
         return closed + motion.T @ self._solved(motion, target - closed[self.places])

@@ -2,9 +2,10 @@
 
 from kane_dynamics._util.typing import Array
 import numpy as np
+from numpy.typing import NDArray
 
 
-def stop_impulses(into: Array, A: Array) -> tuple[Array, Array]:
+def stop_impulses(into: Array, A: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
     Return the impulses of stops in contact, (k,), and which of them act, (k,) bool.
 

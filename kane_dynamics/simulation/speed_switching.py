@@ -181,8 +181,9 @@ class SwitchingInput:
         if GAIN * best.figure < now:
             return self._changed(i, state, best, done)
         watched = self._watched(i, state, done)
-        for _, _, q_next, t_next in () if self._law is None else watched:
-            require_following(phase.robot, self._law.followed, q_next, t_next, where, NEARLY)
+        if self._law is not None:
+            for _, _, q_next, t_next in watched:
+                require_following(phase.robot, self._law.followed, q_next, t_next, where, NEARLY)
         now, stack, q_next, t_next = max(watched, key=itemgetter(0))
         if now > SHARE * phase.limit:
             best = self._preferred(stack)
