@@ -37,6 +37,7 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
     Parameters
     ----------
     robot : Robot
+        With chosen speeds or constraints.
     followed : sequence of str, optional
         Their names. Default: all joints without constraints; else those whose rates are the
         independent speeds, or else those with actuators.

@@ -1,8 +1,4 @@
-"""
-Controller: the torques to command for a measured state and a desired motion.
-
-Plain library code without ROS; the node converts messages.
-"""
+"""Controller: the torques to command for a measured state and a desired motion, without ROS."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -20,7 +16,7 @@ from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.motion.motion import Motion, State
+from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -235,10 +231,27 @@ class Controller(ControllerSettings):
         if self._constrained is not None:
             self._constrained.restart()
 
-    def _computed_torque(self, q: Array, u: Array, motion: Motion | None,
-                         moment: float) -> Array:
+    def _computed_torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+                         t: float = 0.0) -> Array:
+        """Return the torque towards the motion, or towards the pose that is held without one."""
+        law = self._constrained
+        if motion is not None:
+            self._pose = None  # the pose at the end of the motion is held next
+            desired = motion.sample(moment) if law is None else law.desired(motion, moment)
+            return self._feedback(q, u, *desired, t)
+        here = q if law is None else q[law.places]
+        tau = self._feedback(q, u, here if self._pose is None else self._pose, self._zero,
+                             self._zero, t)
+        if self._pose is None and np.isfinite(tau).all():  # a refused state is no pose
+            self._pose = here.copy()
+        return tau
+
+    def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array,
+                  t: float) -> Array:
         """Return the torque of the model at the measured state and the corrected acceleration."""
-        q_d, u_d, udot_d = self._desired(q, motion, moment)
+        if self._constrained is not None:
+            return self._constrained.computed_torque(q, u, (q_d, u_d, udot_d), self._gains,
+                                                     self._compensate, self._back, t)
         if self._compensate.complete and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
@@ -249,16 +262,6 @@ class Controller(ControllerSettings):
         tau: Array = self._back @ self._source.torque_terms(q, u, udot)
         return tau + self.robot.friction_force(u_d) if self._compensate.friction else tau
 
-    def _desired(self, q: Array, motion: Motion | None, moment: float) -> State:
-        """Return the desired q, u, udot of the joints that follow; hold q without a motion."""
-        if motion is None:
-            if self._pose is None:
-                self._pose = q.copy()
-            return self._pose, self._zero, self._zero
-        self._pose = None  # the pose at the end of the motion is held next
-        return (motion.sample(moment) if self._constrained is None else
-                self._constrained.desired(motion, moment))
-
     def _shared(self, t: float, q: Array, u: Array, motion: Motion | None, moment: float,
                 external: Array | None) -> Array:
         """Return the joint torques, (n_q,), of a robot with chosen speeds or constraints."""
@@ -266,8 +269,7 @@ class Controller(ControllerSettings):
         assert law is not None
         at = q
         if self._mode is Mode.COMPUTED_TORQUE:
-            desired = self._desired(q[law.places], motion, moment)
-            tau = law.computed_torque(q, u, desired, self._gains, terms, self._back, t)
+            tau = self._computed_torque(q, u, motion, moment, t)
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
             at, tau = law.feedforward(q, motion, moment, terms, t)
         else:

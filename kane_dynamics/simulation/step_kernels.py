@@ -105,9 +105,9 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         name = f'{name}_{"_".join(map(str, followed))}'
     inputs = _inputs(robot, feedback)
     arguments = [Argument(key, shape) for key, shape in inputs[:2]]
-    return robot.kernels.extra(name, lambda: _program(robot, name, feedback, integrator, dual_to,
-                                                           followed), arguments,
-                               np.zeros(inputs[2][1]), inputs[0][1])
+    return robot.kernels.extra(
+        name, lambda: _program(robot, name, feedback, integrator, dual_to, followed), arguments,
+        np.zeros(inputs[2][1]), inputs[0][1])
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:

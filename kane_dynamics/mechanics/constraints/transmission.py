@@ -27,6 +27,7 @@ def transmission_margin(mechanism: Mechanism, T: Any, places: Sequence[int]) -> 
     Parameters
     ----------
     mechanism : Mechanism
+        Its units scale the coordinates.
     T : (n_q, n) array of scalars
         Joint rates per unit of each independent speed.
     places : sequence of int

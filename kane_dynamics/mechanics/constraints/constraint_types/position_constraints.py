@@ -94,13 +94,15 @@ class Prescribed:
         freeze(self, 'name', self.name or f'prescribed {self.joint}')
         what = f"constraint '{self.name}'"
         try:
-            if hasattr(self.position, 'joint_polynomial'):
+            if isinstance(self.position, type):
+                pass  # a class has the methods of its instances
+            elif hasattr(self.position, 'joint_polynomial'):
                 freeze(self, 'position', self.position.joint_polynomial(self.joint))
             elif isinstance(self.position, tuple | list) and len(self.position) == 2:
                 freeze(self, 'position', clamped_spline(*self.position))
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
-        if not callable(self.position):
+        if not callable(self.position) or isinstance(self.position, type):
             raise ConstraintError(f'{what}: position: a {type(self.position).__name__}; '
                                   'expected a function of t, a Motion, or a table (times, '
                                   'positions)')
