@@ -40,6 +40,19 @@ class BalanceTerms(NamedTuple):
     high: Array
 
 
+class Impact(NamedTuple):
+    """
+    Energy that stops take at the end of one of several steps.
+
+    The uncertainty is that of the work of the step, J.
+    """
+
+    step: int
+    simulation: int
+    energy: float
+    unresolved: float
+
+
 class EnergyBalance:
     """
     Compares the change of energy with the work, step by step.
@@ -87,7 +100,7 @@ class EnergyBalance:
         self._high = self._low
 
     def look(self, states: Array, done: int, tau: Array | Law,
-             impacts: Sequence[tuple[int, int, float]] = ()) -> None:
+             impacts: Sequence[Impact] = ()) -> None:
         """
         Update the balance with further steps.
 
@@ -103,8 +116,8 @@ class EnergyBalance:
         tau : (1 or N, 1 or K, n) array, or callable
             Torques held during each of the K steps; or, for a continuous law, a function that
             returns the torques at row numbers of `states`, (N, rows, n).
-        impacts : sequence of (int, int, float)
-            Number of the step among the K, simulation, and energy lost at its end, J.
+        impacts : sequence of Impact
+            Of the K steps.
 
         """
         count = states.shape[1] - 1
@@ -119,10 +132,7 @@ class EnergyBalance:
                     return
             seen = self._balance(states, np.arange(count + 1), tau, unresolved=True)
             if impacts:
-                lost = np.zeros(seen.error.shape)
-                for k, i, energy in impacts:
-                    lost[k, i] += energy
-                seen = seen._replace(error=seen.error + np.cumsum(lost, axis=0))
+                seen = _with_impacts(seen, impacts)
             missed = ~(np.abs(seen.error) <= seen.allowed)
         new = np.flatnonzero(np.isinf(self.began) & missed.any(axis=0))
         first = np.argmax(missed[:, new], axis=0)
@@ -244,6 +254,17 @@ class EnergyBalance:
                 f'the work done, by up to {self.worst[k]:.3g} J{more}; expected at most '
                 f'{self.expected[k]:.3g} J at that time with a step of {self._step:g} s. The '
                 f'motion is wrong from there on. {remedy}')
+
+
+def _with_impacts(seen: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerms:
+    """Return the terms with the energy of impacts, from the end of their steps on."""
+    lost, uncertain = np.zeros((2, *seen.error.shape))
+    for step, i, energy, unresolved in impacts:
+        lost[step, i] += energy
+        uncertain[step, i] += unresolved
+    uncertain = np.cumsum(uncertain, axis=0)
+    return seen._replace(error=seen.error + np.cumsum(lost, axis=0),
+                         allowed=seen.allowed + uncertain, unresolved=seen.unresolved + uncertain)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -19,7 +19,7 @@ from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.discontinuities import JumpWatch
-from kane_dynamics.simulation.energy_balance import EnergyBalance
+from kane_dynamics.simulation.energy_balance import EnergyBalance, Impact
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.simulation_arguments import (
     checked_torque, initial_states, MOST_STEPS, steps_per_sample, whole_steps)
@@ -256,7 +256,7 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
     return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
 
 
-def _impacts(source: Any, done: int) -> Sequence[tuple[int, int, float]]:
+def _impacts(source: Any, done: int) -> Sequence[Impact]:
     """Return the energies lost in stops during the steps after `done`."""
     return () if source.stops is None else source.stops.settle(done)
 

@@ -16,6 +16,7 @@ from kane_dynamics.mechanics.joint_stops import nearest_stops, stop_impulses, st
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import Impact
 from kane_dynamics.simulation.energy_kernels import energy_kernel
 from kane_dynamics.simulation.trajectory import StopEvent
 from kane_dynamics.simulation.user_speeds import UserSpeeds
@@ -29,7 +30,7 @@ TOUCHING = 1e-9  # rad or m
 REGULAR = 1e-12  # relative, added to impulses of stops that the constraints couple
 DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
 RESTING = 1e-4  # rad/s or m/s: speed into a stop of a joint that already rests there
-ITERATIONS = 6  # of moving joints back and closing loops
+ITERATIONS = 10  # of moving joints back and closing loops
 MORE = 4  # ratio of the lengths of successive pieces without contact
 
 
@@ -39,6 +40,7 @@ class Contact(NamedTuple):
     hits: dict[int, tuple[str, float]]  # joints that did not rest there: stop, and speed into it
     loss: float  # J
     balance: float  # J: loss, less changes of the work of that step
+    unresolved: float  # J: uncertainty of the work of that step
 
 
 class JointStops:
@@ -104,16 +106,16 @@ class JointStops:
                 changed.append(row)
         return changed
 
-    def settle(self, done: int) -> list[tuple[int, int, float]]:
+    def settle(self, done: int) -> list[Impact]:
         """
-        Close the contacts so far; return step, simulation and energy lost (J) of each.
+        Close the contacts so far and return their effects on the energy balance.
 
         The steps after `done` steps, counted from 0, are not computed again.
         """
         names, found = self._robot.coordinate_names, []
         for i, contacts in self._contacts.items():
             for step, contact in contacts.items():
-                found.append((step - done - 1, i, contact.balance))
+                found.append(Impact(step - done - 1, i, contact.balance, contact.unresolved))
                 self._events += [
                     StopEvent(self._start + step * self._step, names[j], limit, speed,
                               contact.loss, i) for j, (limit, speed) in contact.hits.items()]
@@ -171,8 +173,8 @@ class JointStops:
         rested = near & (side * before < RESTING)
         hits = {int(j): ('upper' if side[j] > 0.0 else 'lower', float(side[j] * qdot[j]))
                 for j in np.flatnonzero((side * away > self._most) & ~rested)}
-        loss, balance = self._energy(source, state, after, step)
-        self._contacts.setdefault(i, {})[step] = Contact(hits, loss, balance)
+        self._contacts.setdefault(i, {})[step] = Contact(
+            hits, *self._energy(source, state, after, step))
         return after
 
     def _rates(self, robot: Robot, q: Array, u: Array, t: Any) -> Array:
@@ -182,19 +184,29 @@ class JointStops:
     def _admissible(self, robot: Robot, q: Array, u: Array, t: float) -> tuple[Array, Array]:
         """Return q and u after impulses in the space of the admissible motions."""
         at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
+        contact: Any = None  # indices of the joints that end at their stops
         for _ in range(ITERATIONS):
             T, X, inverse = self._partial_rates(robot, q, t, at)
             side, away = nearest_stops(q, self._lower, self._upper)
-            if not (side * away > self._most).any():
-                break
-            touching = np.flatnonzero(side)
-            q = self._closed(robot, q + T @ self._change(side, away, touching, T, inverse), t)
+            past = np.flatnonzero(side * away > self._most)
+            if contact is None:
+                stops = np.flatnonzero(side)
+                s, along, A = _response(side, stops, T, inverse)
+                p, active = stop_impulses(s * away[stops], A)
+                contact = stops[active]
+            else:  # the loops are not linear: iterate to the stops, from either side
+                contact = np.union1d(contact, past)
+                if not len(past) and (np.abs(away[contact]) <= self._most).all():
+                    break
+                s, along, A = _response(side, contact, T, inverse)
+                p = np.linalg.solve(A, s * away[contact])
+            q = self._closed(robot, q - T @ (along @ p), t)
         else:
             raise self._driven(q, side * away, t)
         side = side * (np.abs(away) < TOUCHING)
-        touching = np.flatnonzero(side)
-        qdot = T @ u + X
-        u = u + self._change(side, qdot, touching, T, inverse)
+        qdot, stops = T @ u + X, np.flatnonzero(side)
+        s, along, A = _response(side, stops, T, inverse)
+        u = u - along @ stop_impulses(s * qdot[stops], A)[0]
         into = side * (T @ u + X)
         if (into > DRIVEN * np.abs(qdot).max(initial=1e-6)).any():
             raise self._driven(q, into, t)
@@ -207,15 +219,6 @@ class JointStops:
         rows = np.concatenate([np.zeros((1, n)), np.eye(n)])
         rates = self._rates(robot, np.tile(q, (n + 1, 1)), rows, t)
         return (rates[1:] - rates[0]).T, rates[0], robot.inverse_mass_matrix(q, **at)
-
-    def _change(self, side: Array, x: Array, touching: Any, T: Array, inverse: Array) -> Array:
-        """Return the change of the independent speeds that ends x, (n_q,), into the stops."""
-        s = side[touching]
-        along = inverse @ (T[touching] * s[:, None]).T
-        A = s[:, None] * T[touching] @ along
-        A = A + (REGULAR * np.diag(A).max(initial=0.0) or 1.0) * np.eye(len(A))
-        change: Array = -(along @ stop_impulses(s * x[touching], A)[0])
-        return change
 
     def _closed(self, robot: Robot, q: Array, t: float) -> Array:
         """Return q after two Newton steps on the loops."""
@@ -237,8 +240,8 @@ class JointStops:
                                'drive it on; expected a motion between the stops')
 
     def _energy(self, source: 'TorqueInput', before: Array, after: Array,
-                step: int) -> tuple[float, float]:
-        """Return the energy lost, and the correction of the energy balance of the step, J."""
+                step: int) -> tuple[float, float, float]:
+        """Return loss, balance and uncertainty of a `Contact`."""
         robot, n_q, n, h = source.robot, self._robot.n_q, self._robot.n, self._step
         size = n_q + n + robot.equations.timed
         u = [before[n_q:n_q + n], after[n_q:n_q + n]]
@@ -248,12 +251,29 @@ class JointStops:
         if not source.follows:
             tau = source.torque_at(before, step - 1)
             if not self._constrained:
-                return lost, lost - float(tau @ (before[:n_q] - after[:n_q])) - 0.5 * h * power
+                work = float(tau @ (before[:n_q] - after[:n_q]))
+                return lost, lost - work - 0.5 * h * power, 0.0
             if robot.speed_names != self._robot.speed_names:  # tau is dual to the user's speeds
                 t, user = self._start + step * h, UserSpeeds(self._robot)
                 u = [user.speeds(robot, state[:n_q], x, 0.0 * x, t)[0]
                      for state, x in zip((before, after), u)]
-            return lost, lost - 0.5 * h * (float(tau @ (u[0] - u[1])) + power)
+            return lost, lost - 0.5 * h * (float(tau @ (u[0] - u[1])) + power), 0.0
         given = [float(source.torque_at(state, step) @ x)
                  for state, x in zip((before, after), u)]
-        return lost, lost - 0.5 * h * (power + given[0] - given[1])
+        work = 0.5 * h * (given[0] - given[1])
+        # Feedback of the speed bends the power within the step by this fraction.
+        bent = min(1.0, 0.5 * h * float(np.max(source.torque.kd, initial=0.0)))
+        return lost, lost - work - 0.5 * h * power, bent * abs(work)
+
+
+def _response(side: Array, joints: Any, T: Array, inverse: Array) -> tuple[Array, Array, Array]:
+    """
+    Return the response to impulses of the stops of k joints, given by index.
+
+    It is their sides (k,), the changes of the independent speeds (n, k), and the motion away from
+    each stop (k, k), regular where the constraints couple stops.
+    """
+    s = side[joints]
+    along = inverse @ (T[joints] * s[:, None]).T
+    A = s[:, None] * T[joints] @ along
+    return s, along, A + (REGULAR * np.diag(A).max(initial=0.0) or 1.0) * np.eye(len(A))
