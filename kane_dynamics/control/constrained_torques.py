@@ -20,6 +20,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.loop_closure import followed_posture, SMALL, STRIDE
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -53,6 +54,8 @@ class ConstrainedTorques:
         self.followed = tuple(robot.coordinate_names[k] for k in self.places)
         self._preload = None if preload is None else self._checked(preload)
         self._last: Array | None = None  # configuration of the last feedforward
+        self._of_path: list[str] | None = None  # rows of velocities alone, once known
+        self._functions: dict[str, Callable[..., Array]] = {}
 
     def _checked(self, preload: ArrayLike) -> Array:
         """Return the preload; InputError unless it loads redundant actuators alone."""
@@ -95,10 +98,7 @@ class ConstrainedTorques:
         """Return the generalized force of computed torque; `back` weights all but friction."""
         robot, at = self._robot, self._at(t)
         if terms.complete:
-            more: list[Any] = [None] if len(robot.kernels.no_wrench) else []
-            tau: Array = constrained_law_kernel(robot, self.places)(
-                q, u, *desired, gains, *more, *at.values())
-            return tau
+            return self._law(t)(q, u, *desired, gains)
         q_d, u_d, udot_d = desired
         n = len(self.places)
         qdot = robot.joint_rates(q, u, **at)[self.places]
@@ -110,6 +110,19 @@ class ConstrainedTorques:
             wanted = self._called('followed_speeds', self._speeds, (q, u_d), t)
             tau = tau + robot.torque_terms(q, wanted, 0.0 * wanted, **at)[FRICTION]
         return tau
+
+    def _law(self, t: float) -> Callable[..., Array]:
+        """Return the law as a function of states and gains, without wrenches, at a time."""
+        if 'law' not in self._functions or self._equations.timed:
+            kernel = constrained_law_kernel(self._robot, self.places)
+            more: list[Any] = [None] if len(self._robot.kernels.no_wrench) else []
+
+            def checked(*given: Array) -> Array:
+                result: Array = kernel(*given, *more, *self._at(t).values())
+                return result
+            self._functions['law'] = checked if self._equations.timed else kernel.entry(
+                '', checked)
+        return self._functions['law']
 
     def feedforward(self, q: Array, motion: Motion, moment: float, terms: Terms,
                     t: float) -> tuple[Array, Array]:
@@ -161,12 +174,15 @@ class ConstrainedTorques:
         """
         mechanism = self._robot.mechanism
         if given < self._robot.n_q:
-            rows = mechanism.rows(mechanism.state(start, t))
-            free = [mechanism.labels[k] for k in mechanism.kept if rows.residual[k] is None]
-            if free:
-                raise InputError(f'motion: of {given} joints, with {", ".join(free)}; expected a '
-                                 'motion of all joints, because a constraint on velocities leaves '
-                                 'the configuration to the path, or computed torque')
+            if self._of_path is None:
+                rows = mechanism.rows(mechanism.state(start, t))
+                self._of_path = [mechanism.labels[k] for k in mechanism.kept
+                                 if rows.residual[k] is None]
+            if self._of_path:
+                raise InputError(f'motion: of {given} joints, with {", ".join(self._of_path)}; '
+                                 'expected a motion of all joints, because a constraint on '
+                                 'velocities leaves the configuration to the path, or computed '
+                                 'torque')
         here = start
         if (np.abs(target - start[self.places]) <= SMALL * mechanism.units[self.places]).all():
             for _ in range(ITERATIONS):
@@ -204,6 +220,15 @@ class ConstrainedTorques:
     def _called(self, name: str, function: Callable[..., Any], given: tuple[Array, ...],
                 t: float) -> Array:
         """Return the result of a traced function of arrays and the time."""
+        timed = self._equations.timed
+        if name not in self._functions:
+            kernel = self._traced(name, function, given)
+            self._functions[name] = kernel.entry('', kernel)
+        return self._functions[name](*given, *([t] if timed else []))
+
+    def _traced(self, name: str, function: Callable[..., Any],
+                given: tuple[Array, ...]) -> Kernel:
+        """Return the kernel of a function."""
         robot, timed = self._robot, self._equations.timed
         block = robot.parameters.block
         arguments = [Argument(f'x{k}', x.shape) for k, x in enumerate(given)]
@@ -211,9 +236,7 @@ class ConstrainedTorques:
 
         def traced(*x: Any) -> Any:
             return function(*x[:len(given)], x[len(given)][()] if timed else 0.0)
-        kernel = robot.kernels.extra(
+        return robot.kernels.extra(
             f'{name}_{"_".join(map(str, self.places))}', lambda: trace_program(name, traced, [
                 *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
             arguments, block, (robot.n_q if name == 'closing_step' else robot.n,))
-        result: Array = kernel(*given, *([t] if timed else []))
-        return result

@@ -110,7 +110,8 @@ class Controller(ControllerSettings):
     def _law(self) -> Callable[..., Array]:
         """Return the entry point of the computed-torque kernel, with all terms."""
         kernel = law_kernel(self.robot)
-        return kernel.entry('', kernel)
+        more = [None] if len(self.robot.kernels.no_wrench) else []
+        return kernel.entry('', lambda *given: kernel(*given, *more))
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels that commands need in addition to those of the robot."""

@@ -260,3 +260,15 @@ def test_computed_torque_of_a_tree_with_wrench_frames():
                      torque=ComputedTorque(robot, motion, KP, KD))
             for robot in (Robot(model), Robot(model, wrench_frames=['frame2']))]
     np.testing.assert_allclose(runs[1].tau, runs[0].tau, rtol=1e-12)
+
+
+def test_refusals_are_named_with_wrench_frames_too():
+    tree = Controller(Robot(random_model(5, 3), wrench_frames=['frame2']), mode='computed_torque',
+                      kp=1e300)
+    motion = Motion.from_points([0.0, 1.0], np.full((2, 3), 1e200),
+                                joint_names=tree.robot.joint_names)
+    with pytest.raises(InputError, match='not finite'), pytest.warns(UserWarning, match='degrees'):
+        tree.command(0.5, np.zeros(3), np.zeros(3), motion)
+    control = Controller(five_bar(wrench_frames=('left_tip',)), mode='computed_torque')
+    with pytest.raises(ConstraintError, match='residual'):
+        control.command(0.0, five_bar_at(2.0, 1.0) + 0.1, [0.0, 0.0])
