@@ -115,7 +115,7 @@ class EnergyBalance:
             Number of earlier steps.
         tau : (1 or N, 1 or K, n) array, or callable
             Torques held during each of the K steps; or, for a continuous law, a function that
-            returns the torques at row numbers of `states`, (N, rows, n).
+            returns its power at row numbers of `states`, (N, rows), W.
         impacts : sequence of Impact
             Of the K steps.
 
@@ -155,8 +155,7 @@ class EnergyBalance:
         power, work = -loss, self._work(states, chosen, rows, tau)
         given = power
         if callable(tau):
-            n_q, n = self.robot.n_q, self.robot.n
-            given = power = power + _dot(tau(rows), chosen[:, :, n_q:n_q + n])
+            given = power = power + tau(rows).T
         elif self._driven is not None:
             before, after = self._driven_power(chosen, tau)
             work = work + 0.5 * h * (before + after)

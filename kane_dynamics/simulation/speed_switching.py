@@ -9,6 +9,7 @@ state; any other reason is an error. Near a singularity of all choices every ste
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -29,7 +30,7 @@ from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import diverged_error
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
-from kane_dynamics.simulation.user_speeds import UserSpeeds
+from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
 import numpy as np
 
 STEP_RESIDUAL = 1e-3  # m or rad: largest residual after one step, before the correction
@@ -257,7 +258,9 @@ class SwitchingInput:
 
     def acting(self, buffer: Array, done: int) -> Any:
         """Return the torques of the steps of a buffer; as `TorqueInput.acting`."""
-        return self._source.acting(buffer, done)
+        if self._law is None:
+            return self._source.acting(buffer, done)
+        return partial(law_power, self._history, self._source, buffer, done)
 
     def in_own_speeds(self, buffer: Array, done: int) -> Array:
         """Return a buffer's states in the user's own speeds."""

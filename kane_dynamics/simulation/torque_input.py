@@ -122,7 +122,7 @@ class TorqueInput:
         -------
         (1 or N, 1 or K, n) array, or callable
             Torques held during each step; or, for computed torque, a function that returns the
-            torques at row numbers of the buffer.
+            power of the torques, (N, rows), W, at row numbers of the buffer.
 
         """
         if isinstance(self.torque, ComputedTorque):
@@ -131,7 +131,8 @@ class TorqueInput:
             def at(rows: Array) -> Array:
                 q, u = (np.ascontiguousarray(buffer[:, rows, part])
                         for part in (slice(0, n_q), slice(n_q, n_q + n)))
-                return self.torques(done + rows, q, u)
+                power: Array = np.einsum('nkj,nkj->nk', self.torques(done + rows, q, u), u)
+                return power
             return at
         steps = buffer.shape[1] - 1
         table: Array = self.torque

@@ -70,7 +70,7 @@ def test_any_joint_of_a_four_bar_may_follow_whatever_the_independent_speed(follo
 
 
 def test_a_body_on_a_runner_follows_in_its_independent_joints():
-    robot = sleigh('body/x', 'body/turn') if 'body/turn' in sleigh().joint_names else sleigh()
+    robot = sleigh()
     names = robot.speed_names
     motion = Motion.from_points([0.0, 1.0], [[0.1] * 2, [0.5] * 2], joint_names=names)
     run = simulate(robot, np.zeros(3), [0.1, 0.2], 0.8, sample=0.02,
@@ -272,3 +272,16 @@ def test_refusals_are_named_with_wrench_frames_too():
     control = Controller(five_bar(wrench_frames=('left_tip',)), mode='computed_torque')
     with pytest.raises(ConstraintError, match='residual'):
         control.command(0.0, five_bar_at(2.0, 1.0) + 0.1, [0.0, 0.0])
+
+
+def test_a_motion_is_followed_where_the_independent_speeds_change():
+    robot, u0 = sleigh(), np.array([0.1, 0.2])
+    motion = Motion.from_points([0.0, 1.0, 2.0], [[0.0, 0.5], [0.6, 1.4], [1.5, 2.3]],
+                                joint_names=['body/y', 'body/rz'])
+    run = simulate(robot, [0.0, 0.0, 0.5], u0, 2.0, sample=0.02,
+                   torque=ComputedTorque(robot, motion, KP, KD))
+    assert run.speed_changes and not run.warnings
+    q_d, u_d, _ = motion.sample(run.t)
+    error = q_d - run.q[:, 1:]
+    expected = decayed(run.t, error[0], u_d[0] - [0.1 * np.tan(0.5), 0.2])
+    np.testing.assert_allclose(error, expected, atol=1e-6 * np.abs(error).max())

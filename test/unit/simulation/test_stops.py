@@ -183,3 +183,12 @@ def test_what_stops_cannot_hold_is_refused():
                            friction=False), joint0=(-1.0, 0.05))
     with pytest.raises(ConstraintError, match="'joint0' is at its stop, and the constraints"):
         simulate(driven, np.zeros(3), np.zeros(2), 0.1, stops=True)
+
+
+def test_stops_act_after_a_change_of_the_independent_speeds():
+    robot = stopped(sleigh(), **{'body/y': (-FREE, 0.9)})
+    run = simulate(robot, [0.0, 0.0, 0.5], [1.0, 1.7], 3.0, stops=True, torque=[0.0, 0.2])
+    assert run.speed_changes and not run.warnings
+    assert [event.joint for event in run.stop_events] == ['body/y']
+    assert run.q[:, 1].max() < 0.9 + 1e-9
+    np.testing.assert_allclose(run.u[:, 1], 1.7 + 0.5 * run.t, atol=1e-6)  # no moment of the stop
