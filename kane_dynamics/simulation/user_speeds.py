@@ -165,6 +165,8 @@ def law_power(history: Sequence[Sequence[tuple[int, Robot]]], source: Any, buffe
         Of computed torque.
     buffer : (N, K + 1, size) array
         States after `done` steps, and after each of the next K.
+    done : int
+        Number of earlier steps.
     rows : (k,) array of int
         Row numbers of the buffer.
 
