@@ -1,20 +1,21 @@
 """Controller: the torques to command for a measured state and a desired motion, without ROS."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from enum import StrEnum
+from collections.abc import Callable, Sequence
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
+from kane_dynamics.control.constrained_torques import ConstrainedTorques
+from kane_dynamics.control.controller_settings import ControllerSettings
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.terms import EVERY_TERM, Terms
+from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
@@ -24,16 +25,8 @@ from numpy.typing import ArrayLike
 __all__ = ['Controller', 'Mode', 'Terms']
 
 
-class Mode(StrEnum):
-    """Control modes; see `Controller`."""
-
-    INVERSE_DYNAMICS = 'inverse_dynamics'
-    COMPUTED_TORQUE = 'computed_torque'
-    GRAVITY_COMPENSATION = 'gravity_compensation'
-
-
 @fixed
-class Controller:
+class Controller(ControllerSettings):
     """
     Computes torque commands for successive measured states.
 
@@ -71,6 +64,13 @@ class Controller:
         N m/s or N/s; infinite for no limit.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model; its torques are commanded then.
+    followed, preload : optional
+        With chosen speeds or constraints: the joints that follow the motion, as for
+        `ComputedTorque`, in the order of the gains; and joint torques (n_q,), to which those of
+        redundant actuators are nearest. The commands are torques of all joints, (n_q,), zero
+        without an actuator (`Robot.joint_torques`). Inverse dynamics closes the loops on the
+        branch of the first measured state; under constraints on velocities it needs a motion of
+        all joints.
 
     Raises
     ------
@@ -82,14 +82,22 @@ class Controller:
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
                  compensate: Terms = EVERY_TERM, kp: ArrayLike = KP, kd: ArrayLike = KD,
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
-                 bending: QuasiStatic | None = None) -> None:
+                 bending: QuasiStatic | None = None, followed: Sequence[str] | None = None,
+                 preload: ArrayLike | None = None) -> None:
         self.robot, self.bending = robot, bending
-        self._names = tuple(robot.joint_names)
-        if bending is not None and bending.joint_names != self._names:
+        self._names = self._speeds = self._follow = tuple(robot.joint_names)
+        self._constrained: ConstrainedTorques | None = None
+        if isinstance(robot.equations, ConstrainedEquations):
+            self._constrained = ConstrainedTorques(robot, followed, preload)
+            self._speeds, self._follow = robot.speed_names, self._constrained.followed
+        elif followed is not None or preload is not None:
+            raise InputError('followed, preload: given; expected a robot with chosen speeds or '
+                             'constraints')
+        if bending is not None and (bending.joint_names != self._names or self._constrained):
             raise InputError(f'bending: of the joints {list(bending.joint_names)}; expected '
-                             f'{list(self._names)}')
+                             f'{list(self._names)}, without constraints')
         self._source = bending or robot
-        self._zero = np.zeros(len(self._names))
+        self._zero = np.zeros(len(self._follow))
         self._zero.flags.writeable = False
         self._pose: Array | None = None  # held while there is no motion
         self._motion: Motion | None = None  # the last one whose joints were found to fit
@@ -98,86 +106,21 @@ class Controller:
         self.update(mode=mode, compensate=compensate, kp=kp, kd=kd, effort_limit=effort_limit,
                     rate_limit=rate_limit)
 
-    def update(self, *, mode: Mode | str | None = None, compensate: Terms | None = None,
-               kp: ArrayLike | None = None, kd: ArrayLike | None = None,
-               effort_limit: ArrayLike | None = None,
-               rate_limit: ArrayLike | None = None) -> None:
-        """
-        Change settings between two commands; None keeps a setting.
-
-        On an InputError no setting changes. The rate limit continues from the last command; a new
-        mode holds a new pose.
-        """
-        if mode is not None and mode not in list(Mode):
-            raise InputError(f'mode: {mode!r}; expected one of {", ".join(Mode)}')
-        names = self._names
-        new_kp = self._kp if kp is None else per_joint(kp, 'kp', names)
-        new_kd = self._kd if kd is None else per_joint(kd, 'kd', names)
-        effort = None if effort_limit is None else np.minimum(
-            per_joint(effort_limit, 'effort_limit', names, finite=False),
-            np.asarray(self.robot.limits.effort, dtype=np.float64))
-        rate = None if rate_limit is None else per_joint(rate_limit, 'rate_limit', names,
-                                                         finite=False)
-        self._kp, self._kd = new_kp, new_kd
-        self._gains = np.concatenate([new_kp, new_kd])
-        if effort is not None:
-            self._limiter.set_effort(effort)
-        if rate is not None:
-            self._limiter.set_rate(rate)
-        if mode is not None and mode != self._mode:
-            self._mode, self._pose = Mode(mode), None
-        if compensate is not None:
-            self._compensate = compensate
-            # Feedback acts through M in any case; friction is added at the desired speed.
-            self._back = replace(compensate, inertia=True, friction=False).weights
-
     @lazy_property
     def _law(self) -> Callable[..., Array]:
         """Return the entry point of the computed-torque kernel, with all terms."""
         kernel = law_kernel(self.robot)
-        return kernel.entry('', kernel)
+        more = [None] if len(self.robot.kernels.no_wrench) else []
+        return kernel.entry('', lambda *given: kernel(*given, *more))
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels that commands need in addition to those of the robot."""
-        if self.bending is None:
+        if self._constrained is not None:
+            self._constrained.compile()
+        elif self.bending is None:
             self._law  # noqa: B018
         else:
             self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
-
-    @property
-    def mode(self) -> Mode:
-        """Return the mode; `update` changes it."""
-        return self._mode
-
-    @property
-    def compensate(self) -> Terms:
-        """Return the torque terms of the command; `update` changes them."""
-        return self._compensate
-
-    @property
-    def kp(self) -> Array:
-        """Return the gains of the position, (n,) 1/s^2; `update` changes them."""
-        return self._kp
-
-    @property
-    def kd(self) -> Array:
-        """Return the gains of the speed, (n,) 1/s; `update` changes them."""
-        return self._kd
-
-    @property
-    def pose(self) -> Array | None:
-        """Return the positions that computed torque holds, (n,) rad or m; None with a motion."""
-        return self._pose
-
-    @property
-    def effort_limit(self) -> Array:
-        """Return the effort limits, (n,) N m or N: the minimum of the robot's and given ones."""
-        return self._limiter.effort
-
-    @property
-    def rate_limit(self) -> Array:
-        """Return the largest change of each torque, (n,) N m/s or N/s."""
-        return self._limiter.rate
 
     def command(self, t: float, q: ArrayLike, u: ArrayLike | None = None,
                 motion: Motion | None = None, motion_time: float | None = None,
@@ -218,19 +161,23 @@ class Controller:
             raise InputError(f't: {t}; expected a finite time in s')
         q = finite_row(q, 'the measured position', self._names)
         if u is not None:
-            u = finite_row(u, 'the measured speed', self._names)
+            u = finite_row(u, 'the measured speed', self._speeds)
         elif self._mode is not Mode.GRAVITY_COMPENSATION:
             raise InputError(f'u: missing; expected the measured speeds, which {self._mode} '
                              'needs')
         if motion is not None and motion is not self._motion:
-            if motion.joint_names != self._names:
+            if self._constrained is not None:
+                self._constrained.check(motion)
+            elif motion.joint_names != self._names:
                 raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
                                  f'expected {list(self._names)}')
-            warn_of_degrees(self.robot, motion.positions, 'motion')
+            if motion.n == len(self._names):
+                warn_of_degrees(self.robot, motion.positions, 'motion')
             self._motion = motion
         external = None if external is None else finite_row(
-            external, 'the measured external torque', self._names)
-        return self.command_checked(t, q, q if u is None else u, motion,
+            external, 'the measured external torque', self._speeds)
+        u = np.zeros(len(self._speeds)) if u is None else u
+        return self.command_checked(t, q, u, motion,
                                     t if motion_time is None else motion_time, external)
 
     def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
@@ -241,11 +188,13 @@ class Controller:
         For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
         the motion is of the robot's joints in the robot's order.
         """
-        return self._limiter.apply(t, self.torque(q, u, motion, moment, external))
+        return self._limiter.apply(t, self.torque(q, u, motion, moment, external, t))
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
-               external: Array | None = None) -> Array:
+               external: Array | None = None, t: float = 0.0) -> Array:
         """Return the torques, (n,), before the limits; arguments as for `command_checked`."""
+        if self._constrained is not None:
+            return self._shared(t, q, u, motion, moment, external)
         if self._mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment)
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
@@ -256,9 +205,13 @@ class Controller:
             tau = tau - external
         return tau
 
-    def gravity_torque(self, q: Array) -> Array:
+    def gravity_torque(self, q: Array, t: float = 0.0) -> Array:
         """Return the torque that holds q, (n,), against gravity; zeros if it is switched off."""
-        return self._source.gravity_force(q) if self._compensate.gravity else self._zero.copy()
+        if not self._compensate.gravity:
+            return np.zeros(len(self._names))
+        if self._constrained is not None:
+            return self._constrained.joint_torques(self._constrained.gravity(q, t), q, t)
+        return self._source.gravity_force(q)
 
     def limit(self, t: float, tau: Array) -> Command:
         """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""
@@ -266,27 +219,40 @@ class Controller:
 
     def resume(self, t: float | None, tau: Array) -> None:
         """Continue from `tau`, (n,), commanded elsewhere at stamp `t`, s; None: the next one."""
-        self._pose = None
+        self._restart()
         self._limiter.resume(t, tau)
 
     def stop(self) -> Command:
         """Return zeros, regardless of limits, and restart with the next state."""
-        self._pose = None
+        self._restart()
         return self._limiter.stop()
 
-    def _computed_torque(self, q: Array, u: Array, motion: Motion | None,
-                         moment: float) -> Array:
+    def _restart(self) -> None:
+        self._pose = None
+        if self._constrained is not None:
+            self._constrained.restart()
+
+    def _computed_torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+                         t: float = 0.0) -> Array:
         """Return the torque towards the motion, or towards the pose that is held without one."""
+        law = self._constrained
         if motion is not None:
             self._pose = None  # the pose at the end of the motion is held next
-            return self._feedback(q, u, *motion.sample(moment))
-        tau = self._feedback(q, u, q if self._pose is None else self._pose, self._zero, self._zero)
+            desired = motion.sample(moment) if law is None else law.desired(motion, moment)
+            return self._feedback(q, u, *desired, t)
+        here = q if law is None else q[law.places]
+        tau = self._feedback(q, u, here if self._pose is None else self._pose, self._zero,
+                             self._zero, t)
         if self._pose is None and np.isfinite(tau).all():  # a refused state is no pose
-            self._pose = q.copy()
+            self._pose = here.copy()
         return tau
 
-    def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array) -> Array:
+    def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array,
+                  t: float) -> Array:
         """Return the torque of the model at the measured state and the corrected acceleration."""
+        if self._constrained is not None:
+            return self._constrained.computed_torque(q, u, (q_d, u_d, udot_d), self._gains,
+                                                     self._compensate, self._back, t)
         if self._compensate.complete and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole
@@ -296,3 +262,19 @@ class Controller:
                 self._kd)
         tau: Array = self._back @ self._source.torque_terms(q, u, udot)
         return tau + self.robot.friction_force(u_d) if self._compensate.friction else tau
+
+    def _shared(self, t: float, q: Array, u: Array, motion: Motion | None, moment: float,
+                external: Array | None) -> Array:
+        """Return the joint torques, (n_q,), of a robot with chosen speeds or constraints."""
+        law, terms = self._constrained, self._compensate
+        assert law is not None
+        at = q
+        if self._mode is Mode.COMPUTED_TORQUE:
+            tau = self._computed_torque(q, u, motion, moment, t)
+        elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
+            at, tau = law.feedforward(q, motion, moment, terms, t)
+        else:
+            tau = law.gravity(q, t) if terms.gravity else np.zeros(len(self._speeds))
+        if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
+            tau = tau - external
+        return law.joint_torques(tau, at, t)

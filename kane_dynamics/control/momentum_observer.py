@@ -5,15 +5,25 @@ Momentum observer: external joint torques from motion and actuation.
 acceleration is needed. The residual ``r = K (p - p(0) - integral(tau - beta + r) dt)`` is then
 the external torque behind a first-order low-pass, ``r' = K (external - r)``. Source: A. De Luca,
 R. Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005.
+
+With chosen speeds or constraints p are the momenta of the independent speeds, T^T M_q q' with
+q' = T u + X, and beta includes the rate of T (`ConstrainedEquations.momentum_terms`). Constraint
+forces do no work in an admissible motion and drop out.
 """
 
+from collections.abc import Callable
 import math
+from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +34,7 @@ OBSERVED = ('mass_matrix', 'bias_force', 'coriolis_matrix')  # quantities that i
 @guarded
 class MomentumObserver:
     """
-    Estimator of the external joint torques.
+    Estimator of the external joint torques, or generalized forces of the independent speeds.
 
     The residual is advanced from sample to sample by its exact solution for a constant external
     torque, ``r = a r + (1 - a) (dp/dt - mean(tau) + mean(beta))`` with ``a = exp(-K dt)``, which
@@ -35,10 +45,9 @@ class MomentumObserver:
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds and without constraints. Its `parameters` are read at each
-        sample; call `refresh` when they have changed.
+        Its `parameters` are read at each sample; call `refresh` when they have changed.
     gain : float or (n,) array_like
-        K, 1/s, positive.
+        K, 1/s, positive; one for each independent speed.
     max_gap : float
         Longest time between two samples, s; after a longer one the observer restarts.
     held : bool
@@ -54,20 +63,21 @@ class MomentumObserver:
     Raises
     ------
     InputError
-        The robot has chosen speeds or constraints, or a number is invalid; names it.
+        The robot has beams, or a number is invalid; names it.
 
     """
 
     def __init__(self, robot: Robot, *, gain: ArrayLike = 50.0, max_gap: float = 0.1,
                  held: bool = False) -> None:
         """Compile the kernels; the estimate starts at zero with the first sample."""
-        if isinstance(robot.equations, ConstrainedEquations):
-            raise InputError('robot: chosen speeds or constraints; expected a robot in joint '
-                             'rates without constraints')
         self.robot, self.held = robot, held
         self._workspace = robot.bind()
-        self._mass_matrix, self._bias, self._coriolis = (
-            getattr(self._workspace, name) for name in OBSERVED)
+        self._momentum_terms: Callable[..., Array] | None = None
+        if isinstance(robot.equations, ConstrainedEquations):
+            self._momentum_terms = _momentum_kernel(robot)
+        else:
+            self._mass_matrix, self._bias, self._coriolis = (
+                getattr(self._workspace, name) for name in OBSERVED)
         self._t: float | None = None
         self._tau = self._momentum = self._beta = np.zeros(robot.n)
         self.reset()
@@ -75,9 +85,9 @@ class MomentumObserver:
 
     def tune(self, gain: ArrayLike, max_gap: float) -> None:
         """Change the gain, 1/s, and `max_gap`, s; the estimate continues."""
-        checked = per_joint(gain, 'gain', self.robot.joint_names)
+        checked = per_joint(gain, 'gain', self.robot.speed_names)
         if not checked.all():
-            joint = self.robot.joint_names[int(np.flatnonzero(checked == 0.0)[0])]
+            joint = self.robot.speed_names[int(np.flatnonzero(checked == 0.0)[0])]
             raise InputError(f"gain of joint '{joint}': 0; expected a positive number, 1/s")
         if not max_gap > 0.0:
             raise InputError(f'max_gap: {max_gap}; expected a positive time in s')
@@ -91,7 +101,7 @@ class MomentumObserver:
     def refresh(self) -> None:
         """Adapt to a changed payload or gravity of the robot; the estimate does not jump."""
         if self._t is not None:
-            self._momentum, self._beta = self._terms()
+            self._momentum, self._beta = self._terms(self._t)
 
     def update(self, t: float, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
         """
@@ -104,16 +114,18 @@ class MomentumObserver:
         ----------
         t : float
             Stamp of the sample, s on any clock.
-        q, u : (n,) array_like
-            Measured positions and speeds, rad or m and s.
+        q, u : (n_q,), (n,) array_like
+            Measured positions, and speeds (under constraints the independent ones), rad or m, s.
         tau : (n,) array_like
-            Torques of the actuators, N m or N, as defined by `held`. Known external torques may
-            be added; the estimate then excludes them.
+            Torques of the actuators, N m or N, as defined by `held`; dual to u, as
+            `Robot.generalized_force` of joint torques. Known external torques may be added; the
+            estimate then excludes them.
 
         Raises
         ------
-        InputError
-            A number is missing or not finite; the observer is then reset.
+        InputError, ConstraintError
+            A number is missing or not finite, or a loop is open or singular; the observer is then
+            reset.
 
         """
         if not math.isfinite(t):
@@ -127,8 +139,8 @@ class MomentumObserver:
             elapsed = None
         try:
             torques = self._set_state(q, u, tau)
-            momentum, beta = self._terms()
-        except InputError:
+            momentum, beta = self._terms(t)
+        except (InputError, ConstraintError):
             self.reset()
             raise
         if elapsed is not None:
@@ -145,15 +157,52 @@ class MomentumObserver:
         arrays = []
         for name, values in (('q', q), ('u', u), ('tau', tau)):
             array = np.array(values, dtype=np.float64)
-            if array.shape != (self.robot.n,):
-                raise InputError(f'{name}: shape {array.shape}; expected ({self.robot.n},)')
+            count = self.robot.n_q if name == 'q' else self.robot.n
+            if array.shape != (count,):
+                raise InputError(f'{name}: shape {array.shape}; expected ({count},)')
             arrays.append(array)
         self._workspace.q[:], self._workspace.u[:], torques = arrays
         if not np.isfinite(torques).all():
             raise InputError(f'tau: {torques.tolist()}; expected finite numbers')
         return torques
 
-    def _terms(self) -> tuple[Array, Array]:
-        """Return p and beta, (n,) each, at the state of the workspace."""
+    def _terms(self, t: float) -> tuple[Array, Array]:
+        """Return p and beta, (n,) each, at the state of the workspace and the time t, s."""
+        if self._momentum_terms is not None:
+            time = [t] if self.robot.equations.timed else []
+            found = self._momentum_terms(self._workspace.q, self._workspace.u, *time)
+            return found[0], found[1]
         u, C = self._workspace.u, self._coriolis()
         return self._mass_matrix() @ u, self._bias() - (C @ u + u @ C)
+
+
+def _momentum_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of `ConstrainedEquations.momentum_terms`."""
+    equations, sets, block = robot.equations, robot.speed_sets, robot.parameters.block
+    assert isinstance(equations, ConstrainedEquations)
+    assert sets is not None
+    mechanism, name = equations.mechanism, 'momentum_terms'
+    if equations.unsupported:
+        raise InputError('robot: with beams, which have no Coriolis matrix; expected the rigid '
+                         'model')
+    arguments = [Argument('q', (robot.n_q,), robot.coordinate_names),
+                 Argument('u', (robot.n,), robot.speed_names)]
+    arguments += [Argument('t', ())] if equations.timed else []
+
+    def terms(q: Any, u: Any, *rest: Any) -> Any:
+        *time, parameters = rest
+        t = time[0][()] if time else 0.0
+        found = equations.momentum_terms(q, u, parameters[:-LIMITS], t)
+        if not equations.watched:
+            return found
+        return nan_unless(found, equations.margin(q, t, parameters[-LIMITS:]))
+
+    def reason(state: dict[str, Array]) -> Kernel | None:
+        other = sets.instead(mechanism, state)
+        if other is None or not isinstance(other.equations, ConstrainedEquations):
+            return None
+        choice = other.equations.mechanism
+        return _momentum_kernel(robot.in_choice(choice.free, choice.kept))
+    return robot.kernels.extra(name, lambda: trace_program(name, terms, [
+        *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
+        (2, robot.n), reason)

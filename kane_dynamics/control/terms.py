@@ -1,6 +1,7 @@
-"""Switches for the terms of the torque that is commanded."""
+"""Control modes, and switches for the terms of the torque that is commanded."""
 
 from dataclasses import dataclass, fields
+from enum import StrEnum
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
@@ -8,6 +9,14 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
+
+
+class Mode(StrEnum):
+    """Control modes; see `Controller`."""
+
+    INVERSE_DYNAMICS = 'inverse_dynamics'
+    COMPUTED_TORQUE = 'computed_torque'
+    GRAVITY_COMPENSATION = 'gravity_compensation'
 
 
 @dataclass(frozen=True)

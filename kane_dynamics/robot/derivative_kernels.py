@@ -107,7 +107,7 @@ class SlopesOfDynamics:
     def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any,
                                      **time: Any) -> Any:
         """Return dtau/dq, dtau/du and M side by side, (n, n_q + 2 n), no external wrenches."""
-        M = self._equations.mass_matrix(q, parameters, **time)
+        M = self._square(self._equations.mass_matrix(q, parameters, **time))
         return np.concatenate([self._slopes(q, u, udot, parameters, **time), M], axis=1)
 
     def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any,
@@ -124,7 +124,7 @@ class SlopesOfDynamics:
             [(name, np.shape(x)) for name, x in inputs.items()])
         inputs['udot'] = self._equations.forward_dynamics(q, u, tau, None, parameters, **time)
         values = inlined(slopes, [x for array in inputs.values() for x in np.ravel(array)])
-        W = self._equations.inverse_mass_matrix(q, parameters, **time)
+        W = self._square(self._equations.inverse_mass_matrix(q, parameters, **time))
         return np.concatenate([-(W @ np.array(values, dtype=object).reshape(slopes.shape)), W],
                               axis=1)
 
@@ -132,3 +132,8 @@ class SlopesOfDynamics:
         """Return dtau/dq and dtau/du side by side, (n, n_q + n)."""
         tau = self._equations.inverse_dynamics(q, u, udot, None, parameters, **time)
         return jacobian(tau, [*q, *u], Subroutines())
+
+    def _square(self, matrix: Any) -> Any:
+        """Return an (n, n) matrix, also of a fully driven mechanism: (0, 0)."""
+        n = self._equations.n
+        return np.asarray(matrix, dtype=object).reshape(n, n)

@@ -13,7 +13,7 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.derivative_kernels import (Derivative, shapes_by_name,
@@ -59,6 +59,7 @@ class KernelSet:
         self.key = key
         self._parameters = parameters
         self._made: dict[tuple[str, str], Kernel] = {}
+        self._explained: set[tuple[str, str]] = set()  # kernels with a reason of their own
         self._same: dict[tuple[str, str], Callable[[KernelSet], Kernel]] = {}  # of another set
 
     def with_parameters(self, parameters: Array, instead: Instead | None = None) -> 'KernelSet':
@@ -72,13 +73,18 @@ class KernelSet:
         other._made = {place: kernel.with_parameters(
             parameters if kernel.parameters is self._parameters else kernel.parameters.copy(),
             partial(other._another, place) if place in self._same else None)
-            for place, kernel in self._made.items()}
+            for place, kernel in self._made.items() if place not in self._explained}
         return other
 
     def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
         """Return the kernel to use at a state with a non-finite result, or None."""
         other = None if self._instead is None else self._instead(state)
         return None if other is None or other is self else self._same[place](other)
+
+    @property
+    def parameters(self) -> Array:
+        """Return the block of parameters that kernels read at each call."""
+        return self._parameters
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -158,10 +164,12 @@ class KernelSet:
         return (name, '') in self._made
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
-              block: Array, shape: Shape) -> Kernel:
+              block: Array, shape: Shape, reason: ResultCheck | None = None) -> Kernel:
         """Return a kernel of a program of the caller; `name` identifies it in this set."""
+        if reason is not None:
+            self._explained.add((name, ''))
         return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
-                                                     shape))
+                                                     shape, reason))
 
     def _quantity(self, name: str) -> Quantity:
         """Return the quantity of a name; InputError lists the valid ones."""

@@ -1,6 +1,6 @@
 """`Robot`: a model with its compiled dynamics, the main class of the library."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 import os
 from pathlib import Path
@@ -57,8 +57,8 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
     independent : sequence of str, optional
         Names of the independent speeds. By default the best conditioned ones; `simulate` then
         changes to others where these become ill-conditioned.
-    actuated : sequence of str, optional
-        The joints that have actuators (see `joint_torques`).
+    actuated : sequence of str or mapping of str to float, optional
+        The joints that have actuators, or their weights (see `joint_torques`).
     configuration : (n_q,) array_like, optional
         A closed or nearly closed configuration, rad or m: speeds and rows are chosen there, and
         `closed_posture` stays on its branch. By default configurations within the limits are
@@ -95,7 +95,8 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
 
     def __init__(self, model: Model, *, speeds: Any = None,
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
-                 actuated: Sequence[str] | None = None, configuration: Any = None,
+                 actuated: Sequence[str] | Mapping[str, float] | None = None,
+                 configuration: Any = None,
                  closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
                  rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
                  payload_frame: str | None = None, friction: bool = True,
@@ -113,7 +114,8 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
         self._choices: dict[str, Any] = {
             'speeds': speeds, 'constraints': checked_constraints(constraints),
             'independent': checked_names(independent, 'independent'),
-            'actuated': checked_names(actuated, 'actuated'), 'configuration': configuration,
+            'actuated': (dict(actuated) if isinstance(actuated, Mapping) else
+                         checked_names(actuated, 'actuated')), 'configuration': configuration,
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)

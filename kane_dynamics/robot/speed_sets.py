@@ -9,9 +9,10 @@ from kane_dynamics.mechanics.algebra.dual import moving
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
                                                               figure, loosened, scaled_rows, SHARE,
                                                               SINGULAR, singular_error, Stack,
-                                                              stacked)
+                                                              stacked, system)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.constraints.transmission import require_transmission
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
 import numpy as np
@@ -99,6 +100,11 @@ class SpeedSets:
         now = figure(own, stack, own.free, own.kept)
         if now > SHARE * SINGULAR and choice.figure > SHARE * now:
             raise singular_error(own, stack, q, t)
+        actuated = self._equations(own).actuated
+        if actuated is not None:
+            T = np.asarray(np.linalg.inv(system(stack, choice.free, choice.kept))[:, :own.n],
+                           dtype=np.float64)
+            require_transmission(own, T, actuated, True, q)
         return self.kernels(choice.free, choice.kept) if choice.figure < now else None
 
     def _require_closed(self, stack: Stack, q: Array, t: float,

@@ -9,7 +9,7 @@ Energy and dissipation of all states of a chunk are one call of a SIMD kernel, w
 for a check of every step.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -38,6 +38,19 @@ class BalanceTerms(NamedTuple):
     fastest: Array
     low: Array
     high: Array
+
+
+class Impact(NamedTuple):
+    """
+    Energy that stops take at the end of one of several steps.
+
+    The uncertainty is that of the work of the step, J.
+    """
+
+    step: int
+    simulation: int
+    energy: float
+    unresolved: float
 
 
 class EnergyBalance:
@@ -86,7 +99,8 @@ class EnergyBalance:
         self._fastest, self._low, _ = self._terms(states[:, None])[:, 0]
         self._high = self._low
 
-    def look(self, states: Array, done: int, tau: Array | Law) -> None:
+    def look(self, states: Array, done: int, tau: Array | Law,
+             impacts: Sequence[Impact] = ()) -> None:
         """
         Update the balance with further steps.
 
@@ -101,7 +115,9 @@ class EnergyBalance:
             Number of earlier steps.
         tau : (1 or N, 1 or K, n) array, or callable
             Torques held during each of the K steps; or, for a continuous law, a function that
-            returns the torques at row numbers of `states`, (N, rows, n).
+            returns its power at row numbers of `states`, (N, rows), W.
+        impacts : sequence of Impact
+            Of the K steps.
 
         """
         count = states.shape[1] - 1
@@ -109,12 +125,14 @@ class EnergyBalance:
         most = FEW_ROWS if len(states) > 1 else MANY_ROWS
         skips = sorted({-(-count // most), min(SKIP, count)}, reverse=True)
         with np.errstate(over='ignore', invalid='ignore'):
-            for skip in () if changing and self._driven else skips:
+            for skip in () if impacts or (changing and self._driven) else skips:
                 seen = self._balance(states, np.append(np.arange(0, count, skip), count), tau)
                 if (np.abs(seen.error) <= 0.5 * seen.allowed).all():
                     self._keep(seen)
                     return
             seen = self._balance(states, np.arange(count + 1), tau, unresolved=True)
+            if impacts:
+                seen = _with_impacts(seen, impacts)
             missed = ~(np.abs(seen.error) <= seen.allowed)
         new = np.flatnonzero(np.isinf(self.began) & missed.any(axis=0))
         first = np.argmax(missed[:, new], axis=0)
@@ -137,8 +155,7 @@ class EnergyBalance:
         power, work = -loss, self._work(states, chosen, rows, tau)
         given = power
         if callable(tau):
-            n_q, n = self.robot.n_q, self.robot.n
-            given = power = power + _dot(tau(rows), chosen[:, :, n_q:n_q + n])
+            given = power = power + tau(rows).T
         elif self._driven is not None:
             before, after = self._driven_power(chosen, tau)
             work = work + 0.5 * h * (before + after)
@@ -236,6 +253,17 @@ class EnergyBalance:
                 f'the work done, by up to {self.worst[k]:.3g} J{more}; expected at most '
                 f'{self.expected[k]:.3g} J at that time with a step of {self._step:g} s. The '
                 f'motion is wrong from there on. {remedy}')
+
+
+def _with_impacts(seen: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerms:
+    """Return the terms with the energy of impacts, from the end of their steps on."""
+    lost, uncertain = np.zeros((2, *seen.error.shape))
+    for step, i, energy, unresolved in impacts:
+        lost[step, i] += energy
+        uncertain[step, i] += unresolved
+    uncertain = np.cumsum(uncertain, axis=0)
+    return seen._replace(error=seen.error + np.cumsum(lost, axis=0),
+                         allowed=seen.allowed + uncertain, unresolved=seen.unresolved + uncertain)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -111,6 +111,21 @@ class SingularityWatch:
             (robot.n_q + len(mechanism.labels), robot.n_q))
 
 
+def trusted(states: Array) -> Any:
+    """Return which states, (K, size), are finite with a positive margin; first always true."""
+    good = np.isfinite(states).all(axis=-1) & (states[:, -1] > 0.0)
+    good[0] = True
+    return good
+
+
+def all_trusted(buffer: Array) -> Any:
+    """Return for which simulations, (N, K, size), every state is `trusted`."""
+    with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
+        whole = np.isfinite(buffer.sum(axis=(1, 2))) & (buffer[:, 1:, -1] > 0.0).all(axis=1)
+    whole[~whole] = [trusted(states).all() for states in buffer[~whole]]
+    return whole
+
+
 def watches_stages(robot: Robot, q: Any, t: Any) -> bool:
     """Return whether a step's margin is that of its stages: no constraint is one of positions."""
     equations = robot.equations

@@ -9,10 +9,13 @@ state; any other reason is an error. Near a singularity of all choices every ste
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.control.constrained_law import require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS,
                                                               figure, LIMITS, loosened, SHARE,
@@ -20,13 +23,14 @@ from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCES
                                                               WELL_CHOSEN)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
-from kane_dynamics.simulation.singularity_watch import (residual_error, SingularityWatch,
+from kane_dynamics.simulation.singularity_watch import (all_trusted, residual_error,
+                                                        SingularityWatch, trusted,
                                                         watched_configurations)
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import diverged_error
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
-from kane_dynamics.simulation.user_speeds import UserSpeeds
+from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
 import numpy as np
 
 STEP_RESIDUAL = 1e-3  # m or rad: largest residual after one step, before the correction
@@ -34,6 +38,7 @@ GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
 ROOM = 4.0  # a choice is kept until its figure has grown by this factor
 PIECE = 256  # steps after a change before the next check of the states
 MOST_CHANGES = 20  # at one state
+NEARLY = 0.65  # of the largest transmission: its limit holds for the sum of two squares
 
 
 @dataclass(frozen=True)
@@ -42,21 +47,6 @@ class Phase:
 
     robot: Robot
     limit: float
-
-
-def trusted(states: Array) -> Any:
-    """Return which states, (K, size), are finite with a positive margin; first always true."""
-    good = np.isfinite(states).all(axis=-1) & (states[:, -1] > 0.0)
-    good[0] = True
-    return good
-
-
-def all_trusted(buffer: Array) -> Any:
-    """Return for which simulations, (N, K, size), every state is `trusted`."""
-    with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
-        whole = np.isfinite(buffer.sum(axis=(1, 2))) & (buffer[:, 1:, -1] > 0.0).all(axis=1)
-    whole[~whole] = [trusted(states).all() for states in buffer[~whole]]
-    return whole
 
 
 class SwitchingInput:
@@ -82,7 +72,9 @@ class SwitchingInput:
     def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
         """Start all simulations in the robot's own speeds."""
         self.robot, self.step, self.torque = source.robot, source.step, source.torque
+        self._law = source.torque if isinstance(source.torque, ComputedTorque) else None
         self._source, self._integrator, self._single = source, integrator, single
+        self.stops = source.stops
         mechanism = source.robot.mechanism
         self._open, self._excess = (loosened(mechanism, x) for x in (STEP_RESIDUAL, EXCESS))
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
@@ -128,13 +120,15 @@ class SwitchingInput:
         if key not in self._sources:
             constants = self._source.constants.copy()
             constants[-LIMITS:] = limits_of(phase.limit, self._open, self._excess)
-            kernel = step_kernel(phase.robot, False, self._integrator, self.robot.speed_names)
+            law = self._law
+            kernel = step_kernel(phase.robot, law is not None, self._integrator, None if law else
+                                 self.robot.speed_names, law.followed if law else ())
             self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
-                                             self._source.start)
+                                             self._source.start, self._source.stops)
         torque = self.torque
-        if torque.shape[0] > 1 and len(places) < torque.shape[0]:
+        if self._law is None and torque.shape[0] > 1 and len(places) < torque.shape[0]:
             torque = np.ascontiguousarray(torque[places])
-        return replace(self._sources[key], torque=torque)
+        return replace(self._sources[key], torque=torque, places=list(places))
 
     def _resume(self, i: int, rows: Array, bad: int, done: int) -> None:
         """Continue simulation i from the state before the first rejected row to the last row."""
@@ -188,6 +182,9 @@ class SwitchingInput:
         if GAIN * best.figure < now:
             return self._changed(i, state, best, done)
         watched = self._watched(i, state, done)
+        if self._law is not None:
+            for _, _, q_next, t_next in watched:
+                require_following(phase.robot, self._law.followed, q_next, t_next, where, NEARLY)
         now, stack, q_next, t_next = max(watched, key=itemgetter(0))
         if now > SHARE * phase.limit:
             best = self._preferred(stack)
@@ -235,11 +232,11 @@ class SwitchingInput:
                  done: int) -> list[tuple[float, Any, Array, float]]:
         """Return figure, system, q and time where the next step computes its margin."""
         mechanism = self._phases[i].robot.mechanism
-        table = self.torque[min(i, len(self.torque) - 1)]
-        tau = table[min(done, len(table) - 1)]
+        robot = self._phases[i].robot
+        tau = self._source_of([i]).torque_at(state, done)
+        dual_to = (robot if self._law else self.robot).speed_names
         try:
-            configurations = watched_configurations(self._phases[i].robot, state, tau,
-                                                    self.robot.speed_names, self.step)
+            configurations = watched_configurations(robot, state, tau, dual_to, self.step)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
         result = []
@@ -261,7 +258,9 @@ class SwitchingInput:
 
     def acting(self, buffer: Array, done: int) -> Any:
         """Return the torques of the steps of a buffer; as `TorqueInput.acting`."""
-        return self._source.acting(buffer, done)
+        if self._law is None:
+            return self._source.acting(buffer, done)
+        return partial(law_power, self._history, self._source, buffer, done)
 
     def in_own_speeds(self, buffer: Array, done: int) -> Array:
         """Return a buffer's states in the user's own speeds."""

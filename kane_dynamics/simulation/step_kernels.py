@@ -1,10 +1,12 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
+from collections.abc import Sequence
 from functools import partial, reduce
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
+from kane_dynamics.control.constrained_law import constrained_law_program, law_margin
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -66,14 +68,17 @@ def loop_kernels(robot: Robot) -> list[str]:
 
 
 def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
-                dual_to: tuple[str, ...] | None = None) -> Kernel:
+                dual_to: tuple[str, ...] | None = None,
+                followed: Sequence[int] = ()) -> Kernel:
     """
     Return the kernel of one step of one of `INTEGRATORS`.
 
     Its pointers: state, as `state_names`, inputs, constants, next state. With held torques the
     inputs are tau (n) and the constants the step and the robot's parameters. With feedback the
     inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
-    constants begin with kp and kd. With `dual_to`, tau is dual to the speeds of these names.
+    constants begin with kp and kd; `followed` are the indices of the joints that follow, of
+    robots with chosen speeds or constraints. With `dual_to`, tau is dual to the speeds of these
+    names.
 
     The last entry of a constrained robot's state is `conditioning.margin`, whose limits are the
     last of the constants: a state is accepted if it is positive. It is that of the step's end, or,
@@ -94,10 +99,15 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
     else:
         dual_to = None
+    if isinstance(robot.equations, TreeEquations) or not feedback:
+        followed = ()
+    else:
+        name = f'{name}_{"_".join(map(str, followed))}'
     inputs = _inputs(robot, feedback)
     arguments = [Argument(key, shape) for key, shape in inputs[:2]]
-    return robot.kernels.extra(name, lambda: _program(robot, name, feedback, integrator, dual_to),
-                               arguments, np.zeros(inputs[2][1]), inputs[0][1])
+    return robot.kernels.extra(
+        name, lambda: _program(robot, name, feedback, integrator, dual_to, followed), arguments,
+        np.zeros(inputs[2][1]), inputs[0][1])
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
@@ -123,7 +133,8 @@ class _RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
-                 dual_to: tuple[str, ...] | None, watched: bool) -> None:
+                 dual_to: tuple[str, ...] | None, watched: bool,
+                 followed: Sequence[int]) -> None:
         """
         Store the arguments of the step.
 
@@ -135,14 +146,15 @@ class _RobotMotion:
         self.watched, self.margins = watched, list[Any]()
         kernels = robot.kernels
         self._wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
-        self._law = None if gains is None else law_program(robot)
+        self._law = None if gains is None else constrained_law_program(
+            robot, followed, watched=False) if followed else law_program(robot)
 
-    def torque(self, q: Any, u: Any, moment: int) -> Any:
+    def torque(self, q: Any, u: Any, moment: int, *time: Any) -> Any:
         """Return the held torque, or that of the control law."""
         if self._law is None:
             return self._inputs[0]
         desired = np.split(self._inputs[moment], 3)
-        return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench,
+        return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench, *time,
                              self._parameters))
 
     @lazy_property
@@ -153,7 +165,7 @@ class _RobotMotion:
         """Return the time derivative of q, u, time and margin."""
         robot, margins = self._robot, margin_count(self._robot)
         q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
-        found = call(self._motion, q, u, self.torque(q, u, moment), *self._wrench, *time,
+        found = call(self._motion, q, u, self.torque(q, u, moment, *time), *self._wrench, *time,
                      self._parameters)
         if self.watched:
             *found, margin = found
@@ -183,7 +195,7 @@ class _RobotMotion:
 
 
 def _program(robot: Robot, name: str, feedback: bool, integrator: str,
-             dual_to: tuple[str, ...] | None = None) -> Program:
+             dual_to: tuple[str, ...] | None = None, followed: Sequence[int] = ()) -> Program:
     """Trace one step; constraints project its end back onto their configurations."""
     n_q, n, equations = robot.n_q, robot.n, robot.equations
     method = integrator_of(integrator, equations)
@@ -193,7 +205,7 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
         t = state[n_q + n] if equations.timed else 0.0
         watched = watches_stages(robot, state[:n_q], t)
         motion = _RobotMotion(robot, inputs, gains if feedback else None, parameters, dual_to,
-                              watched)
+                              watched, followed)
         after = method.step(motion, state, h[0])
         if watched:
             after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
@@ -202,6 +214,11 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
             if equations.watched:  # no later step reads this entry, so it causes no latency
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
             after[:n_q] = equations.closure_step(q, t)
+        if followed and margin_count(robot):
+            q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
+            margin = law_margin(robot, followed, q, t)
+            after[-1] = after[-1] if isinstance(margin, float) else select(
+                margin < after[-1], margin, after[-1])
         return after
     return trace_program(name, step, _inputs(robot, feedback))
 

@@ -1,19 +1,22 @@
 """The torques of a simulation in the layout of the native step."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.computed_torque_law import law_kernel
+from kane_dynamics.control.constrained_law import constrained_law_kernel
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.stops.joint_stops import JointStops
 import numpy as np
 
 
@@ -27,6 +30,8 @@ class TorqueInput:
     constants: Array  # gains and step, then the robot's parameters
     torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques
     start: float = 0.0  # s
+    stops: JointStops | None = None
+    places: Sequence[int] | None = None  # the simulations of the buffer; None: all, in order
 
     def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """
@@ -47,6 +52,28 @@ class TorqueInput:
             Least and largest of each entry of the K states.
 
         """
+        extremes = self._native(buffer, done, single)
+        if self.stops is not None:
+            for row in self.stops.apply(self, buffer, done):
+                for least, part in zip(extremes or (), (buffer[row, 1:].min(axis=0),
+                                                        buffer[row, 1:].max(axis=0))):
+                    least[row] = part
+        return extremes
+
+    @property
+    def follows(self) -> bool:
+        """Return whether the torque is that of computed torque, not held."""
+        return isinstance(self.torque, ComputedTorque)
+
+    def alone(self, row: int) -> 'TorqueInput':
+        """Return the input of one simulation of the buffer, without stops."""
+        table = self.torque
+        if not isinstance(table, ComputedTorque) and len(table) > 1:
+            table = table[row:row + 1]
+        return replace(self, torque=table, stops=None, places=None)
+
+    def _native(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
+        """Compute the states as `advance`, without stops."""
         steps = buffer.shape[1] - 1
         inputs, lane, stride = self._inputs(done, steps)
         rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
@@ -65,7 +92,7 @@ class TorqueInput:
         if isinstance(self.torque, ComputedTorque):
             halves: Array = self.start + np.arange(
                 2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
-            rows = np.concatenate(self.torque.motion.sample(halves), axis=1)
+            rows = np.concatenate(self.torque.desired(halves), axis=1)
             return rows, 0, 2 * rows.strides[0]
         states, steps = (length > 1 for length in self.torque.shape[:2])
         table = self.torque[:, done:] if steps else self.torque
@@ -95,20 +122,31 @@ class TorqueInput:
         -------
         (1 or N, 1 or K, n) array, or callable
             Torques held during each step; or, for computed torque, a function that returns the
-            torques at row numbers of the buffer.
+            power of the torques, (N, rows), W, at row numbers of the buffer.
 
         """
         if isinstance(self.torque, ComputedTorque):
-            n = self.robot.n
+            n_q, n = self.robot.n_q, self.robot.n
 
             def at(rows: Array) -> Array:
                 q, u = (np.ascontiguousarray(buffer[:, rows, part])
-                        for part in (slice(0, n), slice(n, 2 * n)))
-                return self.torques(done + rows, q, u)
+                        for part in (slice(0, n_q), slice(n_q, n_q + n)))
+                power: Array = np.einsum('nkj,nkj->nk', self.torques(done + rows, q, u), u)
+                return power
             return at
         steps = buffer.shape[1] - 1
         table: Array = self.torque
         return table if table.shape[1] == 1 else table[:, done:done + steps]
+
+    def torque_at(self, state: Array, done: int) -> Array:
+        """Return the torque, (n,), at the state (size,) of the first simulation after steps."""
+        if not isinstance(self.torque, ComputedTorque):
+            held: Array = self.torque[0][min(done, self.torque.shape[1] - 1)]
+            return held
+        n_q, n = self.robot.n_q, self.robot.n
+        q, u = state[None, None, :n_q], state[None, None, n_q:n_q + n]
+        found: Array = self.torques(np.array([done]), q, u)[0, 0]
+        return found
 
     def torques(self, kept: Array, q: Array, u: Array) -> Array:
         """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""
@@ -119,12 +157,19 @@ class TorqueInput:
         t, end = self.start + kept * np.float64(self.step), torque.motion.duration
         if abs(t[-1] - end) <= 1e-6 * self.step:
             t[-1] = np.nextafter(end, -np.inf)  # the torque that acted until the end
-        q_d, u_d, udot_d = torque.motion.sample(t)
         gains = np.concatenate([torque.kp, torque.kd])
-        desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
-        rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
-        tau: Array = law_kernel(self.robot)(*rows, np.tile(gains, (len(rows[0]), 1)))
-        return tau.reshape(q.shape)
+        desired = [np.broadcast_to(x, u.shape) for x in torque.desired(t)]
+        rows = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
+        rows.append(np.tile(gains, (len(rows[0]), 1)))
+        tree = isinstance(self.robot.equations, TreeEquations)
+        kernel = law_kernel(self.robot) if tree else constrained_law_kernel(
+            self.robot, torque.followed, watched=False)
+        more: list[Any] = [None] if len(self.robot.kernels.no_wrench) else []
+        if self.robot.equations.timed:
+            moments = self.start + kept * np.float64(self.step)
+            more.append(np.tile(moments, len(q)))
+        tau: Array = kernel(*rows, *more)
+        return tau.reshape(u.shape)
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
@@ -157,15 +202,19 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     """
     block = robot.parameters.block
     if isinstance(torque, ComputedTorque):
-        if torque.motion.joint_names != robot.joint_names:
+        if torque.robot is None and torque.motion.joint_names != robot.joint_names:
             raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
+        if torque.robot is None and not isinstance(robot.equations, TreeEquations):
+            raise InputError('torque: ComputedTorque(motion, kp, kd), with chosen speeds or '
+                             'constraints; expected ComputedTorque(robot, motion, kp, kd)')
         if torque.robot is not None and not torque.robot.equals(robot):
             raise InputError('torque: computed torque of another robot (model, options, gravity '
                              'or payload) than the simulated one; expected the same, or a '
                              'function that returns the torques of the other')
-        return TorqueInput(robot, step_kernel(robot, True, integrator), step,
-                           np.concatenate([torque.kp, torque.kd, [step], block]), torque, start)
+        return TorqueInput(robot, step_kernel(robot, True, integrator, followed=torque.followed),
+                           step, np.concatenate([torque.kp, torque.kd, [step], block]), torque,
+                           start)
     return TorqueInput(robot, step_kernel(robot, False, integrator), step,
                        np.concatenate([[step], block]), _table(robot, torque, count, states),
                        start)

@@ -44,6 +44,27 @@ class LimitEvent(NamedTuple):
                 f'{what} {self.value:.4g}, limit {self.bound:.4g}')
 
 
+class StopEvent(NamedTuple):
+    """
+    The impact of a joint on one of its stops, in a simulation with stops.
+
+    The speed is that into the stop; the loss is the energy lost in all stops at that time, J.
+    """
+
+    t: float
+    joint: str
+    limit: str  # 'lower' or 'upper'
+    speed: float
+    loss: float
+    state: int | None = None  # which of many simulations
+
+    def __str__(self) -> str:
+        """Return the event as text."""
+        which = '' if self.state is None else f'simulation {self.state}: '
+        return (f"{which}at {self.t:.4g} s joint '{self.joint}' hits its {self.limit} stop: speed "
+                f'{self.speed:.4g}, {self.loss:.3g} J lost')
+
+
 class SpeedChange(NamedTuple):
     """
     A change of the independent speeds of a simulation before a singularity.
@@ -81,8 +102,8 @@ class Trajectory:
         Kinetic and potential energy, J.
     joint_names : tuple of str
     limit_events : sequence of LimitEvent
-        Checked at every step, not only at the samples. The simulation continues past a limit,
-        because stops are not modelled. Speed limits are checked for robots in joint rates.
+        Checked at every step, not only at the samples. Without `stops` the simulation continues
+        past a limit. Speed limits are checked for robots in joint rates.
     speed_names, constraint_names : tuple of str
         Of the entries of u, udot and tau, and of the rows of the constraints.
     constraint_forces : (K, m) or (N, K, m) array
@@ -94,6 +115,8 @@ class Trajectory:
         Changes of the independent speeds.
     warnings : tuple of str
         Warnings of the simulation.
+    stop_events : sequence of StopEvent
+        Impacts on joint stops, in order of time; the contact that follows is no event.
 
     """
 
@@ -112,6 +135,7 @@ class Trajectory:
     constraint_velocity_residual: Array = field(default_factory=partial(np.zeros, 0))
     speed_changes: Sequence[SpeedChange] = ()
     warnings: tuple[str, ...] = ()
+    stop_events: Sequence[StopEvent] = ()
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
@@ -181,8 +205,10 @@ class Trajectory:
         events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
         changes = (c._replace(state=None) for c in self.speed_changes
                    if c.state == k % len(self.q))
+        stops = (s._replace(state=None) for s in self.stop_events if s.state == k % len(self.q))
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
-        return replace(self, **rows, limit_events=tuple(events), speed_changes=tuple(changes))
+        return replace(self, **rows, limit_events=tuple(events), speed_changes=tuple(changes),
+                       stop_events=tuple(stops))
 
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
@@ -193,7 +219,9 @@ class Trajectory:
             **{name: np.array(getattr(self, name), dtype=str) for name in (*NAMES, 'warnings')}}
         changes = [(c.t, '\n'.join(c.before), '\n'.join(c.after),
                     '' if c.state is None else c.state) for c in self.speed_changes]
-        np.savez_compressed(path, limit_events=np.array(events, dtype=str).reshape(-1, 6),
+        stops = [(*s[:5], '' if s.state is None else s.state) for s in self.stop_events]
+        np.savez_compressed(path, stop_events=np.array(stops, dtype=str).reshape(-1, 6),
+                            limit_events=np.array(events, dtype=str).reshape(-1, 6),
                             speed_changes=np.array(changes, dtype=str).reshape(-1, 4), **arrays)
 
     @classmethod
@@ -207,6 +235,9 @@ class Trajectory:
             changes = tuple(SpeedChange(float(t), tuple(str(a).split('\n')),
                                         tuple(str(b).split('\n')), int(state) if state else None)
                             for t, a, b, state in file.get('speed_changes', ()))
+            stops = tuple(StopEvent(float(t), str(joint), str(limit), float(v), float(loss),
+                                    int(state) if state else None)
+                          for t, joint, limit, v, loss, state in file.get('stop_events', ()))
             content: dict[str, Any] = {
                 **{name: file[name] for name in ARRAYS if name not in OF_CONSTRAINTS},
                 **{name: file[key] for name in OF_CONSTRAINTS
@@ -215,7 +246,8 @@ class Trajectory:
                 'warnings': tuple(map(str, file.get('warnings', ())))}
             content.setdefault('constraint_velocity_residual',
                                np.zeros_like(content['constraint_residual']))
-            return cls(**content, limit_events=events, speed_changes=changes)
+            return cls(**content, limit_events=events, speed_changes=changes,
+                       stop_events=stops)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f'{os.fspath(path)}: {error}; expected a file of save_npz') from None
 

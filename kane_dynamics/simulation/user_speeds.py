@@ -1,6 +1,7 @@
 """Results of a simulation in the user's independent speeds, converted from other choices."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -149,6 +150,38 @@ def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, 
                                      equations.tree.geometry).speed_rows(names)
     return np.array([values(Y) @ motion.qdot + values(Z),
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])
+
+
+def law_power(history: Sequence[Sequence[tuple[int, Robot]]], source: Any, buffer: Array,
+              done: int, rows: Array) -> Array:
+    """
+    Return the power of computed torque in the speeds of each state, (N, rows), W.
+
+    Parameters
+    ----------
+    history : sequences of (int, Robot)
+        For each simulation, the step after which each choice of speeds begins.
+    source : TorqueInput
+        Of computed torque.
+    buffer : (N, K + 1, size) array
+        States after `done` steps, and after each of the next K.
+    done : int
+        Number of earlier steps.
+    rows : (k,) array of int
+        Row numbers of the buffer.
+
+    """
+    plain = [i for i, changes in enumerate(history) if len(changes) == 1]
+    found = np.empty((len(buffer), len(rows)))
+    if plain:
+        found[plain] = source.acting(buffer[plain], done)(rows)
+    for i, changes in enumerate(history):
+        if len(changes) > 1:
+            phase = np.searchsorted([after for after, _ in changes], done + rows) - 1
+            for k in np.unique(phase):
+                own = replace(source, robot=changes[k][1])
+                found[i, phase == k] = own.acting(buffer[i:i + 1], done)(rows[phase == k])[0]
+    return found
 
 
 def _equations(robot: Robot) -> ConstrainedEquations:

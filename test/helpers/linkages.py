@@ -7,6 +7,7 @@ import numpy as np
 
 PIN = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
 SLOPE, SPIN = 0.3, 1.7  # rad, rad/s
+ARM, SPAN = (0.4, 0.7), 0.5  # m, bars of each arm of the five-bar, and between the arms
 
 
 @cache
@@ -56,3 +57,46 @@ def sleigh_path(t):
     c, w = 9.81 * np.sin(SLOPE) / SPIN, SPIN
     return np.array([c * (np.sin(w * t) / w - t / 2 - np.sin(2 * w * t) / (4 * w)),
                      c * ((1 - np.cos(w * t)) / w - np.sin(w * t)**2 / (2 * w))]).T
+
+
+@cache
+def five_bar(*actuated, weights=(), wrench_frames=()):
+    """Return two arms of two bars each, joined at their tips: two degrees of freedom."""
+    b = ModelBuilder('five-bar')
+    for arm, x in (('left', 0.0), ('right', SPAN)):
+        on, at = 'world', (x, 0, 0)
+        for name, length in zip(('crank', 'bar'), ARM):
+            b.body(f'{arm}_{name}', on, axis=(0, -1, 0), at=at,
+                   matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+            on, at = f'{arm}_{name}', (length, 0, 0)
+        b.frame(f'{arm}_tip', on, at=at)
+    tip = Closure('left_tip', 'right_tip', 'revolute', axis=(0, 1, 0), name='tip')
+    names = dict(zip(actuated, weights)) if weights else actuated or None
+    return Robot(b.model(), constraints=[tip], actuated=names, friction=False,
+                 independent=('left_crank', 'right_crank'), wrench_frames=wrench_frames)
+
+
+def five_bar_at(left, right):
+    """Return the closed configuration with the tip above, (4,), by two circles."""
+    ends = [np.array([x + ARM[0] * np.cos(a), ARM[0] * np.sin(a)])
+            for x, a in ((0.0, left), (SPAN, right))]
+    across = ends[1] - ends[0]
+    half = 0.5 * np.linalg.norm(across)
+    up = np.array([-across[1], across[0]]) / (2.0 * half)
+    tip = ends[0] + 0.5 * across + np.sqrt(ARM[1]**2 - half**2) * up
+    angles = [np.arctan2(*(tip - end)[::-1]) for end in ends]
+    return np.array([left, angles[0] - left, right, angles[1] - right])
+
+
+def five_bar_partial_rates(q):
+    """Return T, (4, 2), from the velocities of the two tips."""
+    columns = []
+    for first, second in (q[:2], q[2:]):
+        outer = first + second
+        both = ARM[1] * np.array([-np.sin(outer), np.cos(outer)])
+        columns += [both + ARM[0] * np.array([-np.sin(first), np.cos(first)]), both]
+    J = np.array([columns[0], columns[1], -columns[2], -columns[3]]).T
+    dependent = -np.linalg.solve(J[:, [1, 3]], J[:, [0, 2]])
+    T = np.zeros((4, 2))
+    T[[0, 2]], T[[1, 3]] = np.eye(2), dependent
+    return T

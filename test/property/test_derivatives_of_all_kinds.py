@@ -247,6 +247,18 @@ def test_a_wrong_call_is_refused_by_name(call, message):
     assert message in str(error.value)
 
 
+def test_a_fully_driven_mechanism_has_derivatives_with_respect_to_time_and_empty_matrices():
+    b = ModelBuilder('driven')
+    b.body('arm', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, 1)))
+    robot, none = Robot(b.model(), constraints=[Prescribed('arm', np.sin)]), np.zeros(0)
+    q = robot.closed_posture([0.0], t=T)
+    for matrices in (robot.inverse_dynamics_derivatives(q, none, none, t=T),
+                     robot.forward_dynamics_derivatives(q, none, none, t=T)):
+        assert [x.shape for x in matrices] == [(0, 1), (0, 0), (0, 0)]
+    np.testing.assert_allclose(robot.derivative('joint_rates', q, none, by='t', t=T),
+                               [-np.sin(T)], rtol=1e-13)
+
+
 def test_a_derivative_at_an_open_loop_is_refused():
     robot, (q, u, udot) = robot_of('closed loop'), state_of('closed loop')
     with pytest.raises(ConstraintError, match="constraint 'pin/z': its residual"):

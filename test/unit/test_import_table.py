@@ -34,7 +34,7 @@ demo
 PARTS = {
     'mechanics': """
         algebra
-        friction
+        friction joint_stops
         definition
         recursive
         constraints

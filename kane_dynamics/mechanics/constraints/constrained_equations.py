@@ -9,16 +9,18 @@ from `mechanism`, q' = T u + ..., Kane's method gives:
 T^T f is F~_r + F~_r* with the sign changed: forces without work in an admissible motion cancel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.constrained_kinematics import ConstrainedKinematics
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism
 from kane_dynamics.mechanics.constraints.mechanism_state import ReleasedJointState
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
+from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -32,16 +34,17 @@ class ConstrainedEquations(ConstrainedKinematics):
     tree : TreeEquations
         Of the same model, in joint rates and without constraints.
     mechanism : Mechanism
-    actuated : sequence of str, optional
-        Names of the joints that have actuators; the torques have minimum norm. By default tau acts
-        as the forces dual to the independent speeds.
+    actuated : sequence of str or mapping of str to float, optional
+        Names of the joints that have actuators; the torques have minimum norm, or with a mapping
+        the least sum of weight times torque squared. By default tau acts as the forces dual to
+        the independent speeds.
     redundant : one of `redundant_forces.SHARING`
         Distribution of the forces of redundant rows.
 
     Raises
     ------
     ConstraintError
-        No such joint, or fewer actuators than independent speeds.
+        No such joint, fewer actuators than independent speeds, or a weight that is not positive.
 
     Notes
     -----
@@ -51,20 +54,26 @@ class ConstrainedEquations(ConstrainedKinematics):
     """
 
     def __init__(self, tree: TreeEquations, mechanism: Mechanism,
-                 actuated: Sequence[str] | None = None,
+                 actuated: Sequence[str] | Mapping[str, float] | None = None,
                  redundant: str = 'minimum_norm') -> None:
         """Check the actuated joints and store the parts."""
         super().__init__(tree, mechanism)
         self._redundant = redundant
-        self._actuated = None if actuated is None else self._actuated_coordinates(actuated)
+        self.actuated = None if actuated is None else self._actuated_coordinates(actuated)
+        self._ease = None if self.actuated is None or not isinstance(actuated, Mapping) else (
+            1.0 / np.array([actuated[self.model.coordinate_names[k]] for k in self.actuated]))
 
-    def _actuated_coordinates(self, joints: Sequence[str]) -> list[int]:
+    def _actuated_coordinates(self, joints: Sequence[str] | Mapping[str, float]) -> list[int]:
         """Return the indices of the actuated coordinates, or raise ConstraintError."""
         names = self.model.coordinate_names
         for joint in joints:
             if joint not in names:
                 raise ConstraintError(f"actuated: '{joint}'; expected one of "
                                       f'{", ".join(names)}')
+            weight = joints[joint] if isinstance(joints, Mapping) else 1.0
+            if not 0.0 < weight < np.inf:
+                raise ConstraintError(f"actuated: weight {weight} of '{joint}'; expected a "
+                                      'positive, finite number')
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
             raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, '
@@ -97,6 +106,20 @@ class ConstrainedEquations(ConstrainedKinematics):
     def mass_matrix(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return M = T^T M_q T, (n, n)."""
         return congruent(self.tree.mass_matrix(q, parameters), self.at_rest(q, t).T)
+
+    def momentum_terms(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """
+        Return the momenta p of the independent speeds and beta, (2, n).
+
+        With q' = T u + X: p = T^T M_q q', and p' = tau + external - beta,
+        beta = T^T (h_q - dM_q/dt q') - (dT/dt)^T M_q q', where h_q is the tree's bias force.
+        """
+        motion = self.joint_motion(q, u, self.zeros, t)
+        tree, qdot = self.tree, motion.qdot
+        momentum = tree.mass_matrix(q, parameters) @ qdot
+        C = tree.coriolis_matrix(q, qdot, parameters)
+        held = tree.bias_force(q, qdot, parameters) - (C @ qdot + qdot @ C)
+        return np.array([motion.T.T @ momentum, motion.T.T @ held - motion.T_rate.T @ momentum])
 
     def inverse_mass_matrix(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return M^-1, (n, n)."""
@@ -152,22 +175,35 @@ class ConstrainedEquations(ConstrainedKinematics):
         return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
     def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
-        """Return joint torques, (n_q,), with the generalized force tau."""
-        if self._actuated is None:  # Y_I T = 1, Y_I N = 0: gives tau without constraint forces
+        """Return joint torques, (n_q,), with the generalized force tau; NaN if unactuated."""
+        found = self._shared_torques(q, tau, t)
+        if self.actuated is None:
+            return found
+        return guarded(found, transmission_margin(self.mechanism, self.at_rest(q, t).T,
+                                                  self.actuated))
+
+    def generalized_force(self, q: Any, joint_torques: Any, t: Any = 0.0) -> Any:
+        """Return the generalized force of joint torques (n_q,), (n,)."""
+        return self.at_rest(q, t).T.T @ joint_torques
+
+    def _shared_torques(self, q: Any, tau: Any, t: Any) -> Any:
+        """Return `joint_torques` without a check of the configuration."""
+        if self.actuated is None:  # Y_I T = 1, Y_I N = 0: gives tau without constraint forces
             here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau
-        T = self.at_rest(q, t).T[self._actuated]
+        T = self.at_rest(q, t).T[self.actuated]
         order = list(range(self.n))
-        share = solve(factorize(congruent(np.eye(len(T)), T), order), order, tau)
+        ease = np.ones(len(T)) if self._ease is None else self._ease
+        share = solve(factorize(congruent(np.diag(ease), T), order), order, tau)
         torques = np.zeros(self.n_q).astype(object)
-        torques[self._actuated] = T @ share
+        torques[self.actuated] = ease * (T @ share)
         return torques
 
     def constraint_forces(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                           t: Any = 0.0) -> Any:
         """Return the force of every constraint row, (m,); redundant rows as `redundant`."""
         motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
-        return self._shared(q, t, motion.N, force - self.joint_torques(q, tau, t))
+        return self._shared(q, t, motion.N, force - self._shared_torques(q, tau, t))
 
     def _shared(self, q: Any, t: Any, N: Any, missing: Any) -> Any:
         """Return the forces of all rows, (m,), for given constraint forces of the joints."""
@@ -184,7 +220,7 @@ class ConstrainedEquations(ConstrainedKinematics):
         """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
         motion = self.joint_motion(q, u, udot, t)
         force = self._joint_forces(q, motion, wrench, parameters)
-        applied = self.joint_torques(q, motion.T.T @ force, t)
+        applied = self._shared_torques(q, motion.T.T @ force, t)
         held = self._shared(q, t, motion.N, force - applied)
         here = self.mechanism.state(q, t, self.tree.geometry)
         of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)

@@ -133,7 +133,7 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
         rows = [one_pass(flat, inputs, unit) for unit in np.eye(passes)]
     else:
         rows = _by_calls(one_pass, flat, inputs, passes, share)
-    matrix = np.array(rows, dtype=object).reshape(passes, -1)
+    matrix = np.array(rows, dtype=object).reshape(passes, max(len(inputs), len(flat)))
     return (matrix.T if by_inputs else matrix).reshape(*np.shape(outputs), len(inputs))
 
 

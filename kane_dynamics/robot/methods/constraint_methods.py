@@ -9,6 +9,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture, followed_posture
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument, checked
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,7 +59,9 @@ class ConstraintMethods(Dispatch):
         Return joint torques, (n_q,), with the generalized force tau.
 
         By default each entry of tau acts on its own independent speed without constraint forces;
-        with `Robot(actuated=)`, the actuators have the torques of minimum norm.
+        with `Robot(actuated=)`, the actuators have the torques of minimum norm, or of the least
+        sum of weight times torque squared. ConstraintError where the actuators cannot produce
+        every motion: the mechanism moves a thousand times as fast as they do, or faster.
 
         Robots in joint rates without constraints ignore q.
         """
@@ -68,6 +71,28 @@ class ConstraintMethods(Dispatch):
             raise InputError('q: missing; expected the configuration, on which the joint torques '
                              'of a robot with chosen speeds or constraints depend')
         return self._special('joint_torques', (q, tau), t, out)
+
+    def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
+                          t: ArrayLike = 0.0) -> Array:
+        """
+        Return the generalized force tau, (n,), of joint torques, (n_q,): reverse `joint_torques`.
+
+        For torques measured at all joints, zero at those without actuators, N m or N.
+        """
+        equations = self.equations
+        if not isinstance(equations, ConstrainedEquations):
+            return self._same('joint_torques', joint_torques, None)
+        name, block = 'generalized_force', self.kernels.parameters
+        arguments = [Argument(key, (equations.n_q,), equations.model.coordinate_names)
+                     for key in ('q', 'joint_torques')]
+        arguments += [Argument('t', ())] if equations.timed else []
+        kernel = self.kernels.extra(name, lambda: trace_program(
+            name, lambda q, torques, *rest: equations.generalized_force(
+                q, torques, *(x[()] for x in rest[:-1])),
+            [*((x.name, x.shape) for x in arguments), ('parameters', block.shape)]),
+            arguments, block, (equations.n,))
+        result: Array = kernel(*self._at_time((q, joint_torques), t))
+        return result
 
     def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                           wrench: ArrayLike | None = None, t: ArrayLike = 0.0,

@@ -2,9 +2,9 @@
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.mechanics.joint_stops import stopped_state
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.plant.energy_check import EnergyCheck
-from kane_dynamics.ros.plant.joint_stops import resolve_stops
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import step_warning
@@ -147,20 +147,9 @@ class SimulatedArm:
         return self.robot.external_force(self._q, wrench=world)
 
     def _apply_stops(self) -> None:
-        """
-        Move joints back to their stops and remove their speed into the stops.
-
-        Both corrections use the mass matrix. Moving only the joints past their stops would keep
-        displacements of the other joints that a stop prevents.
-        """
+        """Move joints back to their stops and remove their speed into the stops."""
         self.energy.close()
-        q, W = self._q, self._inverse_mass()
-        nearer = np.where(self._upper - q < q - self._lower, self._upper, self._lower)
-        side = np.where(nearer == self._upper, 1.0, -1.0) * np.isfinite(nearer)
-        past = np.where(np.isfinite(nearer), q - nearer, 0.0)
-        q += resolve_stops(past, side, W) - past
-        np.clip(q, self._lower, self._upper, out=q)
-        side = np.where(q >= self._upper, 1.0, np.where(q <= self._lower, -1.0, 0.0))
-        self._u[:] = resolve_stops(self._u, side, W)
+        self._q[:], self._u[:] = stopped_state(self._q, self._u, self._inverse_mass(),
+                                               self._lower, self._upper)
         self.energy.restart(self._state)
         self.stop_contacts += 1

@@ -7,10 +7,10 @@ import math
 from kane_dynamics import load_urdf, QuasiStatic, Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.joint_stops import resolve_stops
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.plant.delay_line import DelayLine, MAX_ITEMS
-from kane_dynamics.ros.plant.joint_stops import resolve_stops
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm

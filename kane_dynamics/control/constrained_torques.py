@@ -1,0 +1,242 @@
+"""
+The torques of `Controller` for robots with chosen speeds or constraints.
+
+The law gives a generalized force, dual to the independent speeds; `Robot.joint_torques` shares it
+among the actuators. With a preload p of more actuators than independent speeds, the torques are
+those nearest to p: p + shared(tau - T^T p).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import corrected_acceleration
+from kane_dynamics.control.constrained_law import (constrained_law_kernel, followed_joints,
+                                                   motion_columns, require_closed)
+from kane_dynamics.control.terms import Terms
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.loop_closure import followed_posture, SMALL, STRIDE
+from kane_dynamics.motion.motion import Motion, State
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
+import numpy as np
+from numpy.typing import ArrayLike
+
+ITERATIONS = 8  # of Newton's method from the last configuration
+CLOSED = 1e-10  # rad, or lengths: last step of the iteration, which converges quadratically
+CORIOLIS, FRICTION = (TORQUE_TERMS.index(name) for name in ('coriolis', 'friction'))
+
+
+class ConstrainedTorques:
+    """
+    Inverse dynamics, computed torque and gravity of a robot with chosen speeds or constraints.
+
+    Parameters
+    ----------
+    robot : Robot
+    followed : sequence of str, optional
+        As for `ComputedTorque`.
+    preload : (n_q,) array_like, optional
+        Joint torques, N m or N, to which those of the command are nearest.
+
+    """
+
+    def __init__(self, robot: Robot, followed: Sequence[str] | None,
+                 preload: ArrayLike | None) -> None:
+        """Find the joints that follow; kernels compile on first use."""
+        assert isinstance(robot.equations, ConstrainedEquations)
+        self._robot, self._equations = robot, robot.equations
+        self.places = list(followed_joints(robot, followed))
+        self.followed = tuple(robot.coordinate_names[k] for k in self.places)
+        self._preload = None if preload is None else self._checked(preload)
+        self._last: Array | None = None  # configuration of the last feedforward
+        self._of_path: list[str] | None = None  # rows of velocities alone, once known
+        self._functions: dict[str, Callable[..., Array]] = {}
+
+    def _checked(self, preload: ArrayLike) -> Array:
+        """Return the preload; InputError unless it loads redundant actuators alone."""
+        robot, equations = self._robot, self._equations
+        torques = constant(preload, (robot.n_q,), 'preload', InputError)
+        actuated = equations.actuated or []
+        others = [name for k, name in enumerate(robot.coordinate_names)
+                  if torques[k] and k not in actuated]
+        if len(actuated) <= robot.n or others:
+            raise InputError(f'preload: {torques.tolist()}, with {len(actuated)} actuated joints '
+                             f'and {robot.n} independent speeds; expected torques at actuated '
+                             'joints, of a robot with more of them than independent speeds '
+                             '(Robot(..., actuated=...))')
+        return torques
+
+    def check(self, motion: Motion) -> None:
+        """Raise InputError unless a motion is of the joints that follow, or of all and closed."""
+        motion_columns(self._robot, self.places, motion.joint_names)
+        require_closed(self._robot, motion.positions, motion.times)
+
+    def restart(self) -> None:
+        """Close the loops from the next measured state on."""
+        self._last = None
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile the kernels of the law with all terms."""
+        constrained_law_kernel(self._robot, self.places)
+        self._robot.compile('joint_torques')
+
+    def desired(self, motion: Motion, moment: float) -> State:
+        """Return q, u, udot of the joints that follow at a time of the motion, s."""
+        state = motion.sample(moment)
+        if motion.n == len(self.places):
+            return state
+        q, u, udot = (x[self.places] for x in state)
+        return q, u, udot
+
+    def computed_torque(self, q: Array, u: Array, desired: State, gains: Array, terms: Terms,
+                        back: Array, t: float) -> Array:
+        """Return the generalized force of computed torque; `back` weights all but friction."""
+        robot, at = self._robot, self._at(t)
+        if terms.complete:
+            return self._law(t)(q, u, *desired, gains)
+        q_d, u_d, udot_d = desired
+        n = len(self.places)
+        qdot = robot.joint_rates(q, u, **at)[self.places]
+        qddot = corrected_acceleration(q[self.places], qdot, q_d, u_d,
+                                       udot_d if terms.inertia else 0.0 * udot_d,
+                                       gains[:n], gains[n:])
+        tau = back @ self._terms(q, u, qddot, t)
+        if terms.friction:
+            wanted = self._called('followed_speeds', self._speeds, (q, u_d), t)
+            tau = tau + robot.torque_terms(q, wanted, 0.0 * wanted, **at)[FRICTION]
+        return tau
+
+    def _law(self, t: float) -> Callable[..., Array]:
+        """Return the law as a function of states and gains, without wrenches, at a time."""
+        if 'law' not in self._functions or self._equations.timed:
+            kernel = constrained_law_kernel(self._robot, self.places)
+            more: list[Any] = [None] if len(self._robot.kernels.no_wrench) else []
+
+            def checked(*given: Array) -> Array:
+                result: Array = kernel(*given, *more, *self._at(t).values())
+                return result
+            self._functions['law'] = checked if self._equations.timed else kernel.entry(
+                '', checked)
+        return self._functions['law']
+
+    def feedforward(self, q: Array, motion: Motion, moment: float, terms: Terms,
+                    t: float) -> tuple[Array, Array]:
+        """Return the desired configuration and the generalized force of its motion."""
+        q_c, u_c, udot_c = self.desired(motion, moment)
+        start = (motion.sample(moment)[0] if motion.n == self._robot.n_q else
+                 q if self._last is None else self._last)
+        self._last = q_d = self._closed(start, q_c, motion.n, t)
+        u_d = self._called('followed_speeds', self._speeds, (q_d, u_c), t)
+        if terms.complete:
+            udot_d = self._called('followed_rates', self._rates, (q_d, u_d, udot_c), t)
+            return q_d, self._robot.inverse_dynamics(q_d, u_d, udot_d, **self._at(t))
+        tau: Array = terms.weights @ self._terms(q_d, u_d, udot_c, t)
+        return q_d, tau
+
+    def _terms(self, q: Array, u: Array, qddot: Array, t: float) -> Array:
+        """
+        Return inverse dynamics by source, (5, n), for accelerations of the joints that follow.
+
+        The inertia term is that of these accelerations, not of udot, so that the terms do not
+        depend on the choice of speeds.
+        """
+        robot, at = self._robot, self._at(t)
+        drift, whole = (self._called('followed_rates', self._rates, (q, u, x), t)
+                        for x in (0.0 * qddot, qddot))
+        rows: Array = robot.torque_terms(q, u, whole - drift, **at)
+        rows[CORIOLIS] += robot.mass_matrix(q, **at) @ drift
+        return rows
+
+    def gravity(self, q: Array, t: float) -> Array:
+        """Return the generalized force that balances gravity."""
+        return self._robot.gravity_force(q, **self._at(t))
+
+    def joint_torques(self, tau: Array, q: Array, t: float) -> Array:
+        """Return the torques of the joints, (n_q,), with a generalized force."""
+        robot, p, at = self._robot, self._preload, self._at(t)
+        if p is None:
+            return robot.joint_torques(tau, q, **at)
+        return p + robot.joint_torques(tau - robot.generalized_force(p, q, **at), q, **at)
+
+    def _at(self, t: float) -> dict[str, Any]:
+        return {'t': t} if self._equations.timed else {}
+
+    def _closed(self, start: Array, target: Array, given: int, t: float) -> Array:
+        """
+        Return the closed configuration on the branch of a start, followed joints at a target.
+
+        Near the start by Newton's method in native code, else in small steps.
+        """
+        mechanism = self._robot.mechanism
+        if given < self._robot.n_q:
+            if self._of_path is None:
+                rows = mechanism.rows(mechanism.state(start, t))
+                self._of_path = [mechanism.labels[k] for k in mechanism.kept
+                                 if rows.residual[k] is None]
+            if self._of_path:
+                raise InputError(f'motion: of {given} joints, with {", ".join(self._of_path)}; '
+                                 'expected a motion of all joints, because a constraint on '
+                                 'velocities leaves the configuration to the path, or computed '
+                                 'torque')
+        here = start
+        if (np.abs(target - start[self.places]) <= SMALL * mechanism.units[self.places]).all():
+            for _ in range(ITERATIONS):
+                ahead = self._called('closing_step', self._closing, (here, target), t)
+                moved = float((np.abs(ahead - here) / mechanism.units).max())
+                if moved > STRIDE:
+                    break
+                here = ahead
+                if moved < CLOSED:
+                    return here
+        goal = start.copy()
+        goal[self.places] = target
+        return followed_posture(mechanism, start, goal, t=t, fixed=self.followed)
+
+    def _speeds(self, q: Any, qdot: Any, t: Any) -> Any:
+        """Return u for given rates of the joints that follow."""
+        motion = self._equations.at_rest(q, t)
+        return self._solved(motion, qdot - motion.qdot[self.places])
+
+    def _rates(self, q: Any, u: Any, qddot: Any, t: Any) -> Any:
+        """Return udot for given accelerations of the joints that follow."""
+        motion = self._equations.joint_motion(q, u, self._equations.zeros, t)
+        return self._solved(motion, qddot - motion.qddot[self.places])
+
+    def _closing(self, q: Any, target: Any, t: Any) -> Any:
+        """Return q after one Newton step on the constraints and the joints that follow."""
+        equations = self._equations
+        closed = equations.closure_step(q, t)
+        motion = equations.at_rest(q, t)
+        return closed + motion.T @ self._solved(motion, target - closed[self.places])
+
+    def _solved(self, motion: Any, rates: Any) -> Any:
+        return self._equations.mechanism.solved(motion.T[self.places], rates)
+
+    def _called(self, name: str, function: Callable[..., Any], given: tuple[Array, ...],
+                t: float) -> Array:
+        """Return the result of a traced function of arrays and the time."""
+        timed = self._equations.timed
+        if name not in self._functions:
+            kernel = self._traced(name, function, given)
+            self._functions[name] = kernel.entry('', kernel)
+        return self._functions[name](*given, *([t] if timed else []))
+
+    def _traced(self, name: str, function: Callable[..., Any],
+                given: tuple[Array, ...]) -> Kernel:
+        """Return the kernel of a function."""
+        robot, timed = self._robot, self._equations.timed
+        block = robot.parameters.block
+        arguments = [Argument(f'x{k}', x.shape) for k, x in enumerate(given)]
+        arguments += [Argument('t', ())] if timed else []
+
+        def traced(*x: Any) -> Any:
+            return function(*x[:len(given)], x[len(given)][()] if timed else 0.0)
+        return robot.kernels.extra(
+            f'{name}_{"_".join(map(str, self.places))}', lambda: trace_program(name, traced, [
+                *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
+            arguments, block, (robot.n_q if name == 'closing_step' else robot.n,))

@@ -1,0 +1,105 @@
+"""Joint stops as rigid, inelastic, frictionless obstacles."""
+
+from kane_dynamics._util.typing import Array
+import numpy as np
+from numpy.typing import NDArray
+
+
+def stop_impulses(into: Array, A: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """
+    Return the impulses of stops in contact, (k,), and which of them act, (k,) bool.
+
+    The impulses p and the remaining motion into the stops v solve the linear complementarity
+    problem
+
+        p >= 0,  v = into - A p <= 0,  p . v = 0.
+
+    For a positive definite A the solution is unique, and Murty's least-index method finds it in a
+    finite number of steps (Cottle, Pang, Stone, The Linear Complementarity Problem, section 4.7).
+
+    Parameters
+    ----------
+    into : (k,) array
+        Motion into each stop without the impulses.
+    A : (k, k) array
+        Motion away from each stop per unit of each impulse.
+
+    """
+    active = into > 0.0
+    while True:
+        p = np.zeros(len(into))
+        p[active] = np.linalg.solve(A[np.ix_(active, active)], into[active])
+        away = A @ p - into
+        wrong = np.where(active, p < 0.0, away < -1e-12 * np.abs(into).max(initial=0.0))
+        if not wrong.any():
+            return p, active
+        least = int(np.argmax(wrong))
+        active[least] = not active[least]
+
+
+def resolve_stops(x: Array, side: Array, inverse_mass: Array) -> Array:
+    """
+    Return joint speeds, or displacements from the stops, after the impulses of the stops.
+
+    Each stop in contact exerts an impulse that points away from it and prevents motion into it:
+    `stop_impulses` with A = s M^-1 s. The mass matrix couples the impulses to all joints, and
+    kinetic energy does not increase.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Speeds before the impulses, or displacements from the nearest stop.
+    side : (n,) array
+        1 for a joint at its upper stop, -1 at its lower stop, 0 otherwise.
+    inverse_mass : (n, n) array
+        M^-1 at the present configuration.
+
+    Returns
+    -------
+    (n,) array
+
+    """
+    touching = np.flatnonzero(side)
+    s = side[touching]
+    A = s[:, None] * inverse_mass[np.ix_(touching, touching)] * s
+    p, active = stop_impulses(s * x[touching], A)
+    after: Array = x - inverse_mass[:, touching] @ (s * p)
+    after[touching[active]] = 0.0  # exact zero, so that rounding does not move the joint
+    return after
+
+
+def nearest_stops(q: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """
+    Return the side of the nearest stop of each joint, (n,), and the displacement from it, (n,).
+
+    The side is 1 for the upper and -1 for the lower stop, 0 for a joint without any; side times
+    displacement is positive past the stop, rad or m.
+    """
+    nearer = np.where(upper - q < q - lower, upper, lower)
+    stopped = np.isfinite(nearer)
+    side = np.where(nearer == upper, 1.0, -1.0) * stopped
+    return side, np.where(stopped, q - nearer, 0.0)
+
+
+def stopped_state(q: Array, u: Array, inverse_mass: Array, lower: Array,
+                  upper: Array) -> tuple[Array, Array]:
+    """
+    Return the state of a tree after its joints past their stops are moved back and stopped.
+
+    Both corrections use the mass matrix. Moving only the joints past their stops would keep
+    displacements of the other joints that a stop prevents.
+
+    Parameters
+    ----------
+    q, u : (n,) arrays
+        rad or m, and s.
+    inverse_mass : (n, n) array
+        M^-1 at q.
+    lower, upper : (n,) arrays
+        The stops, rad or m; infinite where there is none.
+
+    """
+    side, away = nearest_stops(q, lower, upper)
+    q = np.clip(q + (resolve_stops(away, side, inverse_mass) - away), lower, upper)
+    side = np.where(q >= upper, 1.0, np.where(q <= lower, -1.0, 0.0))
+    return q, resolve_stops(u, side, inverse_mass)

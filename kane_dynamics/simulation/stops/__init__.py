@@ -1,0 +1,1 @@
+"""Joint stops in simulations."""

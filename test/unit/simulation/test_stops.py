@@ -1,0 +1,194 @@
+"""Joint stops of simulate: rigid, inelastic impacts in the space of the admissible motions."""
+
+from dataclasses import replace
+from functools import cache
+
+from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, InputError, Motion,
+                           Prescribed, Robot, simulate, Trajectory)
+from kane_dynamics.mechanics.definition import kane
+from linkages import (five_bar, five_bar_at, five_bar_partial_rates, four_bar_model, PIN, sleigh)
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+FREE = 1e9
+
+
+def stopped(robot, **limits):
+    """Return a copy of a robot with stops at (lower, upper) of the named joints alone."""
+    other = robot.copy()
+    lower, upper = np.full((2, robot.n_q), FREE) * [[-1.0], [1.0]]
+    for name, (low, high) in limits.items():
+        k = robot.joint_names.index(name)
+        lower[k], upper[k] = low, high
+    other.limits = replace(robot.limits, lower=np.where(lower == -FREE, -np.inf, lower),
+                           upper=np.where(upper == FREE, np.inf, upper))
+    return other
+
+
+@cache
+def tree(friction=False, chosen=False):
+    model = random_model(4, 3, prismatic=0.0, branching=0.0)
+    speeds = {'speeds': absolute_rates(model)} if chosen else {}
+    return stopped(Robot(model, friction=friction, **speeds), joint0=(-0.4, 0.5),
+                   joint1=(-0.3, 0.6))
+
+
+@cache
+def four_bar():
+    return Robot(four_bar_model(), constraints=[PIN], independent=['crank'], friction=False)
+
+
+def impact(M, J, rows, qdot):
+    """Return the rates after an inelastic impact on rows of the rates, by the full system."""
+    held = np.concatenate([J, rows])
+    n, m = len(M), len(held)
+    K = np.block([[M, held.T], [held, np.zeros((m, m))]])
+    return np.linalg.solve(K, np.concatenate([M @ qdot, np.zeros(m)]))[:n]
+
+
+def test_an_arm_rests_on_its_stops_and_the_balance_counts_what_was_lost():
+    robot = tree()
+    run = simulate(robot, [0.1, 0.2, 0.3], [1.0, -2.0, 0.5], 1.5, stops=True, sample=1e-3)
+    assert run.stop_events and not run.warnings
+    assert {event.limit for event in run.limit_events} <= {'velocity'}
+    lower, upper = robot.limits.lower, robot.limits.upper
+    assert (run.q >= lower).all() and (run.q <= upper).all()
+    total = run.energy.sum(axis=1)
+    assert (np.diff(total) <= 1e-4).all(), 'stops take energy'
+    lost = sum(event.loss for event in run.stop_events)
+    assert 0.9 * (total[0] - total[-1]) < lost < 1.1 * (total[0] - total[-1])
+    assert all(event.speed > 0.0 and event.loss > -1e-9 for event in run.stop_events)
+
+
+def test_the_balance_would_warn_of_an_impact_that_is_not_counted(monkeypatch):
+    monkeypatch.setattr('kane_dynamics.simulation.simulate._impacts', lambda *_: ())
+    with pytest.warns(UserWarning, match='energy balance'):
+        simulate(tree(friction=True), [0.1, 0.2, 0.3], [1.0, -2.0, 0.5], 1.0, stops=True)
+
+
+@pytest.mark.parametrize('torque', ['held', 'function', 'computed torque'])
+def test_a_joint_that_is_pressed_against_its_stop_stays_there_without_a_warning(torque):
+    robot = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
+    q0, end = [0.1, 0.2, 0.3], [0.5, 0.6, 0.7]
+    motion = Motion.from_points([0.0, 0.2], [q0, [0.9, 1.5, 2.0]], joint_names=robot.joint_names)
+    source = {'held': [80.0, 40.0, 20.0], 'function': lambda *_: np.array([80.0, 40.0, 20.0]),
+              'computed torque': ComputedTorque(robot, motion)}[torque]
+    run = simulate(robot, q0, np.zeros(3), 0.6, stops=True, torque=source)
+    assert not run.warnings and {e.joint for e in run.stop_events} == set(robot.joint_names)
+    np.testing.assert_allclose(run.q[-1], end, atol=1e-12)
+    np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-12)
+
+
+def test_chosen_speeds_hit_the_stops_of_the_tree():
+    plain, chosen = tree(), tree(chosen=True)
+    q0, qdot = np.array([0.1, 0.2, 0.3]), np.array([1.0, -2.0, 0.5])
+    Y = np.array(chosen.mechanism.state(q0).speed_rows(chosen.speed_names)[0], dtype=float)
+    errors = []
+    for step in (1e-3, 2e-4):  # the impulse of trees is that of the configuration past the stop
+        one, other = (simulate(robot, q0, u0, 0.3, step=step, stops=True, sample=0.01)
+                      for robot, u0 in ((plain, qdot), (chosen, Y @ qdot)))
+        assert not other.warnings
+        assert [(e.joint, e.limit) for e in other.stop_events] == [
+            (e.joint, e.limit) for e in one.stop_events] != []
+        errors.append(np.abs(other.q - one.q).max())
+    assert errors[0] < 1e-3
+    assert errors[1] < 0.4 * errors[0]
+
+
+def test_the_impact_of_a_five_bar_is_projected_and_loses_the_energy_of_the_jump():
+    q0 = five_bar_at(2.0, 1.1)
+    robot = stopped(five_bar(), left_bar=(-FREE, q0[1] + 1e-7))
+    T = five_bar_partial_rates(q0)
+    u0 = np.array([1.0, 0.7]) * np.sign(T[1] @ [1.0, 0.7])
+    M = kane.mass_matrix(robot.model, q0)
+    J = np.linalg.svd(T.T)[2][2:]  # rows that admit the columns of T alone
+    expected = impact(M, J, np.eye(4)[[1]], T @ u0)
+    run = simulate(robot, q0, u0, 1e-5, step=1e-6, stops=True)
+    np.testing.assert_allclose(run.u[-1], expected[[0, 2]], rtol=1e-3)
+    jump = T @ u0 - expected
+    assert len(run.stop_events) == 1
+    event = run.stop_events[0]
+    np.testing.assert_allclose(event.loss, 0.5 * jump @ M @ jump, rtol=1e-3)
+    np.testing.assert_allclose(event.speed, T[1] @ u0, rtol=1e-3)
+    assert (event.joint, event.limit) == ('left_bar', 'upper')
+
+
+def test_the_impact_of_a_body_on_a_runner_is_projected():
+    names = sleigh().joint_names
+    q0, speed = np.array([0.0, 0.0, 0.5]), 2.0
+    free = Robot(sleigh().model, constraints=sleigh()._choices['constraints'],
+                 independent=[names[0], names[2]])
+    robot = stopped(free, **{names[0]: (-FREE, 1e-7)})
+    qdot = np.array([speed * np.cos(0.5), speed * np.sin(0.5), 0.8])
+    J = np.array([[-np.sin(0.5), np.cos(0.5), 0.0]])
+    expected = impact(kane.mass_matrix(robot.model, q0), J, np.eye(3)[[0]], qdot)
+    run = simulate(robot, q0, qdot[[0, 2]], 1e-5, step=1e-6, stops=True)
+    np.testing.assert_allclose(run.u[-1], expected[[0, 2]], atol=1e-4)
+    assert [event.joint for event in run.stop_events] == [names[0]]
+
+
+def test_a_four_bar_rests_with_a_dependent_joint_at_its_stop_and_two_stops_share():
+    robot = four_bar()
+    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    one = stopped(robot, rocker=(-FREE, q0[2] + 0.3))
+    run = simulate(one, q0, [2.0], 0.6, stops=True, torque=[5.0])
+    assert not run.warnings and len(run.stop_events) == 1 and run.drift < 1e-12
+    np.testing.assert_allclose(run.q[-1, 2], q0[2] + 0.3, atol=1e-10)
+    np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-10)
+    both = stopped(robot, rocker=(-FREE, q0[2]), crank=(-FREE, q0[0]))
+    run = simulate(both, q0, [2.0], 0.05, stops=True, torque=[50.0])
+    assert not run.warnings and {e.joint for e in run.stop_events} == {'crank', 'rocker'}
+    np.testing.assert_allclose(run.q[-1], q0, atol=1e-9)
+
+
+@pytest.mark.parametrize('independent', ['crank', 'coupler'])
+def test_computed_torque_against_a_stop_of_a_closed_loop(independent):
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent], friction=False)
+    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    robot = stopped(robot, crank=(-FREE, 0.9))
+    motion = Motion.from_points([0.0, 0.2], [[0.5], [2.5]], joint_names=['crank'])
+    run = simulate(robot, q0, [0.0], 0.6, stops=True, torque=ComputedTorque(robot, motion))
+    assert not run.warnings and {e.joint for e in run.stop_events} == {'crank'}
+    np.testing.assert_allclose(run.q[-1, 0], 0.9, atol=1e-10)
+    np.testing.assert_allclose(run.u[-1], 0.0, atol=1e-10)
+
+
+def test_each_of_many_simulations_hits_as_alone_and_files_keep_the_impacts(tmp_path):
+    robot = tree()
+    q0 = np.array([[0.1, 0.2, 0.3], [-0.2, 0.1, 0.0], [0.0, 0.0, 0.0]])
+    u0 = np.array([[1.0, -2.0, 0.5], [0.0, 0.0, 0.0], [3.0, 3.0, 0.0]])
+    many = simulate(robot, q0, u0, 0.3, stops=True)
+    for k in range(3):
+        alone = simulate(robot, q0[k], u0[k], 0.3, stops=True)
+        np.testing.assert_allclose(many.q[k], alone.q, atol=1e-9)
+        assert [(e.joint, e.limit, round(e.t, 6)) for e in many.state(k).stop_events] == [
+            (e.joint, e.limit, round(e.t, 6)) for e in alone.stop_events]
+    many.save_npz(tmp_path / 'many.npz')
+    assert Trajectory.load_npz(tmp_path / 'many.npz').stop_events == many.stop_events
+    assert 'hits its' in str(many.stop_events[0])
+
+
+def test_without_a_contact_stops_change_nothing():
+    free = simulate(tree(), [0.1, 0.2, 0.3], [0.1, 0.0, 0.0], 0.05)
+    np.testing.assert_array_equal(
+        simulate(tree(), [0.1, 0.2, 0.3], [0.1, 0.0, 0.0], 0.05, stops=True).q, free.q)
+
+
+def test_what_stops_cannot_hold_is_refused():
+    with pytest.raises(InputError, match=r"q0: joint 'joint0' at 0\.6; expected -0\.4 to 0\.5"):
+        simulate(tree(), [0.6, 0.2, 0.3], np.zeros(3), 0.1, stops=True)
+    model = random_model(4, 3, prismatic=0.0, branching=0.0)
+    driven = stopped(Robot(model, constraints=[Prescribed('joint0', lambda t: t)],
+                           friction=False), joint0=(-1.0, 0.05))
+    with pytest.raises(ConstraintError, match="'joint0' is at its stop, and the constraints"):
+        simulate(driven, np.zeros(3), np.zeros(2), 0.1, stops=True)
+
+
+def test_stops_act_after_a_change_of_the_independent_speeds():
+    robot = stopped(sleigh(), **{'body/y': (-FREE, 0.9)})
+    run = simulate(robot, [0.0, 0.0, 0.5], [1.0, 1.7], 3.0, stops=True, torque=[0.0, 0.2])
+    assert run.speed_changes and not run.warnings
+    assert [event.joint for event in run.stop_events] == ['body/y']
+    assert run.q[:, 1].max() < 0.9 + 1e-9
+    np.testing.assert_allclose(run.u[:, 1], 1.7 + 0.5 * run.t, atol=1e-6)  # no moment of the stop
