@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 import pickle
 
-from kane_dynamics import simulate
+from kane_dynamics import ComputedTorque, Controller, Motion, MomentumObserver, simulate
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.verification import without_rotors
@@ -290,3 +290,41 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
     near(run.q[-1], q, tolerance)
     near(run.u[-1], u, tolerance)
     assert run.drift < 1e-9
+
+
+def implicit(case):
+    simulation(case, 'implicit', 1e-5)
+
+
+def rest_motion(case):
+    """Return a motion of all joints that rests at the case's configuration."""
+    names = case.robot.joint_names
+    q = [case.q[case.robot.coordinate_names.index(name)] for name in names]
+    return Motion.from_points([0.0], [q], joint_names=names)
+
+
+def computed_torque(case):
+    run = simulate(case.robot, case.q, case.u, 1e-5, step=1e-5, t0=case.time,
+                   torque=ComputedTorque(case.robot, rest_motion(case), kp=10.0, kd=5.0))
+    near(run.tau[0], inverse(case, udot=-5.0 * case.u, friction=False))
+
+
+def controller(case):
+    motion = rest_motion(case)
+    motion = Motion.from_points([0.0, 1.0], [motion.positions[0], motion.positions[0] + 0.3],
+                                joint_names=motion.joint_names)
+    command = Controller(case.robot).command(0.3, case.q, case.u, motion)
+    near(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
+
+
+def observer(case):
+    """Without motion, the estimate approaches what holds the arm beyond its actuators."""
+    watch, rest = MomentumObserver(case.robot, gain=10.0), 0.0 * case.u
+    held = inverse(case, rest, rest)
+    for t in (0.0, 0.05):
+        found = watch.update(t, case.q, rest, held - 1.0)
+    near(found, -np.expm1(-0.5) * np.ones(case.robot.n), CLOSED)
+
+
+def verification(case):
+    assert case.robot.verify(1) < CLOSED

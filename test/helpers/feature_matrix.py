@@ -1,0 +1,143 @@
+"""
+The table of features by kind of mechanism: what works, by which check, and why the rest does not.
+
+`python test/helpers/feature_matrix.py` writes the table into docs/limits.md.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+import sys
+
+import feature_checks as check
+from kinds_of_mechanism import KINDS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / 'docs' / 'limits.md'
+BEGIN, END = '<!-- features by kind: generated -->\n', '<!-- end of the generated table -->\n'
+TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM = KINDS
+
+# Reasons, one sentence each. The first are of physics or definition, the others of today.
+NO_CONSTRAINT = 'There is no constraint that could exert a force.'
+NO_TEN = ("A beam's inertia is a set of modal integrals, not ten inertial parameters a body, in which "
+          'the regressor is linear.')
+MISSING = 'Not available; the call raises an error that says so.'
+UNGUARDED = 'Not available.'  # the call fails with another error, or returns other numbers
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    A feature.
+
+    Attributes
+    ----------
+    name : str
+    check : callable, optional
+        Fails unless a case's result is that of an independent formulation. It runs for every kind
+        and pair without a reason, and must be refused for the others.
+    reasons : dict of kind or pair to sentence
+        Why it does not work. A pair has the reasons of its kinds.
+    tests : dict of kind to test
+        Existing tests that show it instead of the check: 'file::name'.
+
+    """
+
+    name: str
+    check: object = None
+    reasons: dict = field(default_factory=dict)
+    tests: dict = field(default_factory=dict)
+
+    def reason(self, *kinds):
+        """Return why it does not work for these kinds, or None."""
+        found = [self.reasons[key] for key in (kinds, *kinds) if key in self.reasons]
+        return UNGUARDED if UNGUARDED in found else found[0] if found else None
+
+
+CONTROL = 'test/unit/control/'
+ROWS = (
+    Row('inverse dynamics, external wrenches', check.inverse_dynamics),
+    Row('forward dynamics', check.forward_dynamics),
+    Row('mass matrix and its inverse', check.mass_matrix),
+    Row('bias force', check.bias),
+    Row('gravity force', check.gravity),
+    Row('friction force', check.friction),
+    Row('Coriolis matrix', check.coriolis),
+    Row('derivatives of inverse dynamics', check.inverse_derivatives, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING,
+        BEAM: MISSING}),
+    Row('derivatives of forward dynamics', check.forward_derivatives, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING,
+        BEAM: MISSING}),
+    Row('Jacobian and its rate', check.jacobian),
+    Row('velocity and acceleration of frames', check.frames),
+    Row('kinetic and potential energy', check.kinetic_and_potential_energy),
+    Row('torque by source', check.sources),
+    Row('torque by body', check.by_body, {BEAM: MISSING}),
+    Row('regressor', check.regressor, {BEAM: NO_TEN}),
+    Row('joint reactions', check.joint_reactions),
+    Row('constraint forces', check.constraint_forces, {
+        (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),
+    Row('workspace', check.workspace),
+    Row('batches', check.batches),
+    Row('pickling', check.pickling),
+    Row('`verify`', check.verification),
+    Row('`simulate`', check.simulation),
+    Row('`simulate` with the implicit integrator', check.implicit, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING}),
+    Row('`ComputedTorque`', check.computed_torque, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING,
+        BEAM: UNGUARDED}),
+    Row('`Controller`, beams by `QuasiStatic`', check.controller, {
+        SPEEDS: UNGUARDED,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING}, {
+        BEAM: f'{CONTROL}test_quasi_static.py::'
+              'test_feedforward_that_knows_of_the_bending_follows_far_better'}),
+    Row('`MomentumObserver`', check.observer, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING}),
+)
+
+
+def table():
+    """Return the table and its notes, in Markdown."""
+    notes, lines = [], [f'| | {" | ".join(KINDS)} |', f'|---{"|---" * len(KINDS)}|']
+    for row in ROWS:
+        cells = []
+        for kind in KINDS:
+            reason = row.reason(kind)
+            if reason is None:
+                cells.append('yes')
+                continue
+            if reason not in notes:
+                notes.append(reason)
+            cells.append(f'no ({notes.index(reason) + 1})')
+        lines.append(f'| {row.name} | {" | ".join(cells)} |')
+    lines += ['', *(f'{k}. {note}' for k, note in enumerate(notes, 1))]
+    return '\n'.join(lines) + '\n'
+
+
+def page(text):
+    """Return the text of docs/limits.md with the table."""
+    before, _, rest = text.partition(BEGIN)
+    return f'{before}{BEGIN}\n{table()}\n{END}{rest.partition(END)[2]}'
+
+
+if __name__ == '__main__':
+    PAGE.write_text(page(PAGE.read_text(encoding='utf-8')), encoding='utf-8')
+    print(f'{PAGE}: written', file=sys.stderr)
