@@ -123,7 +123,9 @@ class TorqueInput:
         gains = np.concatenate([torque.kp, torque.kd])
         desired = [np.broadcast_to(x, q.shape) for x in (q_d, u_d, udot_d)]
         rows = [x.reshape(-1, self.robot.n) for x in (q, u, *desired)]
-        tau: Array = law_kernel(self.robot)(*rows, np.tile(gains, (len(rows[0]), 1)))
+        rows.append(np.tile(gains, (len(rows[0]), 1)))
+        no_wrench = [None] if self.robot.equations.wrench_frames else []
+        tau: Array = law_kernel(self.robot)(*rows, *no_wrench)
         return tau.reshape(q.shape)
 
 

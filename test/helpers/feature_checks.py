@@ -5,9 +5,13 @@ A check takes a case and fails unless the robot's result is that of Kane's defin
 energies, or of a derivative of one of these.
 """
 
+import ctypes
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 import pickle
+import subprocess
+from tempfile import TemporaryDirectory
 
 from kane_dynamics import ComputedTorque, Controller, Motion, MomentumObserver, simulate
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
@@ -208,7 +212,7 @@ def regressor(case):
 
 def joint_reactions(case):
     """
-    Compare the reactions with the torque that reaches each link, and with Newton's law of the last.
+    Compare reactions with the torque that reaches each link, and with Newton's law of the last.
 
     Joints that follow a motion have an actuator of their own; joints on beams carry its moments.
     """
@@ -300,7 +304,7 @@ def rest_motion(case):
     """Return a motion of all joints that rests at the case's configuration."""
     names = case.robot.joint_names
     q = [case.q[case.robot.coordinate_names.index(name)] for name in names]
-    return Motion.from_points([0.0], [q], joint_names=names)
+    return Motion.from_points([0.0, 1.0], [q, q], joint_names=names)
 
 
 def computed_torque(case):
@@ -328,3 +332,21 @@ def observer(case):
 
 def verification(case):
     assert case.robot.verify(1) < CLOSED
+
+
+def exported(case):
+    """The exported C compiles, passes its self-test, and gives inverse dynamics."""
+    with TemporaryDirectory() as folder:
+        source, _ = case.robot.export_c(Path(folder) / 'out.c', (
+            'inverse_dynamics', 'forward_dynamics', 'coriolis_matrix', f'jacobian:{TOOL}'))
+        library = source.with_suffix('.so')
+        subprocess.run(['gcc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Werror', '-O0',
+                        '-fPIC', '-shared', str(source), '-o', str(library), '-lm'], check=True)
+        loaded = ctypes.CDLL(str(library))
+    assert loaded.out_self_test() == 0
+    result, time = np.empty(case.robot.n), np.array(case.time)
+    given = [case.q, case.u, case.udot, None, *([time] if case.t else []), None, result]
+    loaded.out_inverse_dynamics.restype = None
+    loaded.out_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
+                                  for x in given))
+    near(result, inverse(case))

@@ -18,8 +18,8 @@ TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM = KINDS
 
 # Reasons, one sentence each. The first are of physics or definition, the others of today.
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
-NO_TEN = ("A beam's inertia is a set of modal integrals, not ten inertial parameters a body, in which "
-          'the regressor is linear.')
+NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial parameters of a body "
+          'in which the regressor is linear.')
 MISSING = 'Not available; the call raises an error that says so.'
 UNGUARDED = 'Not available.'  # the call fails with another error, or returns other numbers
 
@@ -111,6 +111,7 @@ ROWS = (
         LOOP: MISSING,
         ROLLING: MISSING,
         TIME: MISSING}),
+    Row('`export_c`', check.exported),
 )
 
 
