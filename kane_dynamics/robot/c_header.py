@@ -97,9 +97,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
     upper = prefix.upper()
     gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
     speeds = 'u = dq/dt, ' if not constrained(robot) else ''
-    entries = 'joint,' if not constrained(robot) else 'joint (q)'
     lines = [f'M(q) udot + bias(q, u) = tau + external, {speeds}SI units, world axes.', '',
-             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per {entries}',
+             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,',
              *(['or per independent speed (u, udot, and tau, which is dual to u),'] if constrained(
                  robot) else []),
              'in the order above. A result may overlay an argument. Nothing is allocated, no',
@@ -109,8 +108,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
         '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
     lines += [] if not constrained(robot) else [
-        '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the speeds,',
-        '  constraint residuals in m and in rad, relative violation of redundant constraints.',
+        '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
+        '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
         '  Beyond them the first entry of a result is NaN.']
     lines.append(f'  NULL selects the values at export: gravity ({gravity})'
                  + (' and the payload at export.' if robot.equations.payload_frame else '.'))

@@ -148,7 +148,7 @@ def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> CKernel
 
 
 def _configuration(robot: Any, rng: np.random.Generator) -> tuple[Array, float, float]:
-    """Return a configuration, (n_q,), and a time for the self-test, and how much rounding grows."""
+    """Return a configuration, (n_q,), a time for the self-test, and the growth of rounding."""
     if constrained(robot):
         from kane_dynamics.robot.verification import conditioning, regular_state
         q, t = regular_state(robot, rng)

@@ -13,7 +13,8 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
-from kane_dynamics import ComputedTorque, Controller, Motion, MomentumObserver, simulate
+from kane_dynamics import (ComputedTorque, Controller, demand, Motion, MomentumObserver,
+                           natural_vibration, simulate)
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.verification import without_rotors
@@ -350,3 +351,22 @@ def exported(case):
     loaded.out_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
                                   for x in given))
     near(result, inverse(case))
+
+
+def vibration(case):
+    """Small motions about a held configuration follow from Kane's forces beside it."""
+    found = natural_vibration(case.robot, case.q)
+    model = case.robot.model
+
+    def slope_of_potential(q):
+        return -kane.generalized_active_force(model, q, 0.0 * q, friction=False)
+    held = case.robot.joint_torques(case.T.T @ slope_of_potential(case.q), case.q)
+
+    def force(direction, s):
+        q = case.q + s * direction
+        return moved(case, q, 0.0).T @ (slope_of_potential(q) - held)
+    K = np.array([slope(partial(force, direction)) for direction in case.T.T]).T
+    M = nonholonomic.mass_matrix(case.mechanism, case.q)
+    square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    near(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
+    near(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)), CLOSED)

@@ -18,8 +18,10 @@ TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM = KINDS
 
 # Reasons, one sentence each. The first are of physics or definition, the others of today.
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
-NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial parameters of a body "
-          'in which the regressor is linear.')
+NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial parameters of a "
+          'body, in which the regressor is linear.')
+NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
+           'vibrate.')
 MISSING = 'Not available; the call raises an error that says so.'
 UNGUARDED = 'Not available.'  # the call fails with another error, or returns other numbers
 
@@ -112,6 +114,7 @@ ROWS = (
         ROLLING: MISSING,
         TIME: MISSING}),
     Row('`export_c`', check.exported),
+    Row('natural vibration', check.vibration, {TIME: NO_REST}),
 )
 
 

@@ -79,10 +79,10 @@ def joint_rates(model: Model) -> Speeds:
 
 def absolute_rates(model: Model) -> Speeds:
     """
-    Return each body's angular velocity along its own joint axis; sliding joints and modes keep theirs.
+    Return each body's angular velocity along its own joint axis; sliding joints keep their rate.
 
-    For a planar chain these are the rates of absolute angles, in which the equations of motion
-    couple bodies through angle differences only.
+    So do the modes of beams. For a planar chain these are the rates of absolute angles, in which
+    the equations of motion couple bodies through angle differences only.
     """
     carriers = {joint.name: k for k, joint in enumerate(b.joint for b in model.bodies)
                 if joint.kind == 'revolute'}

@@ -20,7 +20,8 @@ def constant(value: float, precision: Precision) -> str:
     if np.isnan(value):
         return 'NAN'  # of math.h
     if not np.isfinite(value):
-        raise CompileError(f'constant: {value}; expected a finite number or NaN: C has no other literal')
+        raise CompileError(f'constant: {value}; expected a finite number or NaN: C has no other '
+                           'literal')
     return literal(value, precision)
 
 
