@@ -13,8 +13,9 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
-from kane_dynamics import (ComputedTorque, Controller, demand, Motion, MomentumObserver,
-                           natural_vibration, simulate)
+from kane_dynamics import (ComputedTorque, Controller, fill_trajectory, Motion,
+                           MomentumObserver, natural_vibration, simulate)
+from kane_dynamics.feasibility import demand, fastest
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.verification import without_rotors
@@ -370,3 +371,54 @@ def vibration(case):
     square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
     near(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
     near(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)), CLOSED)
+
+
+def driven(case):
+    """Return a motion of the driving joints through the case's configuration, and when it is."""
+    robot, moment = case.robot, case.time or 0.4
+    names = [name for name in robot.joint_names if name in ('upper', 'fore', 'crank')][:robot.n]
+    places = [robot.coordinate_names.index(name) for name in names]
+    rates = case.joint_motion[0][places]
+    return Motion.from_points(
+        [0.0, moment, 1.0], [case.q[places] + x for x in (-0.1, 0.0, 0.1)], [rates] * 3,
+        [0.5 * rates] * 3, joint_names=names), moment, places
+
+
+def scaled(case):
+    """At the highest speed, a limit is reached and none is exceeded, by Kane's definition."""
+    motion, _, _ = driven(case)
+    found = fastest(case.robot, motion, step=0.05)
+    q, u, udot = motion.sample(np.array([found.t * found.speed]))
+    tau = kane.inverse_dynamics(case.robot.model, q[0], found.speed * u[0],
+                                found.speed**2 * udot[0])
+    share = max((np.abs(tau) / case.robot.limits.effort).max(),
+                np.abs(found.speed * u / case.robot.limits.velocity).max())
+    near(share, 1.0, 1e-6)
+
+
+def filled(case):
+    motion, moment, _ = driven(case)
+    q, u, udot = motion.sample(moment)
+    done = fill_trajectory(case.robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names)
+    near(done.efforts[0], kane.inverse_dynamics(case.robot.model, q, u, udot))
+
+
+def demanded(case):
+    """The motion of driving joints moves the others, with the torques of Kane's definition."""
+    robot, (motion, moment, places) = case.robot, driven(case)
+    asked = demand(robot, motion, step=0.05)
+    k = int(np.argmin(np.abs(asked.t - moment)))
+    t, q, qdot, qddot = asked.t[k], asked.q[k], asked.u[k], asked.udot[k]
+    for mine, given in zip((q, qdot, qddot), motion.sample(t)):
+        near(mine[places], given)
+
+    def missed(s):
+        rows = case.mechanism.rows(case.mechanism.state(q + s * qdot, t + s))
+        J, b = (np.array(x, dtype=float) for x in (rows.J, rows.b))
+        return J.reshape(-1, robot.n_q) @ (qdot + s * qddot) - b
+    near(missed(0.0), 0.0 * missed(0.0), CLOSED)
+    near(slope(missed), 0.0 * missed(0.0), CLOSED)
+    rows = case.mechanism.rows(case.mechanism.state(q, t))
+    near([x or 0.0 for x in rows.residual], np.zeros(len(rows.residual)))
+    T = moved(case, q, t)
+    near(T.T @ asked.tau[k], T.T @ kane.inverse_dynamics(robot.model, q, qdot, qddot), CLOSED)

@@ -20,10 +20,15 @@ TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM = KINDS
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
 NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial parameters of a "
           'body, in which the regressor is linear.')
+NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic mechanism, '
+            'which depend on the path.')
+BENDS = ('The deflections of beams follow from the load, and the motion of the joints does not '
+         'state them; `QuasiStatic` and `fill_trajectory(bending=)` compute those in equilibrium.')
+NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
 NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
            'vibrate.')
 MISSING = 'Not available; the call raises an error that says so.'
-UNGUARDED = 'Not available.'  # the call fails with another error, or returns other numbers
+UNGUARDED = 'Not available, and not refused by every call: do not use the result.'
 
 
 @dataclass(frozen=True)
@@ -34,20 +39,23 @@ class Row:
     Attributes
     ----------
     name : str
-    check : callable, optional
+    check : callable
         Fails unless a case's result is that of an independent formulation. It runs for every kind
         and pair without a reason, and must be refused for the others.
     reasons : dict of kind or pair to sentence
         Why it does not work. A pair has the reasons of its kinds.
     tests : dict of kind to test
         Existing tests that show it instead of the check: 'file::name'.
+    pairs : bool
+        Whether the check runs for pairs of kinds too; slow ones run for the others only.
 
     """
 
     name: str
-    check: object = None
+    check: object
     reasons: dict = field(default_factory=dict)
     tests: dict = field(default_factory=dict)
+    pairs: bool = True
 
     def reason(self, *kinds):
         """Return why it does not work for these kinds, or None."""
@@ -86,10 +94,10 @@ ROWS = (
     Row('constraint forces', check.constraint_forces, {
         (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),
     Row('workspace', check.workspace),
-    Row('batches', check.batches),
-    Row('pickling', check.pickling),
-    Row('`verify`', check.verification),
-    Row('`simulate`', check.simulation),
+    Row('batches', check.batches, pairs=False),
+    Row('pickling', check.pickling, pairs=False),
+    Row('`verify`', check.verification, pairs=False),
+    Row('`simulate`', check.simulation, pairs=False),
     Row('`simulate` with the implicit integrator', check.implicit, {
         SPEEDS: MISSING,
         LOOP: MISSING,
@@ -113,8 +121,23 @@ ROWS = (
         LOOP: MISSING,
         ROLLING: MISSING,
         TIME: MISSING}),
-    Row('`export_c`', check.exported),
+    Row('`export_c`', check.exported, pairs=False),
     Row('natural vibration', check.vibration, {TIME: NO_REST}),
+    Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {
+        ROLLING: NO_SHAPE,
+        BEAM: BENDS}, pairs=False),
+    Row('`fastest`', check.scaled, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: NO_SHAPE,
+        TIME: NO_SCALE,
+        BEAM: BENDS}),
+    Row('`fill_trajectory`', check.filled, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: NO_SHAPE,
+        TIME: MISSING,
+        BEAM: BENDS}),
 )
 
 
