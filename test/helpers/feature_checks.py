@@ -41,7 +41,7 @@ def slope(function, h=4e-3):
 
 
 def along(case, function):
-    """Return the derivative by time of a function of q and t along the motion."""
+    """Return the time derivative of a function of q and t along the motion."""
     qdot = case.joint_motion[0]
     return slope(lambda s: function(case.q + s * qdot, case.time + s))
 

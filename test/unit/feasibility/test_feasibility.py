@@ -276,5 +276,5 @@ def test_motions_that_do_not_determine_a_mechanism_are_refused():
     with pytest.raises(InputError, match='expected 1 of crank, coupler, rocker, as many as ind'):
         demand(four_bar('crank'), two)
     path = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=['body/x', 'body/rz'])
-    with pytest.raises(InputError, match="constraint 'runner/.*' is one of velocities"):
+    with pytest.raises(InputError, match="constraint 'runner' is one of velocities"):
         demand(sleigh(), path)
