@@ -74,7 +74,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE  # as of other programs
     except (KaneError, OSError) as error:
-        print(f'kane-dynamics: error: {_with_option_names(parser, options.command, str(error))}',
+        text = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            text = f"'{error.filename}': {str(error.strerror).lower()}"
+        print(f'kane-dynamics: error: {_with_option_names(parser, options.command, text)}',
               file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -1,8 +1,4 @@
-"""
-Controller: the torques to command for a measured state and a desired motion.
-
-Plain library code without ROS; the node converts messages.
-"""
+"""Controller: the torques to command for a measured state and a desired motion, without ROS."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -280,14 +276,17 @@ class Controller:
 
     def _computed_torque(self, q: Array, u: Array, motion: Motion | None,
                          moment: float) -> Array:
-        """Return the torque of the model at the measured state and the corrected acceleration."""
-        if motion is None:
-            if self._pose is None:
-                self._pose = q.copy()
-            q_d, u_d, udot_d = self._pose, self._zero, self._zero
-        else:
+        """Return the torque towards the motion, or towards the pose that is held without one."""
+        if motion is not None:
             self._pose = None  # the pose at the end of the motion is held next
-            q_d, u_d, udot_d = motion.sample(moment)
+            return self._feedback(q, u, *motion.sample(moment))
+        tau = self._feedback(q, u, q if self._pose is None else self._pose, self._zero, self._zero)
+        if self._pose is None and np.isfinite(tau).all():  # a refused state is no pose
+            self._pose = q.copy()
+        return tau
+
+    def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array) -> Array:
+        """Return the torque of the model at the measured state and the corrected acceleration."""
         if self._compensate.complete and self.bending is None:
             whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
             return whole

@@ -46,6 +46,7 @@ class RegressionRows:
     Attributes
     ----------
     recording : Recording
+    joint_names : tuple of str
     rigid : (N, n) array
         Torque of the model's rigid bodies, N m or N.
     rest : (N, n) array
@@ -58,6 +59,7 @@ class RegressionRows:
     """
 
     recording: Recording
+    joint_names: tuple[str, ...]
     rigid: Array
     rest: Array
     Y: Array
@@ -70,8 +72,8 @@ class RegressionRows:
 
     def part(self, chosen: slice) -> 'RegressionRows':
         """Return the rows of a slice."""
-        return RegressionRows(self.recording.rows(chosen), self.rigid[chosen], self.rest[chosen],
-                              self.Y[chosen], self.moving[chosen])
+        return RegressionRows(self.recording.rows(chosen), self.joint_names, self.rigid[chosen],
+                              self.rest[chosen], self.Y[chosen], self.moving[chosen])
 
     @lazy_property
     def stretches(self) -> list['RegressionRows']:
@@ -111,7 +113,8 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
     state = recording.q, recording.u, recording.udot
     Y = robot.regressor(*state)
     rigid = Y @ robot.inertial_parameters
-    return RegressionRows(recording, rigid, robot.inverse_dynamics(*state) - rigid, Y,
+    return RegressionRows(recording, robot.joint_names, rigid,
+                          robot.inverse_dynamics(*state) - rigid, Y,
                           np.abs(recording.u) > standstill)
 
 
@@ -141,8 +144,8 @@ def _friction_factor(data: RegressionRows, joint: int) -> Factor:
     """Return the factorized friction equations of a joint for given bodies."""
     moves = data.moving[:, joint]
     if moves.sum() < 10:
-        raise InputError(f'joint number {joint + 1}: moves in {moves.sum()} rows of the fit; '
-                         'expected at least 10')
+        raise InputError(f"joint '{data.joint_names[joint]}': moves in {moves.sum()} rows of the "
+                         'fit; expected at least 10')
     left = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
     u, udot = data.recording.u[moves, joint], data.recording.udot[moves, joint]
     return Factor(np.array([0, 2, 3, 4]), 1, u, *np.linalg.qr(np.column_stack(
@@ -241,7 +244,7 @@ def compressed(data: RegressionRows,
     counts = data.moving.sum(axis=0)
     for j, count in enumerate(counts):
         if count <= columns + 1:
-            raise InputError(f'joint number {j + 1}: moves in {count} rows of the fit; '
+            raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of the fit; "
                              f'expected more than {columns + 1} for {columns} unknowns')
     parts = [factorized(part, speeds) for part in data.stretches]
     whole = [triangle(np.vstack(of_joint)) for of_joint in zip(*parts, strict=True)]

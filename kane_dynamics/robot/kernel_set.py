@@ -1,6 +1,7 @@
 """The kernels of one robot: traced from its equations and compiled on first use."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,8 @@ from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
+from kane_dynamics.robot.derivative_kernels import (Derivative, shapes_by_name,
+                                                    SlopesOfDynamics)
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
@@ -24,6 +27,7 @@ LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy product
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
+OF_PARTS = {**FRAME_QUANTITIES, 'joint_reaction': JOINT_REACTION}  # of a frame or joint
 Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
 
@@ -79,47 +83,79 @@ class KernelSet:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that this robot has as one kernel."""
-        left_out = [*self.equations.unsupported,
-                    *(['forward_dynamics_derivatives'] if self.equations.n > LONG else [])]
-        return tuple(name for name in ALL
-                     if hasattr(self.equations, name) and name not in left_out)
+        left_out = ['forward_dynamics_derivatives'] if self.equations.n > LONG else []
+        return tuple(name for name in ALL if name not in left_out and (
+            self._has(name) or hasattr(SlopesOfDynamics, name)))
+
+    def _has(self, name: str) -> bool:
+        """Return whether the equations have a method for a quantity."""
+        return hasattr(self.equations, name) and name not in self.equations.unsupported
 
     def quantity(self, name: str) -> Kernel:
         """Return the kernel of one of `names`; InputError lists them for another name."""
+        return self.kernel(name)
+
+    def at_frame(self, name: str, frame: str) -> Kernel:
+        """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
+        return self.kernel(name, frame)
+
+    def reaction(self, joint: str) -> Kernel:
+        """Return the kernel of the reaction at a joint; InputError for an unknown joint."""
+        return self.kernel('joint_reaction', joint)
+
+    def kernel(self, name: str, at: str = '', derivative: Derivative | None = None) -> Kernel:
+        """
+        Return the kernel of a quantity or of a derivative of it.
+
+        Parameters
+        ----------
+        name, at : str
+            One of `names` and '', or one of `FRAME_QUANTITIES` and a frame, or 'joint_reaction'
+            and a joint.
+        derivative : Derivative, optional
+            The derivative; by default the quantity itself.
+
+        Raises
+        ------
+        InputError
+            An unknown name, frame or joint; the message lists the valid ones.
+
+        """
+        label = name if derivative is None else derivative.label(name)
+
         def make() -> Kernel:
-            if name not in self.names:
-                raise InputError(f"no kernel '{name}' for this robot; expected one of "
-                                 f'{", ".join(self.names)}')
-            return self._kernel(name, lambda: self.program(name), ALL[name])
-        return self._kept((name, ''), make)
+            arguments, shape = self._signature(name, derivative)
+            self._method(name, at)  # raises InputError now, not where the kernel is traced
+            self._same[label, at] = lambda other: other.kernel(name, at, derivative)
+            return Kernel(label, lambda: self.program(name, at, derivative),
+                          self.key and self.key + at, arguments, self._parameters, shape,
+                          partial(self._another, (label, at)))
+        return self._kept((label, at), make)
+
+    def _signature(self, name: str,
+                   derivative: Derivative | None) -> tuple[list[Argument], Shape]:
+        """Return the arguments of a kernel and the shape of its result."""
+        quantity = self._quantity(name)
+        arguments, shape = self._arguments(quantity), self._sizes.shape(quantity.shape)
+        if derivative is None:
+            return arguments, shape
+        shapes = self.differentiable(name)
+        return ([*derivative.arguments(shapes, shape), *arguments],
+                derivative.shape(shapes, shape))
+
+    def differentiable(self, name: str) -> dict[str, Shape]:
+        """Return the shapes of the inputs by which a quantity can be differentiated."""
+        quantity = self._quantity(name)
+        return shapes_by_name(self._arguments(quantity), quantity, len(self._parameters) - (
+            LIMITS if isinstance(self.equations, ConstrainedEquations) else 0))
+
+    def arguments(self, name: str) -> tuple[str, ...]:
+        """Return the names of the arguments of a quantity, before the wrench and the time."""
+        return self._quantity(name).arguments
 
     def in_use(self, name: str) -> bool:
         """Return whether the kernel of one of `QUANTITIES` has been used."""
         return (name, '') in self._made
-
-    def at_frame(self, name: str, frame: str) -> Kernel:
-        """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
-        def make() -> Kernel:
-            quantity = FRAME_QUANTITIES[name]
-            method = partial(getattr(self.equations, name), at)
-            return self._kernel(name, lambda: self._traced(name, method, quantity), quantity,
-                                frame, lambda other: other.at_frame(name, frame))
-        at = self.equations.model.frame(frame)
-        return self._kept((name, frame), make)
-
-    def reaction(self, joint: str) -> Kernel:
-        """Return the kernel of the reaction at a joint; InputError for an unknown joint."""
-        model = self.equations.model
-        names = [body.joint.name for body in model.bodies]
-        if joint not in names:
-            raise InputError(f"no moving joint '{joint}'; expected one of "
-                             f'{", ".join(names) or "none"} '
-                             '(fixed and locked joints are merged into the bodies they join)')
-        body = names.index(joint)
-        method = partial(self.equations.joint_reaction, body)
-        return self._kept(('joint_reaction', joint), lambda: self._kernel(
-            'joint_reaction', lambda: self._traced('joint_reaction', method, JOINT_REACTION),
-            JOINT_REACTION, joint, lambda other: other.reaction(joint)))
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape) -> Kernel:
@@ -127,19 +163,42 @@ class KernelSet:
         return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
                                                      shape))
 
-    def program(self, name: str) -> Program:
-        """Trace one of `names`."""
+    def _quantity(self, name: str) -> Quantity:
+        """Return the quantity of a name; InputError lists the valid ones."""
+        if name in OF_PARTS:
+            return OF_PARTS[name]
+        if name not in self.names:
+            raise InputError(f"no kernel '{name}' for this robot; expected one of "
+                             f'{", ".join(self.names)}')
+        return ALL[name] if self._has(name) else replace(ALL[name], shape=('n', 'slopes'))
+
+    def _method(self, name: str, at: str = '') -> Callable[..., Any]:
+        """Return the function of a quantity to trace; InputError for an unknown frame or joint."""
         equations = self.equations
-        method = getattr(equations, name)
+        if name in FRAME_QUANTITIES:
+            return partial(getattr(equations, name), equations.model.frame(at))
+        if name == 'joint_reaction':
+            return partial(equations.joint_reaction, self._body(at))
+        if not self._has(name):
+            return getattr(SlopesOfDynamics(equations), name)  # type: ignore[no-any-return]
         if isinstance(equations, TreeEquations):
             if name == 'inverse_mass_matrix' and equations.n > LARGE:
-                return self._large_inverse(equations)
+                return self._large_inverse
             if name in SHARING and equations.n > OUTLINED:
-                method = partial(method, share=Subroutines())
-        return self._traced(name, method, ALL[name])
+                return partial(getattr(equations, name), share=Subroutines())
+        return getattr(equations, name)  # type: ignore[no-any-return]
 
-    def _large_inverse(self, equations: TreeEquations) -> Program:
-        """Trace M^-1 column by column with one solve subroutine, for small code."""
+    def _body(self, joint: str) -> int:
+        names = [body.joint.name for body in self.equations.model.bodies]
+        if joint not in names:
+            raise InputError(f"no moving joint '{joint}'; expected one of "
+                             f'{", ".join(names) or "none"} '
+                             '(fixed and locked joints are merged into the bodies they join)')
+        return names.index(joint)
+
+    def _large_inverse(self, q: Any, parameters: Any) -> Any:
+        """Return M^-1 of a tree column by column with one solve subroutine, for small code."""
+        equations: Any = self.equations
         n = equations.n
         places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
 
@@ -147,8 +206,8 @@ class KernelSet:
             L, reciprocal = equations.factors(q, parameters)
             places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
             return [*(L[k][i] for k, i in places), *reciprocal]
-        inputs = self._inputs(QUANTITIES['inverse_mass_matrix'])
-        factorization = trace_program('factorization', factors, inputs)
+        inputs = self._inputs(self._signature('inverse_mass_matrix', None)[0])
+        entries = call(trace_program('factorization', factors, inputs), q, parameters)
 
         def solution(entries: Any, b: Any) -> Any:
             L = [[0.0] * n for _ in range(n)]
@@ -157,27 +216,19 @@ class KernelSet:
             return solve((L, list(entries[len(places):])), equations.order, b)
         solving = trace_program('solution', solution,
                                 [('entries', (len(places) + n,)), ('b', (n,))])
-
-        def columns(q: Any, parameters: Any) -> Any:
-            entries = call(factorization, q, parameters)
-            full = [call(solving, entries, unit) for unit in np.eye(n)]
-            return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
-        return trace_program('inverse_mass_matrix', columns, inputs)
+        full = [call(solving, entries, unit) for unit in np.eye(n)]
+        return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
 
     def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:
         if key not in self._made:
             self._made[key] = make()
         return self._made[key]
 
-    def _kernel(self, name: str, program: Callable[[], Program], quantity: Quantity,
-                at: str = '', same: Callable[['KernelSet'], Kernel] | None = None) -> Kernel:
+    @property
+    def _sizes(self) -> Sizes:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
-        size = Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
-        self._same[name, at] = same or (lambda other: other.quantity(name))
-        return Kernel(name, program, self.key and self.key + at, self._arguments(quantity),
-                      self._parameters, size.shape(quantity.shape),
-                      partial(self._another, (name, at)))
+        return Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations
@@ -190,8 +241,8 @@ class KernelSet:
             arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
 
-    def _traced(self, name: str, method: Callable[..., Any], quantity: Quantity) -> Program:
-        """Trace a method of the equations."""
+    def program(self, name: str, at: str = '', derivative: Derivative | None = None) -> Program:
+        """Trace a quantity or a derivative of it; arguments as `kernel`."""
         def function(*inputs: Any) -> Any:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
@@ -202,14 +253,17 @@ class KernelSet:
             values += [parameters] if quantity.parameters else []
             time = {'t': given['t'][()]} if 't' in given else {}
             result = method(*values, **time)
+            if derivative is not None:
+                result = derivative.traced(result, given)
             if limits is None or not equations.watched or name in UNWATCHED:
                 return result
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
-        inputs = self._inputs(quantity)
+        quantity, method = self._quantity(name), self._method(name, at)
+        inputs = self._inputs(self._signature(name, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)
 
-    def _inputs(self, quantity: Quantity) -> list[tuple[str, Shape]]:
-        return [*((argument.name, argument.shape) for argument in self._arguments(quantity)),
+    def _inputs(self, arguments: Sequence[Argument]) -> list[tuple[str, Shape]]:
+        return [*((argument.name, argument.shape) for argument in arguments),
                 ('parameters', self._parameters.shape)]

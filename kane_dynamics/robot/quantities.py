@@ -20,6 +20,11 @@ class Sizes(NamedTuple):
         """Return the number of inertial parameters of all bodies."""
         return 10 * self.bodies
 
+    @property
+    def slopes(self) -> int:
+        """Return the number of columns of dtau/dq, dtau/du and dtau/dudot together."""
+        return self.n_q + 2 * self.n
+
     def shape(self, entries: tuple[int | str, ...]) -> Shape:
         """Return the shape whose entries are numbers or names of these sizes."""
         return tuple(getattr(self, x) if isinstance(x, str) else x for x in entries)

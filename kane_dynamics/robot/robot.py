@@ -20,6 +20,7 @@ from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.methods.configuration_methods import Configurations
+from kane_dynamics.robot.methods.derivative_methods import DerivativeMethods
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.methods.frame_methods import FrameMethods
 from kane_dynamics.robot.parameters import JointLimits, Parameters
@@ -33,7 +34,7 @@ __all__ = ['Robot', 'TORQUE_TERMS']
 CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 
-class Robot(DynamicsMethods, FrameMethods, Configurations):
+class Robot(DynamicsMethods, DerivativeMethods, FrameMethods, Configurations):
     """
     The compiled dynamics of one manipulator or mechanism.
 

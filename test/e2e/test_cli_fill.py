@@ -124,8 +124,14 @@ def test_all_trajectories_of_a_bag_are_filled_into_a_new_one(tmp_path, robot):
     (['--out', 'filled.txt'], "--out: 'filled.txt'; expected a .yaml or .csv file"),
     (['--topic', '/plan'], "--topic: '/plan' for a file; expected it for a bag only"),
     (['--joints', 'joint1'], "'joint2' is not a joint of the robot"),
+    (['--out', 'nowhere/filled.yaml'], "error: 'nowhere/filled.yaml': no such file"),
     (['--tolerance', '0'], 'tolerance: ')])
 def test_what_cannot_be_done_is_an_error_that_names_it(plan, options, message):
     done = command('fill', str(URDF), '--motion', str(plan), *options)
     assert done.returncode == 2
     assert message in done.stderr
+
+
+def test_degrees_are_suspected_in_every_row_and_of_joints_in_any_order(plan):
+    plan.write_text(ECHO.replace('[0.1, 0.6]', '[10.0, 60.0]'))
+    assert 'degrees?' in command('fill', str(URDF), '--motion', str(plan)).stderr

@@ -153,6 +153,8 @@ class Rig:
             'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
             'guard__damping': DAMPING, **parameters}
+        if mujoco:  # its joint states have no fingers
+            self.parameters['joints'] = f'[{",".join(arm.joints)}]'
         self.recorder = Recorder()
         self.plant = Process(program=[
             '-m', 'kane_dynamics.demo.mujoco_plant', str(urdf),
@@ -210,7 +212,7 @@ class Rig:
             if self.moving():
                 break
         recorder.forget()
-        recorder.spin(0.1)
+        recorder.spin(0.2)
 
     def moving(self):
         """Return whether the arm moves and only the node commands."""

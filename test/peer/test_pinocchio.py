@@ -3,6 +3,8 @@
 from definition import Definition, relative_error
 from kane_dynamics import Robot
 from kane_dynamics.errors import KaneError
+from kane_dynamics.native.tracing.program import evaluate
+from kane_dynamics.robot.derivative_kernels import Derivative
 import numpy as np
 from peer import loaded, N_STATES, Peer, REFUSED, urdf_files
 import pytest
@@ -152,6 +154,25 @@ def test_forward_dynamics_derivatives_are_pinocchios(peer, compiled):
             # Both are products with M^-1, of the size of its entries at least.
             size = max(size_of(other), 1e-6 * size_of(expected[2]))
             assert np.abs(one - other).max() <= tolerance * size, k
+
+
+@pytest.mark.parametrize(('quantity', 'third'), [('inverse_dynamics', 'udot'),
+                                                 ('forward_dynamics', 'tau')])
+def test_reverse_mode_gives_pinocchios_derivatives(peer, compiled, quantity, third):
+    if compiled.n > SMALL or peer.pin.nv > compiled.n:
+        pytest.skip('compared for small robots without mimics')
+    condition = np.linalg.cond(peer.mass_matrix(peer.q[0]))
+    if condition > 1e8:
+        pytest.skip('the mass matrix is close to singular')
+    state = peer.q[0], peer.u[0], getattr(peer, third)[0]
+    w = np.random.default_rng(0).normal(size=compiled.n)
+    program = compiled.kernels.program(quantity, '', Derivative('vjp', ('q', 'u', third)))
+    gradients = evaluate(program, [w, *state, compiled.parameters.block]).reshape(3, -1)
+    tolerance = 1e-11 + 100.0 * EPS * condition
+    matrices = getattr(peer, f'{quantity}_derivatives')(*state)
+    for gradient, matrix in zip(gradients, matrices):
+        size = max(size_of(matrix), 1e-6 * size_of(matrices[2]))
+        assert np.abs(gradient - w @ matrix).max() <= tolerance * size * np.abs(w).sum()
 
 
 def test_joint_reactions_are_pinocchios(peer, compiled):

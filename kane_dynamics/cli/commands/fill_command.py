@@ -26,9 +26,7 @@ def fill(options: Namespace) -> None:
                          + ('the folder of a new bag' if is_bag else 'a .yaml or .csv file'))
     filled = []
     for k, points in enumerate(given):
-        for row in points.rows[0][:1]:
-            if points.joint_names == robot.joint_names:
-                warn_degrees(robot, np.asarray(row), options.motion)
+        _warn_of_degrees(robot, points, options.motion)
         try:
             filled.append(_filled(options, robot, points))
         except InputError as error:
@@ -52,6 +50,15 @@ def fill(options: Namespace) -> None:
         _print(each, robot)
     if options.out:
         print(f'wrote {options.out}')
+
+
+def _warn_of_degrees(robot: Robot, points: Any, file: str) -> None:
+    """Print a warning if positions of the robot's joints look like degrees."""
+    rows = points.rows[0]
+    if all(len(row) == len(points.joint_names) for row in rows):
+        at = {name: k for k, name in enumerate(points.joint_names)}
+        warn_degrees(robot, np.array([[row[at[name]] if name in at else 0.0
+                                       for name in robot.joint_names] for row in rows]), file)
 
 
 def _filled(options: Namespace, robot: Robot, points: Any) -> FilledTrajectory:

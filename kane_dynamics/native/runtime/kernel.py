@@ -143,7 +143,9 @@ class Kernel:
 
     def __call__(self, *values: Any, out: Any = None) -> Any:
         """
-        Evaluate one state or a batch of convertible arguments; None selects the default.
+        Evaluate one state or a batch of convertible arguments.
+
+        None, or an argument left out at the end, selects the default.
 
         Raises
         ------
@@ -152,6 +154,7 @@ class Kernel:
             finite.
 
         """
+        values += (None,) * (len(self.arguments) - len(values))
         arrays = [self._default(a) if v is None else converted(a, v)
                   for a, v in zip(self.arguments, values, strict=True)]
         count = self._count(values, arrays)

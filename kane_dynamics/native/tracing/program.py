@@ -3,13 +3,16 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
+import operator
 from typing import Any
 
 from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trace
 import numpy as np
 
 Shape = tuple[int, ...]
-
+STRUCTURE = ('input', 'output', 'call')  # nodes that are not operations
+OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub, 'mul': operator.mul,
+                             'div': operator.truediv, 'neg': operator.neg}
 
 NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
                          'div': np.divide, 'neg': np.negative,
@@ -134,7 +137,9 @@ def factored(program: Program) -> Program:
             factor, left, right = (of(x) for x in common)
             new[node.index] = factor * (left + right if node.op == 'add' else left - right)
         else:
-            new[node.index] = _rebuilt(trace, node, [of(arg) for arg in node.args])
+            args = [of(arg) for arg in node.args]
+            new[node.index] = (trace.node(node.op, *args) if node.op in STRUCTURE
+                               else applied(node.op, args))
     outputs = tuple(of(x) for x in program.outputs)
     return Program(program.name, program.inputs, outputs, program.shape)
 
@@ -151,25 +156,14 @@ def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | N
     return None
 
 
-def _rebuilt(trace: Trace, node: Expr, args: list[Any]) -> Any:
-    """Apply a node's operation to new operands, with folding."""
-    if node.op == 'add':
-        return args[0] + args[1]
-    if node.op == 'sub':
-        return args[0] - args[1]
-    if node.op == 'mul':
-        return args[0] * args[1]
-    if node.op == 'div':
-        return args[0] / args[1]
-    if node.op == 'neg':
-        return -args[0]
-    if node.op in ('input', 'output', 'call'):
-        return trace.node(node.op, *args)
-    if node.op == 'less':
+def applied(op: str, args: list[Any]) -> Any:
+    """Return the result of an operation on traced values and floats, with folding."""
+    if op == 'less':
         return args[0] < args[1]
-    if node.op == 'select':
-        return args[0].select(*args[1:]) if isinstance(args[0], Expr) else args[2 - args[0]]
-    return getattr(np, node.op)(args[0])
+    if op == 'select':
+        return args[0].select(*args[1:]) if isinstance(args[0], Expr) else args[
+            1 if args[0] else 2]
+    return OPERATORS[op](*args) if op in OPERATORS else getattr(np, op)(args[0])
 
 
 def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -> Any:

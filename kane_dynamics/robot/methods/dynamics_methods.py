@@ -12,8 +12,6 @@ from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike
 
-Matrices = tuple[Array, Array, Array]
-
 
 class DynamicsMethods(Dispatch):
     """
@@ -167,28 +165,6 @@ class DynamicsMethods(Dispatch):
         """Return the model's inertial parameters, (10 n_bodies,), in the regressor's order."""
         return inertial_parameters(self.equations.model)
 
-    def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike,
-                                     udot: ArrayLike) -> Matrices:
-        """
-        Return dtau/dq, dtau/du and M = dtau/dudot, (n, n) each, analytically.
-
-        Friction (smoothed) and springs included; external wrenches are not.
-        """
-        return self._matrices('inverse_dynamics_derivatives', (q, u, udot))
-
-    def forward_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Matrices:
-        """
-        Return dudot/dq, dudot/du and M^-1 = dudot/dtau, (n, n) each; no external wrenches.
-
-        One kernel; for a robot of more than 16 coordinates three kernels and NumPy products.
-        """
-        if 'forward_dynamics_derivatives' in self.kernels.names:
-            return self._matrices('forward_dynamics_derivatives', (q, u, tau))
-        udot = self.forward_dynamics(q, u, tau)
-        by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot)
-        inverse = self.inverse_mass_matrix(q)
-        return -(inverse @ by_q), -(inverse @ by_u), inverse
-
     @compiled
     def center_of_mass(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
@@ -241,7 +217,3 @@ class DynamicsMethods(Dispatch):
             result: Array = entry(q, u, udot)
             return result
         return self._loaded(self.kernels.reaction(joint), (q, u, udot), wrench, None, t)
-
-    def _matrices(self, name: str, arguments: tuple[Any, ...]) -> Matrices:
-        result = self._entry(name, '', lambda _: self.kernels.quantity(name))(*arguments)
-        return result[..., 0, :, :], result[..., 1, :, :], result[..., 2, :, :]

@@ -36,7 +36,9 @@ class GuardPath(TorquePath):
     Commands while the guard acts, and otherwise only checks the joint states.
 
     The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from the last
-    torque of the node fades out during guard.ramp; then the limits of the node apply.
+    torque of the node fades out during guard.ramp, or during the longer time that a joint needs
+    within its rate limit: joints that were limited one by one would throw lighter ones about.
+    Then the limits of the node apply.
 
     Parameters
     ----------
@@ -66,7 +68,7 @@ class GuardPath(TorquePath):
         self._report, self._pending_report = report, ''
         self._node_torques = joint_state_of_efforts(joints)
         self._takeovers, self._took_over = 0, 0  # those begun; stamp of the last one, ns
-        self._offset = np.zeros(len(joints))
+        self._offset, self._ramp = np.zeros(len(joints)), 0.0  # N m; s
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -107,11 +109,14 @@ class GuardPath(TorquePath):
             tau = tau - faded * controller.gravity_torque(reader.q)
         if not continues:
             self._offset = self.watch.torque - tau
+            rate = controller.rate_limit
+            self._ramp = max(values['guard.ramp'], *np.divide(
+                np.abs(self._offset), rate, out=np.zeros(len(rate)), where=rate > 0.0).tolist())
             self.resume(self.watch.torque)
             self._pending_report = (f'no command for {self.watch.silent_for * 1e3:.1f} ms: '
                                     f"commanding '{values['guard.action']}'")
-        if elapsed < values['guard.ramp']:
-            tau = tau + (1.0 - elapsed / values['guard.ramp']) * self._offset
+        if elapsed < self._ramp:
+            tau = tau + (1.0 - elapsed / self._ramp) * self._offset
         return controller.limit(stamp / NANO, tau)
 
     def on_torques(self, data: bytes) -> None:

@@ -178,7 +178,8 @@ SPECS = (
     live('guard.damping', 'per_joint', 20.0, 'damping by torque_guard: the rate at which it slows '
          'a joint, 1/s; the torque is this times speed times inertia', low=0.0, high=1000.0),
     live('guard.ramp', 'number', 0.005, 'time in which torque_guard changes from the last torque '
-         'of this node to its own, s; limits.rate applies too', low=0.0, high=10.0),
+         'of this node to its own, s; longer where limits.rate asks for it', low=0.0,
+         high=10.0),
     live('guard.fade', 'number', 2.0, 'time in which damp and zero fade out, s', positive=True,
          low=0.0, high=3600.0),
     live('state_timeout', 'number', 0.1, 'age, s, above which joint states are stale: the node '

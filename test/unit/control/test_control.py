@@ -251,6 +251,15 @@ def test_a_torque_that_overflows_is_refused():
         Controller(ROBOT, mode='computed_torque', kp=1e300).command(T, Q + 1e200, U, MOTION)
 
 
+@pytest.mark.parametrize('terms', [Terms(), Terms(gravity=False)], ids=['all', 'without gravity'])
+def test_a_refused_state_is_no_pose_to_hold(terms):
+    control = Controller(ROBOT, mode='computed_torque', compensate=terms)
+    with pytest.raises(InputError, match='finite'), np.errstate(over='ignore', invalid='ignore'):
+        control.command(T, np.full(2, 1e308), U)
+    fresh = Controller(ROBOT, mode='computed_torque', compensate=terms)
+    np.testing.assert_array_equal(control.command(T, Q, U).tau, fresh.command(T, Q, U).tau)
+
+
 OTHER = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=NAMES[::-1])
 
 

@@ -340,3 +340,12 @@ def test_joint_that_never_moves_is_an_error():
     still = replace(noisy(), u=np.zeros_like(noisy().u))
     with pytest.raises(InputError, match='moves in 0 rows'):
         identify(arm(), still, diagnosed=True)
+
+
+def test_a_joint_that_hardly_moves_is_named():
+    given = noisy()
+    still = given.u.copy()
+    still[5:, 2] = 0.0
+    words = f"joint '{arm().joint_names[2]}': moves in .* rows of the fit; expected"
+    with pytest.raises(InputError, match=words):
+        identify(wrong(), replace(given, u=still), diagnosed=True)

@@ -143,7 +143,8 @@ def test_a_joint_moves_as_a_motion_and_as_a_table():
 
 @pytest.mark.parametrize(('given', 'words'), [
     (([0.0, 0.0], [1.0, 2.0]), 'strictly increasing'), (([0.0, 1.0], [1.0]), 'positions'),
-    (3.0, 'position: a float; expected a function of t'), (([0.0], [1.0]), 'times: 1'),
+    (3.0, 'position: a float; expected a function of t'), (Motion, 'position: a type; expected'),
+    (([0.0], [1.0]), 'times: 1'),
     (Motion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=['other']), "no joint 'a'")])
 def test_tables_and_motions_that_do_not_fit_are_refused(given, words):
     with pytest.raises(ConstraintError, match=f"'prescribed a': .*{words}"):

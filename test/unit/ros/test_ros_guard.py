@@ -238,6 +238,22 @@ def test_the_guard_damps_motion_and_starts_from_the_last_torque_of_the_node(pair
     np.testing.assert_allclose(both.machine.commands[-1][2], expected, rtol=1e-9)
 
 
+def test_the_guard_changes_all_torques_in_step_with_the_slowest(pair):
+    """Joints that reached their torques one by one would throw the lighter ones about."""
+    rate = np.array([0.1, 2.0]) * RATE
+    both = pair(**{'limits.rate': rate})
+    both.run(1.0)  # reaches its torques
+    both.u = np.array([0.5, -0.2])
+    last = both.machine.commands[-1][2]
+    both.node_process.dead = True
+    both.run(1.0)
+    taken = np.array([tau for _, name, tau in both.machine.commands if name == 'guard'])
+    share = (taken - last) / (taken[-1] - last)
+    np.testing.assert_allclose(share[:, 0], share[:, 1], atol=1e-9)
+    assert (np.abs(np.diff(taken, axis=0)) <= rate * both.period * (1.0 + 1e-9)).all()
+    assert ((share > 0.1) & (share < 0.9)).any(axis=0).all()
+
+
 def test_a_node_that_returns_gets_the_topic_without_step_and_without_two_voices(pair):
     both = pair()
     began = both.machine.now

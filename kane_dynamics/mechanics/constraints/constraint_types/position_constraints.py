@@ -93,14 +93,16 @@ class Prescribed:
         """Set the default name, and convert a motion or a table to a function."""
         freeze(self, 'name', self.name or f'prescribed {self.joint}')
         what = f"constraint '{self.name}'"
+        motion = hasattr(self.position, 'joint_polynomial')
+        is_class = motion and isinstance(self.position, type)
         try:
-            if hasattr(self.position, 'joint_polynomial'):
+            if motion and not is_class:
                 freeze(self, 'position', self.position.joint_polynomial(self.joint))
             elif isinstance(self.position, tuple | list) and len(self.position) == 2:
                 freeze(self, 'position', clamped_spline(*self.position))
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
-        if not callable(self.position):
+        if is_class or not callable(self.position):
             raise ConstraintError(f'{what}: position: a {type(self.position).__name__}; '
                                   'expected a function of t, a Motion, or a table (times, '
                                   'positions)')

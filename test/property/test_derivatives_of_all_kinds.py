@@ -1,0 +1,255 @@
+"""Derivatives for every kind of robot, against hyper-dual numbers in Kane's definition."""
+
+from functools import cache
+
+from examples.flexible_four_bar import flexible_four_bar
+from kane_dynamics import (ball, ConstraintError, FlexibleLink, Inertial, InputError, ModelBuilder,
+                           Prescribed, Robot, rod, Speeds)
+from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.native.tracing.program import evaluate
+from kane_dynamics.native.tracing.subroutine import inlined
+from kane_dynamics.robot.derivative_kernels import Derivative
+from linkages import at_angle, four_bar, sleigh
+from mechanisms import random_model
+import numpy as np
+import pytest
+from random_loops import random_loops
+from slopes import slopes_of_definition
+
+T = 0.4  # s
+PAYLOAD = Inertial(1.2, (0.1, -0.05, 0.2), np.diag([0.02, 0.03, 0.025]))
+
+
+@cache
+def robot_of(kind):
+    """Return a robot of a kind, with a payload and a wrench where it is a tree or its speeds."""
+    model = random_model(5, 4, branching=0.0, prismatic=0.2)
+    tip = {'wrench_frames': (model.frames[-1].name,), 'payload_frame': model.frames[-1].name}
+    if kind == 'tree':
+        return Robot(model, **tip)
+    if kind == 'chosen speeds':
+        return Robot(model, **tip, speeds=Speeds(
+            lambda q, t: np.diag([2.0 + np.sin(x + t) for x in q]),
+            lambda q, t: np.array([np.cos(t) * abs(x) for x in q])))
+    if kind == 'time-dependent':
+        return Robot(model, constraints=[Prescribed('joint1', lambda t: 0.3 * np.sin(2.0 * t))])
+    if kind == 'flexible':
+        b = ModelBuilder('flexible arm')
+        b.beam('arm', 'world', FlexibleLink(0.8, 1.5, (400.0, 600.0), (1, 1), damping=0.01),
+               axis=(0, 1, 0))
+        b.body('hand', 'arm/tip', axis=(0, 0, 1), matter=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
+        return Robot(b.model())
+    if kind == 'free body':
+        b = ModelBuilder('free arm')
+        b.body('base', kind='floating', matter=ball(3.0, 0.2))
+        b.body('arm', 'base', axis=(0, 1, 0), matter=rod(0.5, (0, 0, 0), (0.4, 0.05, 0)))
+        return Robot(b.model())
+    return {'closed loop': lambda: four_bar('crank'), 'nonholonomic': sleigh,
+            'flexible loop': flexible_four_bar}[kind]()
+
+
+KINDS = ('tree', 'chosen speeds', 'time-dependent', 'flexible', 'free body', 'closed loop',
+         'nonholonomic', 'flexible loop')
+
+
+def state_of(kind, seed=0):
+    """Return q, with loops closed, and u, udot."""
+    robot, rng = robot_of(kind), np.random.default_rng(seed)
+    small = np.array([0.03 if 'mode' in name else 1.0 for name in robot.speed_names])
+    u, udot = rng.uniform(-1.0, 1.0, (2, robot.n)) * small
+    if kind == 'closed loop':
+        return at_angle(0.7 + 0.3 * seed), u, udot
+    q = rng.uniform(-0.8, 0.8, robot.n_q)
+    if kind == 'flexible loop':
+        q = robot.closed_posture((0.8 + 0.1 * seed, 0.0, 0.01, -0.02, -1.5),
+                                 fixed=robot.speed_names)
+    elif robot.speed_sets is None:
+        q = q * small
+    return (robot.closed_posture(q, t=T) if kind == 'time-dependent' else q), u, udot
+
+
+def near(value, expected, relative=1e-11):
+    """Assert that two arrays agree to a share of the largest entry."""
+    size = 1e-2 + np.abs(expected).max(initial=0.0)
+    np.testing.assert_allclose(value, expected, rtol=0.0, atol=relative * size)
+
+
+def expected_slopes(robot, state, t=T):
+    subject = robot.model if robot.speed_sets is None else robot.mechanism
+    return slopes_of_definition(subject, *state, t)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_inverse_dynamics_derivatives_are_the_definitions(kind):
+    robot, state = robot_of(kind), state_of(kind)
+    expected = expected_slopes(robot, state)
+    for one, other in zip(robot.inverse_dynamics_derivatives(*state, t=T), expected):
+        near(one, other)
+    if robot.equations.timed:
+        near(robot.derivative('inverse_dynamics', *state, by='t', t=T), expected[3][:, 0])
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_forward_dynamics_derivatives_are_the_definitions(kind):
+    robot, (q, u, udot) = robot_of(kind), state_of(kind, 1)
+    by_q, by_u, M, _ = expected_slopes(robot, (q, u, udot))
+    tau = robot.inverse_dynamics(q, u, udot, t=T)
+    found = robot.forward_dynamics_derivatives(q, u, tau, t=T)
+    for one, other in zip(found, (-by_q, -by_u, np.eye(robot.n))):
+        near(M @ one, other, 1e-15 * np.linalg.cond(M) + 1e-10)
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_derivatives_of_random_mechanisms_with_loops_are_the_definitions(seed):
+    loops = random_loops(seed)
+    robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0)
+    q, rng = robot.closed_posture(loops.q0), np.random.default_rng(seed)
+    u, udot = rng.uniform(-1.0, 1.0, (2, robot.n))
+    program = robot.kernels.program('inverse_dynamics_derivatives')
+    value = evaluate(program, [q, u, udot, robot.parameters.block])
+    near(value, np.hstack(slopes_of_definition(robot.mechanism, q, u, udot)[:3]), 1e-10)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_every_quantity_has_a_vjp_and_a_jvp(kind):
+    """Their reference: dual numbers through the program of the quantity."""
+    robot, rng = robot_of(kind), np.random.default_rng(3)
+    state = dict(zip(('q', 'u', 'udot'), state_of(kind, 2)))
+    state |= {'tau': state['udot'], 't': np.array(T), 'parameters': robot.parameters.block,
+              'wrench': np.ones_like(robot.kernels.no_wrench)}
+    for name in robot.kernels.names:
+        if name.endswith('_derivatives'):
+            continue
+        by = robot.kernels.arguments(name)
+        program = robot.kernels.program(name)
+        given = [state[key] for key, _ in program.inputs]
+        tangents = {key: rng.normal(size=shape) if key in by else np.zeros(shape)
+                    for key, shape in program.inputs}
+        numbers = [x for value, rate in zip(given, tangents.values())
+                   for x in np.ravel(moving(value, rate))]
+        expected = rates(inlined(program, numbers)).reshape(program.shape)
+        jvp = robot.kernels.program(name, '', Derivative('jvp', by))
+        near(evaluate(jvp, [*(tangents[key] for key in by), *given]), expected)
+        w = rng.normal(size=program.shape)
+        vjp = robot.kernels.program(name, '', Derivative('vjp', by))
+        gradient = evaluate(vjp, [w, *given])
+        along = np.concatenate([tangents[key] for key in by])
+        assert gradient @ along == pytest.approx(np.sum(w * expected), abs=1e-10 * (
+            np.linalg.norm(gradient) * np.linalg.norm(along) + 1e-2))
+
+
+@pytest.mark.parametrize('kind', ['tree', 'chosen speeds'])
+def test_derivatives_with_respect_to_wrench_and_parameters(kind):
+    robot, (q, u, udot) = robot_of(kind).copy(), state_of(kind)
+    robot.parameters.payload = PAYLOAD
+    push = np.linspace(-1.0, 2.0, 6)[None]
+    state = {'q': q, 'u': u, 'udot': udot}
+    by = robot.derivative('inverse_dynamics', *state.values(), wrench=push, t=T,
+                          by=('wrench', 'gravity', 'payload'))
+    assert [x.shape for x in by] == [(4, 1, 6), (4, 3), (4, 10)]
+    # The torque is linear in each of them.
+    none, t = np.zeros_like(push), {'t': T}
+    tau = robot.inverse_dynamics(*state.values(), **t)
+    near(by[0][:, 0] @ push[0], robot.inverse_dynamics(*state.values(), wrench=push, **t) - tau)
+    near(by[0][:, 0] @ push[0], -robot.external_force(q, wrench=push, **t))
+    other = robot.copy()
+    other.parameters.gravity = none[0, :3]
+    near(by[1] @ robot.parameters.gravity, tau - other.inverse_dynamics(*state.values(), **t))
+    other = robot.copy()
+    other.parameters.payload = None
+    near(by[2] @ robot.parameters.block[3:13],
+         tau - other.inverse_dynamics(*state.values(), **t))
+    # With a wrench, the matrices differ by the slope of its generalized force.
+    matrices = robot.inverse_dynamics_derivatives(*state.values(), wrench=push, **t)
+    for one, other in zip(matrices, robot.derivative('inverse_dynamics', *state.values(),
+                                                     wrench=push, **t)):
+        near(one, other)
+    forward = robot.forward_dynamics(q, u, tau, wrench=push, **t)
+    by_q, by_u, M = robot.inverse_dynamics_derivatives(q, u, forward, wrench=push, **t)
+    found = robot.forward_dynamics_derivatives(q, u, tau, wrench=push, **t)
+    for one, other in zip(found, (-by_q, -by_u, np.eye(robot.n))):
+        near(M @ one, other, 1e-9)
+
+
+@pytest.mark.parametrize('kind', ['tree', 'closed loop', 'time-dependent'])
+def test_a_batch_of_derivatives_gives_those_of_its_states(kind):
+    robot = robot_of(kind)
+    count, t = 5, np.full(5, T)
+    states = [np.array(x) for x in zip(*(state_of(kind, k) for k in range(count)))]
+    w = np.random.default_rng(0).normal(size=(count, robot.n))
+    gradients = robot.vjp('inverse_dynamics', w, *states, t=t)
+    matrices = robot.derivative('inverse_dynamics', *states, t=t)
+    changes = robot.jvp('inverse_dynamics', {'u': w}, *states, t=t)
+    for k in range(count):
+        at_k = [x[k] for x in states]
+        for one, batch in zip(robot.vjp('inverse_dynamics', w[k], *at_k, t=T), gradients):
+            near(batch[k], one, 1e-13)
+        for one, batch in zip(robot.derivative('inverse_dynamics', *at_k, t=T), matrices):
+            near(batch[k], one, 1e-13)
+        near(changes[k], matrices[1][k] @ w[k], 1e-13)
+
+
+def test_the_slope_along_an_admissible_motion_is_that_of_the_closed_loop():
+    robot, h = four_bar('crank'), 1e-4
+    u, udot = np.array([1.3]), np.array([0.2])
+    along = (robot.derivative('inverse_dynamics', at_angle(0.7), u, udot, by='q')
+             @ robot.derivative('joint_rates', at_angle(0.7), u, by='u'))
+    after, before = (robot.inverse_dynamics(at_angle(0.7 + s * h), u, udot) for s in (1.0, -1.0))
+    np.testing.assert_allclose(along[0], (after - before) / (2.0 * h), rtol=1e-6)
+
+
+def test_quantities_of_frames_and_joints_have_derivatives():
+    robot, (q, u, udot) = robot_of('tree'), state_of('tree')
+    tip = robot.model.frames[-1].name
+    pose_by_q = robot.derivative(f'frame_pose:{tip}', q, by='q')
+    near(pose_by_q[:3, 3], robot.jacobian(tip, q)[:3])
+    near(robot.jvp(f'jacobian:{tip}', {'q': u}, q), robot.jacobian_rate(tip, q, u))
+    near(robot.vjp(f'frame_velocity:{tip}', np.ones(6), q, u, by='u'),
+         np.ones(6) @ robot.jacobian(tip, q))
+    joint = robot.joint_names[0]
+    reaction = robot.derivative(f'joint_reaction:{joint}', q, u, udot, by='udot')
+    near(reaction @ udot, robot.joint_reaction(joint, q, u, udot)
+         - robot.joint_reaction(joint, q, u, np.zeros(4)))
+
+
+def test_second_derivatives_are_those_of_the_first():
+    robot, (q, u, udot) = robot_of('closed loop'), state_of('closed loop')
+    name, h = 'inverse_dynamics_derivatives', 1e-5
+    w = np.zeros(robot.kernels.quantity(name).shape)
+    w[0, 1] = 1.0  # dtau/dq_1
+    by_q, by_u, _ = robot.vjp(name, w, q, u, udot)
+    for k, step in enumerate(h * np.eye(3)):
+        slopes = [robot.inverse_dynamics_derivatives(q + s * step, u, udot)[0][0, 1]
+                  for s in (1.0, -1.0)]
+        assert by_q[k] == pytest.approx((slopes[0] - slopes[1]) / (2.0 * h), rel=1e-6)
+    # tau is quadratic in u, so the slope of dtau/dq_1 in u is twice its part in u^2 per u.
+    fast, still = (robot.inverse_dynamics_derivatives(q, x * u, 0.0 * u)[0][0, 1]
+                   for x in (1.0, 0.0))
+    near(by_u * u, 2.0 * (fast - still))
+
+
+@pytest.mark.parametrize('call, message', [
+    (lambda r, s: r.vjp('inverse_dynamic', [1.0], *s), "no kernel 'inverse_dynamic'"),
+    (lambda r, s: r.vjp('inverse_dynamics', [1.0], *s[:2]), '2 arguments; expected 3: q, u, udot'),
+    (lambda r, s: r.vjp('inverse_dynamics', [1.0, 2.0], *s), 'cotangent: shape (2,)'),
+    (lambda r, s: r.vjp('inverse_dynamics', [1.0], *s, by='tau'), "by: 'tau'; expected"),
+    (lambda r, s: r.vjp('inverse_dynamics', [1.0], *s, by='t'), 'some of q, u, udot, gravity'),
+    (lambda r, s: r.derivative('inverse_dynamics', *s, by=('q', 'q')), 'each once'),
+    (lambda r, s: r.derivative('inverse_dynamics', *s, by=()), 'by: none'),
+    (lambda r, s: r.derivative('frame_pose:nowhere', s[0]), 'nowhere'),
+    (lambda r, s: r.jvp('inverse_dynamics', [1.0], *s), 'tangents: a list'),
+    (lambda r, s: r.jvp('inverse_dynamics', {'q': [1.0]}, *s), 'dq: shape (1,)'),
+    (lambda r, s: r.vjp('mass_matrix', [[1.0]], s[0], wrench=np.zeros((1, 6))), 'wrench: given'),
+    (lambda r, s: r.derivative(3, *s), 'name: a int')])
+def test_a_wrong_call_is_refused_by_name(call, message):
+    with pytest.raises(InputError) as error:
+        call(robot_of('closed loop'), state_of('closed loop'))
+    assert message in str(error.value)
+
+
+def test_a_derivative_at_an_open_loop_is_refused():
+    robot, (q, u, udot) = robot_of('closed loop'), state_of('closed loop')
+    with pytest.raises(ConstraintError, match="constraint 'pin/z': its residual"):
+        robot.derivative('inverse_dynamics', q + 0.1, u, udot)
+    with pytest.raises(ConstraintError, match="constraint 'pin/z': its residual"):
+        robot.inverse_dynamics_derivatives(q + 0.1, u, udot)
