@@ -29,7 +29,7 @@ def constrained(robot: Any) -> bool:
 
 
 def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[CKernel],
-                 precision: Precision, self_test: bool) -> str:
+                precision: Precision, self_test: bool) -> str:
     """Return the header: sizes, the order of the joints, prototypes."""
     upper, equations = prefix.upper(), robot.equations
     lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',

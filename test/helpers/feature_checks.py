@@ -13,8 +13,8 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
-from kane_dynamics import (ComputedTorque, Controller, fill_trajectory, Motion,
-                           MomentumObserver, natural_vibration, simulate)
+from kane_dynamics import (ComputedTorque, Controller, fill_trajectory,
+                           MomentumObserver, Motion, natural_vibration, simulate)
 from kane_dynamics.feasibility import demand, fastest
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
@@ -337,7 +337,7 @@ def verification(case):
 
 
 def exported(case):
-    """The exported C compiles, passes its self-test, and gives inverse dynamics."""
+    """Compile the exported C, which passes its self-test and gives inverse dynamics."""
     with TemporaryDirectory() as folder:
         source, _ = case.robot.export_c(Path(folder) / 'out.c', (
             'inverse_dynamics', 'forward_dynamics', 'coriolis_matrix', f'jacobian:{TOOL}'))
@@ -404,7 +404,7 @@ def filled(case):
 
 
 def demanded(case):
-    """The motion of driving joints moves the others, with the torques of Kane's definition."""
+    """Move the other joints with the driving ones, with the torques of Kane's definition."""
     robot, (motion, moment, places) = case.robot, driven(case)
     asked = demand(robot, motion, step=0.05)
     k = int(np.argmin(np.abs(asked.t - moment)))

@@ -1,6 +1,6 @@
 """Every feature for every kind of mechanism, and for two kinds at once, or a refusal in words."""
 
-from feature_matrix import page, PAGE, ROOT, ROWS, UNGUARDED
+from feature_matrix import PAGE, page, ROOT, ROWS, UNGUARDED
 from kane_dynamics.errors import KaneError
 from kinds_of_mechanism import case, KINDS, PAIRS
 import pytest
