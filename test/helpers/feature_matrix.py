@@ -64,6 +64,7 @@ class Row:
 
 
 CONTROL = 'test/unit/control/'
+DERIVATIVES = 'test/property/test_derivatives_of_all_kinds.py::'
 ROWS = (
     Row('inverse dynamics, external wrenches', check.inverse_dynamics),
     Row('forward dynamics', check.forward_dynamics),
@@ -72,8 +73,12 @@ ROWS = (
     Row('gravity force', check.gravity),
     Row('friction force', check.friction),
     Row('Coriolis matrix', check.coriolis),
-    Row('derivatives of inverse dynamics', check.inverse_derivatives, pairs=False),
-    Row('derivatives of forward dynamics', check.forward_derivatives, pairs=False),
+    Row('derivatives of inverse dynamics', check.inverse_derivatives, {}, dict.fromkeys(
+        KINDS, f'{DERIVATIVES}test_inverse_dynamics_derivatives_are_the_definitions'),
+        pairs=False),
+    Row('derivatives of forward dynamics', check.forward_derivatives, {}, dict.fromkeys(
+        KINDS, f'{DERIVATIVES}test_forward_dynamics_derivatives_are_the_definitions'),
+        pairs=False),
     Row('Jacobian and its rate', check.jacobian),
     Row('velocity and acceleration of frames', check.frames, pairs=False),
     Row('kinetic and potential energy', check.kinetic_and_potential_energy),
