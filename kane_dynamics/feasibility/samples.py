@@ -36,14 +36,12 @@ def sampled(robot: Robot, motion: Motion, step: float, more: Array = NONE
     Raises
     ------
     InputError
-        If the robot has chosen speeds or constraints, the motion has other joints, or there are
-        too many samples.
+        If the motion has other joints, or there are too many samples. With chosen speeds or
+        constraints the joints are not checked here.
 
     """
-    if isinstance(robot.equations, ConstrainedEquations):
-        raise InputError('robot: chosen speeds or constraints; expected a robot with joint rates '
-                         'as speeds and no constraints')
-    if motion.joint_names != robot.joint_names:
+    if motion.joint_names != robot.joint_names and not isinstance(robot.equations,
+                                                                  ConstrainedEquations):
         raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
                          f'{list(robot.joint_names)}')
     if not 0.0 < step < math.inf:

@@ -24,6 +24,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand_at, torque_of
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -138,6 +139,9 @@ class SampledPath:
     def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike,
                  more: Array) -> None:
         """Compute the coefficients of the torque as a polynomial in the speed."""
+        if isinstance(robot.equations, ConstrainedEquations):
+            raise InputError('robot: chosen speeds or constraints; expected a robot with joint '
+                             'rates as speeds and no constraints')
         _, q, self.u, udot = sampled(robot, motion, step, more)
         inertia, coriolis, gravity, _, spring = np.moveaxis(
             robot.torque_terms(q, self.u, udot), 1, 0)

@@ -10,6 +10,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
                                                times_to_refine)
+from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
@@ -139,9 +141,11 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
     Parameters
     ----------
     robot : Robot
-        A robot with joint rates as speeds.
+        With chosen speeds or constraints the result has all joints, with the torques of
+        `Robot.joint_torques`; constraints must be those of positions.
     motion : Motion
-        Motion of the robot's joints, in their order.
+        Motion of the robot's joints, in their order; with constraints, of as many joints as there
+        are independent speeds, which determine the others (`mechanism_motion`).
     speed : float
         Factor on the velocities of the motion; 2 is twice as fast.
     step : float
@@ -172,14 +176,29 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
     t, q, u, udot = sampled(robot, motion, step, more)
     if not 0.0 < speed < math.inf:
         raise InputError(f'speed: {speed}; expected a positive, finite number')
-    u, udot = speed * u, speed**2 * udot
-    tau = robot.inverse_dynamics(q, u, udot)
+    t, u, udot = t / speed, speed * u, speed**2 * udot
+    if isinstance(robot.equations, ConstrainedEquations):
+        q, u, udot, tau = _of_mechanism(robot, motion, t, q, u, udot)
+    else:
+        tau = robot.inverse_dynamics(q, u, udot)
     if not np.isfinite(tau).all():
         k, j = np.argwhere(~np.isfinite(tau))[0].tolist()
         raise InputError(f"joint '{robot.joint_names[j]}': torque {tau[k, j]} at "
-                         f'{t[k]:.4g} s; expected a motion with finite torques')
-    return Demand(robot.joint_names, t / speed, q, u, udot, tau, robot.limits,
+                         f'{speed * t[k]:.4g} s; expected a motion with finite torques')
+    return Demand(robot.joint_names, t, q, u, udot, tau, robot.limits,
                   per_joint(power, 'power', robot.joint_names, finite=False))
+
+
+def _of_mechanism(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
+                  accelerations: Array) -> tuple[Array, Array, Array, Array]:
+    """Return q, rates, accelerations and torques of all joints, (N, n_q), from driving joints."""
+    if robot.model.flexible:
+        raise InputError('robot: flexible, with chosen speeds or constraints; expected one '
+                         'without beams, as a motion of joints does not state their deflections')
+    whole = mechanism_motion(robot, motion.joint_names, t, q, rates, accelerations)
+    tau = robot.inverse_dynamics(*whole, t=t)
+    return (whole.q, robot.joint_rates(whole.q, whole.u, t=t),
+            robot.joint_accelerations(*whole, t=t), robot.joint_torques(tau, whole.q, t=t))
 
 
 def torque_of(power: Array, u: Array) -> Array:

@@ -23,7 +23,7 @@ from kane_dynamics.robot.methods.casadi_methods import CasadiMethods
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.methods.frame_methods import FrameMethods
-from kane_dynamics.robot.parameters import Parameters
+from kane_dynamics.robot.parameters import JointLimits, Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.workspace import Workspace
 import numpy as np
@@ -163,10 +163,11 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
                 f'{short(self.coordinate_names)}>')
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle model, options and parameters; kernels load from the cache again."""
+        """Pickle model, options, limits and parameters; kernels load from the cache again."""
         choices = {**self._choices, **self._options,
                    'closure_tolerance': self.parameters.closure_tolerance}
-        return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload)
+        return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload,
+                           self.__dict__.get('limits'))
 
     @property
     def configuration(self) -> Any:
@@ -192,7 +193,8 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
         for name in ('_options', 'model', 'friction', 'speed_sets', 'parameters'):
             setattr(other, name, getattr(self, name))
         other._choices = {**self._choices, 'independent': kernels.equations.speed_names}
-        other.kernels, other.equations, other._entries = kernels, kernels.equations, {}
+        other.kernels, other.equations = kernels, kernels.equations
+        other.limits, other._entries = self.limits, {}
         return other
 
     def copy(self) -> 'Robot':
@@ -212,7 +214,7 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
             other.speed_sets = self.speed_sets.with_parameters(other.parameters)
             other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
             other.equations = other.kernels.equations
-        other._entries = {}
+        other.limits, other._entries = self.limits, {}
         return other
 
     def equals(self, other: 'Robot') -> bool:
@@ -285,8 +287,10 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
 
 
 def _restored(model: Model, options: dict[str, Any], gravity: Array,
-              payload: Inertial | None) -> Robot:
+              payload: Inertial | None, limits: JointLimits | None) -> Robot:
     robot = Robot(model, **options)
+    if limits is not None:
+        robot.limits = limits
     robot.parameters.gravity = gravity
     if payload is not None:
         robot.parameters.payload = payload

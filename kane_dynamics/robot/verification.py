@@ -85,21 +85,7 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     """Return compiled and reference values for chosen speeds or constraints."""
     mechanism = copy(robot.mechanism)
     mechanism.model = model
-    middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
-    if robot.configuration is not None:  # user-defined functions are evaluated near it
-        middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
-    t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
-    for _ in range(TRIES):
-        try:
-            q = robot.closed_posture(middle + rng.uniform(-spread, spread, robot.n_q), t=t)
-        except ConstraintError:
-            continue
-        stack = stacked(mechanism, q, t)
-        if figure(mechanism, stack, mechanism.free, mechanism.kept) < REGULAR:
-            break
-    else:
-        raise CompileError(f'{TRIES} random configurations: none is closed and regular; expected '
-                           'one to compare the kernels with the definition at')
+    q, t = regular_state(robot, rng)
     u, udot = rng.uniform(-2.0, 2.0, (2, robot.n))
 
     tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t, gravity=gravity,
@@ -111,6 +97,37 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     if robot.n and np.linalg.cond(M) < 1e12:
         pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias, tau)
     return pairs
+
+
+def regular_state(robot: Any, rng: np.random.Generator) -> tuple[Array, float]:
+    """
+    Return a random closed and regular configuration, (n_q,), and a time, s.
+
+    Raises
+    ------
+    CompileError
+        None is found.
+
+    """
+    middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
+    if robot.configuration is not None:  # user-defined functions are evaluated near it
+        middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
+    t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
+    for _ in range(TRIES):
+        try:
+            q: Array = robot.closed_posture(middle + rng.uniform(-spread, spread, robot.n_q), t=t)
+        except ConstraintError:
+            continue
+        if conditioning(robot, q, t) < REGULAR:
+            return q, t
+    raise CompileError(f'{TRIES} random configurations: none is closed and regular; expected '
+                       'one to compare the kernels with the definition at')
+
+
+def conditioning(robot: Any, q: Array, t: float) -> float:
+    """Return the conditioning figure of a robot's independent speeds at q, (n_q,), and t."""
+    mechanism = robot.mechanism
+    return float(figure(mechanism, stacked(mechanism, q, t), mechanism.free, mechanism.kept))
 
 
 def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Array:

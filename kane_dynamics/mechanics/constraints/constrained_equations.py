@@ -95,6 +95,17 @@ class ConstrainedEquations(ConstrainedKinematics):
         """Return the bias force h(q, u), (n,): tau at udot = 0 without external wrenches."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters, t)
 
+    def coriolis_matrix(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
+        """
+        Return the Coriolis matrix C = T^T (C_q T + M_q dT/dt), (n, n).
+
+        It follows from q' = T u + x and q'' = T u' + T' u + x', of which C u has the terms in u;
+        dM/dt = C + C^T, since M = T^T M_q T.
+        """
+        motion = self.joint_motion(q, u, self.zeros, t)
+        return motion.T.T @ (self.tree.coriolis_matrix(q, motion.qdot, parameters) @ motion.T
+                             + self.tree.mass_matrix(q, parameters) @ motion.T_rate)
+
     def gravity_force(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return the tau that balances gravity alone, (n,)."""
         return self.at_rest(q, t).T.T @ self.tree.gravity_force(q, parameters)

@@ -81,18 +81,19 @@ def absolute_rates(model: Model) -> Speeds:
     """
     Return each body's angular velocity along its own joint axis; sliding joints keep their rate.
 
-    For a planar chain these are the rates of absolute angles, in which the equations of motion
-    couple bodies through angle differences only.
+    So do the modes of beams. For a planar chain these are the rates of absolute angles, in which
+    the equations of motion couple bodies through angle differences only.
     """
-    carriers = {joint.name: k for k, joint in enumerate(b.joint for b in model.bodies)}
+    carriers = {joint.name: k for k, joint in enumerate(b.joint for b in model.bodies)
+                if joint.kind == 'revolute'}
 
     def Y(q: Any, t: Any) -> Any:
         bodies = kinematics.configurations(model, q)
         rows = []
         for r, joint in enumerate(model.coordinate_joints):
-            here = bodies[carriers[joint.name]]
-            rows.append(here.partial_angular_velocity @ here.axis if joint.kind == 'revolute'
-                        else np.eye(model.n)[r])
+            here = bodies[carriers[joint.name]] if joint.name in carriers else None
+            rows.append(np.eye(model.n)[r] if here is None else
+                        here.partial_angular_velocity @ here.axis)
         return np.array(rows)
     return Speeds(Y, None, tuple(f'{name}/absolute' for name in model.coordinate_names),
                   'absolute_rates')

@@ -11,6 +11,7 @@ from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ModelError
+from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
                                                frame_kinematics, inverse_dynamics,
@@ -24,8 +25,8 @@ from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
-RIGID_ONLY = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
-              'regressor', 'body_torques')
+RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives', 'regressor',
+              'body_torques')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 
 
@@ -147,9 +148,11 @@ class TreeEquations(JointForces):
     def coriolis_matrix(self, q: Any, u: Any, parameters: Any,
                         share: Share = directly) -> Any:
         """Return the Coriolis matrix C, (n, n), from Christoffel symbols: C = 1/2 d(C u)/du."""
-        none = np.zeros(3).astype(object)
-        return 0.5 * inverse_dynamics_derivatives(self.base_links(parameters), q, u, self.zeros,
-                                                  none, share)[1]
+        none, links = np.zeros(3).astype(object), self.base_links(parameters)
+        if self.model.flexible:  # the analytic derivatives are those of rigid bodies
+            return 0.5 * np.stack([rates(inverse_dynamics.inverse_dynamics(
+                links, q, moving(u, unit), self.zeros, none)) for unit in np.eye(self.n)], axis=1)
+        return 0.5 * inverse_dynamics_derivatives(links, q, u, self.zeros, none, share)[1]
 
     def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any,
                                      share: Share = directly) -> Any:

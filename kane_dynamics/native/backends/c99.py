@@ -17,8 +17,11 @@ IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 def constant(value: float, precision: Precision) -> str:
     """Return a number as a C literal: the shortest decimal that reads back bit for bit."""
+    if np.isnan(value):
+        return 'NAN'  # of math.h
     if not np.isfinite(value):
-        raise CompileError(f'constant: {value}; expected a finite number: C has no other literal')
+        raise CompileError(f'constant: {value}; expected a finite number or NaN: C has no other '
+                           'literal')
     return literal(value, precision)
 
 

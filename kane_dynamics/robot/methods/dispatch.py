@@ -29,6 +29,8 @@ class _Compiled:
         if robot is None:
             return self.checked
         name, fallback = self.checked.__name__, self.checked.__get__(robot)
+        if name not in robot.kernels.names:  # of several kernels, or an error
+            return fallback
         entry = robot.kernels.quantity(name).entry(self.checked.__doc__ or '', fallback)
         robot.__dict__[name] = entry
         return entry

@@ -4,7 +4,9 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
@@ -73,13 +75,16 @@ class DynamicsMethods(Dispatch):
         return self._call('bias_force', (q, u), out, t)
 
     @compiled
-    def coriolis_matrix(self, q: ArrayLike, u: ArrayLike, *, out: Array | None = None) -> Array:
+    def coriolis_matrix(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                        out: Array | None = None) -> Array:
         """
         Return C(q, u), (n, n): C u is the Coriolis and centrifugal force, dM/dt = C + C^T.
 
-        C is the matrix of the Christoffel symbols: half the derivative of C u with respect to u.
+        In joint rates C is the matrix of the Christoffel symbols, half the derivative of C u with
+        respect to u; otherwise its projection on the independent speeds. Where speeds or
+        constraints depend on time, C u lacks the force of the motion that they prescribe at u = 0.
         """
-        return self._call('coriolis_matrix', (q, u), out)
+        return self._call('coriolis_matrix', (q, u), out, t)
 
     @compiled
     def gravity_force(self, q: ArrayLike, *, t: ArrayLike = 0.0,
@@ -88,9 +93,24 @@ class DynamicsMethods(Dispatch):
         return self._call('gravity_force', (q,), out, t)
 
     @compiled
-    def friction_force(self, u: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction, N m or N."""
-        return self._call('friction_force', (u,), out)
+    def friction_force(self, u: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
+                       out: Array | None = None) -> Array:
+        """
+        Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction, N m or N.
+
+        With chosen speeds or constraints it depends on q; other robots ignore q and t.
+        """
+        if not isinstance(self.equations, ConstrainedEquations):
+            return self._call('friction_force', (u,), out)
+        if q is None:
+            raise InputError('q: missing; expected the configuration, on which the friction of a '
+                             'robot with chosen speeds or constraints depends')
+        terms = self.torque_terms(q, u, np.zeros(np.shape(u)), t=t)
+        friction: Array = terms[..., TORQUE_TERMS.index('friction'), :]
+        if out is None:
+            return friction.copy()
+        out[...] = friction
+        return out
 
     @compiled
     def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None, t: ArrayLike = 0.0,

@@ -10,6 +10,7 @@ from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
 from kane_dynamics.feasibility.time_scale import highest_free, positive_intervals
 from kane_dynamics.robot.parameters import JointLimits
+from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -254,3 +255,26 @@ def test_intervals_of_a_quadratic_are_where_it_is_positive():
     ([(4.0, 9.0), (2.0, 3.0)], 4.0), ([(4.0, 5.0)], 5.0), ([(7.0, 6.0)], 5.0)])
 def test_highest_free_number_is_outside_all_open_intervals(intervals, highest):
     assert highest_free(np.array(intervals, dtype=float).reshape(-1, 2), 1.0, 5.0) == highest
+
+
+def test_the_largest_payload_of_a_closed_loop_takes_the_motor_to_its_limit():
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'],
+                  payload_frame='middle', configuration=at_angle(0.8))
+    robot.limits = replace(robot.limits, effort=np.array([40.0, math.inf, math.inf]))
+    course = Motion.from_points([0.0, 0.5], [[0.8], [1.3]], joint_names=['crank'])
+    bound = largest_payload(robot, course, step=0.02)
+    assert (bound.joint, bound.limit) == ('crank', 'effort')
+    robot.parameters.payload = Inertial(bound.mass, np.zeros(3), np.zeros((3, 3)))
+    asked = demand(robot, course, step=0.02)
+    assert asked.joint_names == ('crank', 'coupler', 'rocker')
+    assert asked.uses['effort'][0] == pytest.approx(1.0)
+    np.testing.assert_array_equal(asked.tau[:, 1:], 0.0)
+
+
+def test_motions_that_do_not_determine_a_mechanism_are_refused():
+    two = Motion.from_points([0.0], [[0.8, 0.0]], joint_names=['crank', 'coupler'])
+    with pytest.raises(InputError, match='expected 1 of crank, coupler, rocker, as many as ind'):
+        demand(four_bar('crank'), two)
+    path = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=['body/x', 'body/rz'])
+    with pytest.raises(InputError, match="constraint 'runner' is one of velocities"):
+        demand(sleigh(), path)

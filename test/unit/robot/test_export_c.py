@@ -14,6 +14,7 @@ from kane_dynamics.native.backends.c99_math import elementary_functions, PRECISI
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS
 from kane_dynamics.robot.quantities import QUANTITIES
+from linkages import at_angle, four_bar
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -333,3 +334,18 @@ def test_every_operation_that_is_traced_is_written(tmp_path):
         want = [np.exp(-x) * np.log(2.0 + x * x) + np.arctan(x), np.floor(3.0 * x),
                 x**1.5 if x < 0.5 else 2.0, np.tanh(x) - np.sqrt(x)]
         np.testing.assert_allclose(called(function, [np.array([x])], 4), want, rtol=1e-14)
+
+
+def test_a_closed_loop_names_its_speeds_and_refuses_open_configurations(tmp_path):
+    robot = four_bar('crank')
+    source, header = robot.export_c(tmp_path / 'loop.c', (
+        'inverse_dynamics', 'constraint_residual', 'constraint_velocity_residual'))
+    text = header.read_text()
+    assert '#define LOOP_N 1 ' in text and '#define LOOP_N_Q 3 ' in text
+    assert 'LOOP_SPEED_CRANK = 0' in text and 'LOOP_JOINT_ROCKER = 2' in text
+    library = built(source, tmp_path)
+    assert library.loop_self_test() == 0
+    q, u, udot = at_angle(1.1), np.array([2.0]), np.array([-1.0])
+    tau = called(library.loop_inverse_dynamics, [q, u, udot, None], 1)
+    np.testing.assert_allclose(tau, robot.inverse_dynamics(q, u, udot), rtol=1e-11)
+    assert np.isnan(called(library.loop_inverse_dynamics, [q + 0.1, u, udot, None], 1))[0]

@@ -1,5 +1,9 @@
 """Promises of `Robot.copy`: one machine code, parameters of its own."""
 
+from copy import copy
+from dataclasses import replace
+import pickle
+
 from kane_dynamics import Coupling, Inertial, Robot
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.robot import kernel_set
@@ -72,3 +76,10 @@ def test_the_constants_of_steps_are_not_shared():
     kernel, copied = step_kernel(robot, False), step_kernel(robot.copy(), False)
     assert copied.code is kernel.code
     assert not np.shares_memory(copied.parameters, kernel.parameters)
+
+
+def test_copies_and_pickles_keep_assigned_limits():
+    robot = Robot(random_model(3, 3))
+    robot.limits = replace(robot.limits, effort=np.array([1.0, 2.0, 3.0]))
+    for other in (robot.copy(), copy(robot), pickle.loads(pickle.dumps(robot))):
+        np.testing.assert_array_equal(other.limits.effort, [1.0, 2.0, 3.0])

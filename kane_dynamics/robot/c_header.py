@@ -1,0 +1,120 @@
+"""The header of exported C: sizes, the order of joints and speeds, conventions, prototypes."""
+
+from collections.abc import Sequence
+import inspect
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.resources import package_version
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.native.backends.c99 import comment, identifier, prototype, string
+from kane_dynamics.native.backends.c99_math import Precision
+from kane_dynamics.native.tracing.program import Program
+
+
+class CKernel(NamedTuple):
+    """A kernel to export as a C function, with its test states and reference results."""
+
+    name: str  # of the quantity
+    symbol: str  # in C
+    program: Program
+    tolerance: float
+    inputs: list[list[Array]]  # of each test state, without the parameters
+    results: list[Array]
+
+
+def constrained(robot: Any) -> bool:
+    """Return whether a robot has chosen speeds or constraints."""
+    return isinstance(robot.equations, ConstrainedEquations)
+
+
+def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[CKernel],
+                precision: Precision, self_test: bool) -> str:
+    """Return the header: sizes, the order of the joints, prototypes."""
+    upper, equations = prefix.upper(), robot.equations
+    lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',
+             f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
+             f'#define {upper}_MODEL_DIGEST {string(robot.model.digest())}',
+             f'#define {upper}_GENERATOR {string(f"kane_dynamics {package_version()}")}',
+             *_sizes(robot, upper),
+             f'#define {upper}_N_WRENCHES {len(equations.wrench_frames)}',
+             f'#define {upper}_N_PARAMETERS {len(robot.parameters.block)}',
+             f'#define {upper}_REAL {precision.c}',
+             *(f'#define {kernel.symbol.upper()}_SIZE {kernel.program.n_outputs} /* numbers */'
+               for kernel in kernels), '', *_joint_enum(robot, upper), '',
+             '/*', *(f' * {line}'.rstrip() for line in _conventions(robot, prefix)), ' */', '',
+             '#ifdef __cplusplus', 'extern "C" {', '#endif']
+    for kernel in kernels:
+        doc = inspect.getdoc(getattr(type(robot), kernel.name, None)) or kernel.name
+        words = ' '.join(doc.split('\n\n')[0].split())
+        shape = ' x '.join(map(str, kernel.program.shape)) or '1'
+        lines += ['', f'/* {comment(words)}', f' * result: {shape}, C order. */',
+                  f'{prototype(kernel.program, kernel.symbol, precision)};']
+    if self_test:
+        lines += [
+            '', f'#ifndef {upper}_NO_SELF_TEST',
+            '/* Return 0 if every function gives the results embedded in the source, to the',
+            ' * tolerance stated there, else the number of the first function that does not. */',
+            f'int {prefix}_self_test(void);', '#endif']
+    lines += ['', '#ifdef __cplusplus', '}', '#endif', '', '#endif', '']
+    return '\n'.join(lines)
+
+
+def _sizes(robot: Any, upper: str) -> list[str]:
+    """Return the lines of the sizes of q and u."""
+    if not constrained(robot):
+        return [f'#define {upper}_N {robot.n} /* joints: entries of q, u, udot and tau */']
+    return [f'#define {upper}_N {robot.n} /* independent speeds: entries of u, udot and tau */',
+            f'#define {upper}_N_Q {robot.n_q} /* joints: entries of q */']
+
+
+def _joint_enum(robot: Any, upper: str) -> list[str]:
+    """Return the lines of the enumerations of joints and of chosen or independent speeds."""
+    entries = []
+    for joint in robot.model.coordinate_joints:
+        unit = 'm, m/s, N' if joint.kind == 'prismatic' else 'rad, rad/s, N m'
+        entries.append((joint.name, f'{joint.kind}; {unit}'))
+    lines = _enum(upper, 'joint', entries)
+    if constrained(robot):
+        lines += _enum(upper, 'speed', [(name, 'entry of u') for name in robot.speed_names])
+    return lines
+
+
+def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str]:
+    """Return the lines of an enumeration of names with notes; empty without entries."""
+    lines, used = [], set()
+    for k, (entry, note) in enumerate(entries):
+        name = f'{upper}_{kind.upper()}_{identifier(entry).upper()}'
+        name = name if name not in used else f'{name}_{k}'
+        used.add(name)
+        lines.append(f'    {name} = {k}{"," if k < len(entries) - 1 else ""} '
+                     f'/* {comment(entry)}: {note} */')
+    return [f'enum {upper.lower()}_{kind} {{', *lines, '};'] if lines else []
+
+
+def _conventions(robot: Any, prefix: str) -> list[str]:
+    """Return the lines of the calling conventions."""
+    upper = prefix.upper()
+    gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
+    speeds = 'u = dq/dt, ' if not constrained(robot) else ''
+    lines = [f'M(q) udot + bias(q, u) = tau + external, {speeds}SI units, world axes.', '',
+             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,',
+             *(['or per independent speed (u, udot, and tau, which is dual to u),'] if constrained(
+                 robot) else []),
+             'in the order above. A result may overlay an argument. Nothing is allocated, no',
+             'state is kept: any thread may call anything at any time. Arguments are not',
+             'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
+    lines += [] if robot.equations.payload_frame is None else [
+        '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
+        '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
+    lines += [] if not constrained(robot) else [
+        '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
+        '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
+        '  Beyond them the first entry of a result is NaN.']
+    lines.append(f'  NULL selects the values at export: gravity ({gravity})'
+                 + (' and the payload at export.' if robot.equations.payload_frame else '.'))
+    lines += ['t: pointer to the time, s'] if robot.equations.timed else []
+    if robot.equations.wrench_frames:
+        lines += ['wrench: for each frame that carries one, the force (N) then the moment (N m)',
+                  '  that the environment exerts at its origin, world axes; NULL means none']
+    return [comment(line) for line in lines]

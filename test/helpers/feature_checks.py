@@ -1,0 +1,425 @@
+"""
+Checks of features on the mechanisms of `kinds_of_mechanism`, each by an independent formulation.
+
+A check takes a case and fails unless the robot's result is that of Kane's definition, of the
+energies, or of a derivative of one of these.
+"""
+
+import ctypes
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+import pickle
+import subprocess
+from tempfile import TemporaryDirectory
+
+from kane_dynamics import (ComputedTorque, Controller, fill_trajectory,
+                           MomentumObserver, Motion, natural_vibration, simulate)
+from kane_dynamics.feasibility import demand, fastest
+from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
+from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.robot.verification import without_rotors
+import numpy as np
+
+TOLERANCE = 1e-11
+CLOSED = 1e-9  # through derivatives of positions
+TOOL = 'tool'
+
+
+def near(value, expected, tolerance=TOLERANCE):
+    """Fail unless two results agree, relative to the largest entry."""
+    value, expected = (np.asarray(x, dtype=float) for x in (value, expected))
+    assert value.shape == expected.shape, (value.shape, expected.shape)
+    size = max(1.0, np.abs(expected).max(initial=0.0))
+    np.testing.assert_allclose(value, expected, rtol=0.0, atol=tolerance * size)
+
+
+def slope(function, h=4e-3):
+    """Return the derivative of a function of one number at 0, to the eighth order in h."""
+    weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+    return sum(w / h * (function(k * h) - function(-k * h)) for k, w in weights.items())
+
+
+def along(case, function):
+    """Return the time derivative of a function of q and t along the motion."""
+    qdot = case.joint_motion[0]
+    return slope(lambda s: function(case.q + s * qdot, case.time + s))
+
+
+def moved(case, q, t):
+    """Return T of the definition at another configuration and time."""
+    parts = nonholonomic.reduction(case.mechanism, q, t)
+    dependent = nonholonomic.dependent_places(case.mechanism)
+    return parts.W[:, case.mechanism.free] + parts.W[:, dependent] @ parts.A
+
+
+def inverse(case, u=None, udot=None, **forces):
+    """Return inverse dynamics by Kane's definition."""
+    return nonholonomic.inverse_dynamics(case.mechanism, case.q, case.u if u is None else u,
+                                         case.udot if udot is None else udot, case.time, **forces)
+
+
+def reduced(case, force):
+    """Return a joint force by the independent speeds."""
+    return case.T.T @ force
+
+
+def inverse_dynamics(case):
+    push = np.linspace(-1.0, 1.0, 6)
+    tau = case.robot.inverse_dynamics(case.q, case.u, case.udot, wrench=push[None], **case.t)
+    near(tau, inverse(case, wrenches={TOOL: (push[:3], push[3:])}))
+
+
+def forward_dynamics(case):
+    tau = inverse(case)
+    M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
+    udot = case.robot.forward_dynamics(case.q, case.u, tau, **case.t)
+    near(udot, case.udot, TOLERANCE * max(1.0, np.linalg.cond(M) * 1e-3))
+
+
+def mass_matrix(case):
+    M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
+    near(case.robot.mass_matrix(case.q, **case.t), M)
+    near(case.robot.inverse_mass_matrix(case.q, **case.t) @ M, np.eye(len(M)))
+
+
+def bias(case):
+    near(case.robot.bias_force(case.q, case.u, **case.t), inverse(case, udot=0.0 * case.u))
+
+
+def gravity(case):
+    force = kane.gravity_force(case.robot.model, case.q)
+    near(case.robot.gravity_force(case.q, **case.t), reduced(case, force))
+
+
+def friction_of_joints(case):
+    """Return the friction of the joints by the definition, (n_q,)."""
+    model, (qdot, _) = case.robot.model, case.joint_motion
+    return (kane.generalized_active_force(model, case.q, qdot, friction=False)
+            - kane.generalized_active_force(model, case.q, qdot))
+
+
+def friction(case):
+    force = reduced(case, friction_of_joints(case))
+    given = (case.u,) if case.name in ('tree', 'flexible') else (case.u, case.q)
+    near(case.robot.friction_force(*given, **case.t), force)
+
+
+def coriolis(case):
+    C = case.robot.coriolis_matrix(case.q, case.u, **case.t)
+    model, (qdot, _) = case.robot.model, case.joint_motion
+
+    def M(q, t):
+        return kane.mass_matrix(model, q)
+
+    def reduced_M(q, t):
+        return nonholonomic.mass_matrix(case.mechanism, q, t)
+    near(C + C.T, along(case, reduced_M), CLOSED)
+    n = case.robot.n_q
+    by_q = np.array([slope(lambda s, k=k: M(case.q + s * np.eye(n)[k], 0.0)) for k in range(n)])
+    christoffel = 0.5 * (np.einsum('kij,k->ij', by_q, qdot) + np.einsum('jik,k->ij', by_q, qdot)
+                         - np.einsum('ijk,k->ij', by_q, qdot))
+    T_rate = along(case, partial(moved, case))
+    near(C, case.T.T @ (christoffel @ case.T + M(case.q, 0.0) @ T_rate), CLOSED)
+    if not case.t:  # C u is the force of the speeds
+        rest = inverse(case, 0.0 * case.u, 0.0 * case.u)
+        force = inverse(case, udot=0.0 * case.u, friction=False) - inverse(
+            case, 0.0 * case.u, 0.0 * case.u, friction=False)
+        near(C @ case.u, force + 0.0 * rest)
+
+
+def inverse_derivatives(case):
+    tau_q, tau_u, M = case.robot.inverse_dynamics_derivatives(case.q, case.u, case.udot, **case.t)
+    columns = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
+        case.mechanism, case.q + s * e, case.u, case.udot, case.time))
+        for e in np.eye(case.robot.n_q)]
+    near(tau_q, np.array(columns).T, CLOSED)
+    near(tau_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
+                          for e in np.eye(case.robot.n)]).T, CLOSED)
+    near(M, nonholonomic.mass_matrix(case.mechanism, case.q, case.time))
+
+
+def forward_derivatives(case):
+    tau = inverse(case)
+    udot_q, udot_u, W = case.robot.forward_dynamics_derivatives(case.q, case.u, tau, **case.t)
+    columns = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
+        case.mechanism, case.q + s * e, case.u, case.udot, case.time))
+        for e in np.eye(case.robot.n_q)]
+    M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
+    near(-M @ udot_q, np.array(columns).T, CLOSED)
+    near(-M @ udot_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
+                                for e in np.eye(case.robot.n)]).T, CLOSED)
+    near(W @ M, np.eye(len(M)), CLOSED)
+
+
+def partials(case, q, t):
+    """Return the Jacobian of the tool by the definition."""
+    return kane.partial_velocities(case.robot.model, q, TOOL) @ moved(case, q, t)
+
+
+def jacobian(case):
+    near(case.robot.jacobian(TOOL, case.q, **case.t), partials(case, case.q, case.time))
+    near(case.robot.jacobian_rate(TOOL, case.q, case.u, **case.t),
+         along(case, partial(partials, case)), CLOSED)
+
+
+def frames(case):
+    robot, (qdot, qddot) = case.robot, case.joint_motion
+    J = kane.partial_velocities(robot.model, case.q, TOOL)
+    near(robot.frame_velocity(TOOL, case.q, case.u, **case.t), J @ qdot)
+    J_rate = slope(lambda s: kane.partial_velocities(robot.model, case.q + s * qdot, TOOL))
+    near(robot.frame_acceleration(TOOL, case.q, case.u, case.udot, **case.t),
+         J @ qddot + J_rate @ qdot, CLOSED)
+
+
+def kinetic_and_potential_energy(case):
+    model, (qdot, _) = case.robot.model, case.joint_motion
+    near(case.robot.kinetic_energy(case.q, case.u, **case.t),
+         energies.kinetic_energy(model, case.q, qdot))
+    near(case.robot.potential_energy(case.q), energies.potential_energy(model, case.q))
+
+
+def rigid(case):
+    """Return the torque of inertia and weight without rotors, by the definition."""
+    model, (qdot, qddot) = case.robot.model, case.joint_motion
+    force = kane.generalized_inertia_force(without_rotors(model), case.q, qdot, qddot)
+    return reduced(case, kane.gravity_force(model, case.q) - force)
+
+
+def sources(case):
+    robot = case.robot
+    push = np.linspace(-1.0, 1.0, 6)
+    terms = robot.torque_terms(case.q, case.u, case.udot, **case.t)
+    model, (qdot, qddot) = robot.model, case.joint_motion
+    still = kane.generalized_active_force(model, case.q, 0.0 * qdot, friction=False)
+    weight = kane.gravity_force(model, case.q)
+    M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
+    inertia = reduced(case, -kane.generalized_inertia_force(model, case.q, qdot, qddot))
+    expected = [M @ case.udot, inertia - M @ case.udot, reduced(case, weight),
+                reduced(case, friction_of_joints(case)), reduced(case, -still - weight)]
+    near(terms, expected)
+    near(robot.external_force(case.q, wrench=push[None], **case.t),
+         reduced(case, kane.partial_velocities(model, case.q, TOOL).T @ push))
+
+
+def by_body(case):
+    robot = case.robot
+    near(robot.body_torques(case.q, case.u, case.udot, **case.t).sum(axis=0), rigid(case))
+
+
+def regressor(case):
+    Y = case.robot.regressor(case.q, case.u, case.udot, **case.t)
+    near(Y @ case.robot.inertial_parameters, rigid(case))
+
+
+def joint_reactions(case):
+    """
+    Compare reactions with the torque that reaches each link, and with Newton's law of the last.
+
+    Joints that follow a motion have an actuator of their own; joints on beams carry its moments.
+    """
+    robot, model, (qdot, qddot) = case.robot, case.robot.model, case.joint_motion
+    tau = inverse(case)
+    reactions = robot.joint_reactions(case.q, case.u, case.udot, **case.t)
+    still = replace(model, gravity=np.zeros(3))
+    passive = friction_of_joints(case) - kane.generalized_active_force(
+        still, case.q, 0.0 * qdot, friction=False)
+    rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
+    J = np.array(rows.J, dtype=float).reshape(-1, robot.n_q)
+    driven = [k for k, owner in enumerate(case.mechanism.owners) if owner.startswith('drive')]
+    forces = robot.constraint_forces(case.q, case.u, tau, **case.t) if len(J) else np.zeros(0)
+    applied = robot.joint_torques(tau, case.q, **case.t) + J[driven].T @ forces[driven]
+    for k, body in enumerate(model.bodies):
+        if body.joint.deflection is None:
+            j = body.joint.coordinate
+            axis = kinematics.configurations(model, case.q)[k].axis
+            part = reactions[k][3:] if body.joint.kind == 'revolute' else reactions[k][:3]
+            near(part @ axis, applied[j] - passive[j] - body.joint.armature * qddot[j], CLOSED)
+    if 'closed loop' not in case.name:
+        last = model.bodies[-1].inertial
+
+        def speed(q, v):
+            return kane.partial_velocities(model, q)[-1][:3] @ v
+        acceleration = slope(lambda s: speed(case.q + s * qdot, qdot + s * qddot))
+        near(reactions[-1][:3], last.mass * (acceleration - model.gravity), CLOSED)
+
+
+def constraint_forces(case):
+    """Constraint forces and joint torques are the tree's inverse dynamics."""
+    robot, (qdot, qddot) = case.robot, case.joint_motion
+    tau = inverse(case)
+    forces = robot.constraint_forces(case.q, case.u, tau, **case.t)
+    rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
+    J = np.array(rows.J, dtype=float).reshape(-1, robot.n_q)
+    needed = kane.inverse_dynamics(robot.model, case.q, qdot, qddot)
+    near(robot.joint_torques(tau, case.q, **case.t) + J.T @ forces, needed, CLOSED)
+
+
+def workspace(case):
+    place = case.robot.bind()
+    place.q[:], place.u[:], place.udot[:] = case.q, case.u, case.udot
+    if case.t:
+        place.t[...] = case.time
+    near(place.inverse_dynamics(), inverse(case))
+
+
+def batches(case):
+    q, u, udot = (np.tile(x, (5, 1)) for x in (case.q, case.u, case.udot))
+    udot *= np.arange(5.0)[:, None]
+    near(case.robot.inverse_dynamics(q, u, udot, **case.t)[3], inverse(case, udot=udot[3]))
+
+
+def pickling(case):
+    again = pickle.loads(pickle.dumps(case.robot))
+    near(again.inverse_dynamics(case.q, case.u, case.udot, **case.t), inverse(case))
+
+
+def reference_step(case, h):
+    """Return q after one classical Runge-Kutta step of the definition without torque."""
+    def rates(q, u, t):
+        M = nonholonomic.mass_matrix(case.mechanism, q, t)
+        held = nonholonomic.inverse_dynamics(case.mechanism, q, u, 0.0 * u, t)
+        return (nonholonomic.joint_motion(case.mechanism, q, u, 0.0 * u, t)[0],
+                -np.linalg.solve(M, held))
+    y, t = (case.q, case.u), case.time
+    k1 = rates(*y, t)
+    k2 = rates(*(a + 0.5 * h * b for a, b in zip(y, k1)), t + 0.5 * h)
+    k3 = rates(*(a + 0.5 * h * b for a, b in zip(y, k2)), t + 0.5 * h)
+    k4 = rates(*(a + h * b for a, b in zip(y, k3)), t + h)
+    return [a + h / 6.0 * (w + 2.0 * x + 2.0 * y + z) for a, w, x, y, z in zip(y, k1, k2, k3, k4)]
+
+
+def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
+    run = simulate(case.robot, case.q, case.u, step, step=step, t0=case.time,
+                   integrator=integrator)
+    q, u = reference_step(case, step)
+    near(run.q[-1], q, tolerance)
+    near(run.u[-1], u, tolerance)
+    assert run.drift < 1e-9
+
+
+def implicit(case):
+    simulation(case, 'implicit', 1e-5)
+
+
+def rest_motion(case):
+    """Return a motion of the joints that follow, at rest at the case's configuration."""
+    names = case.robot.speed_names if case.t and case.robot.constraint_names else (
+        case.robot.joint_names)
+    q = [case.q[case.robot.coordinate_names.index(name)] for name in names]
+    return Motion.from_points([0.0, 1.0], [q, q], joint_names=names)
+
+
+def computed_torque(case):
+    run = simulate(case.robot, case.q, case.u, 1e-5, step=1e-5, t0=case.time,
+                   torque=ComputedTorque(case.robot, rest_motion(case), kp=10.0, kd=5.0))
+    near(run.tau[0], inverse(case, udot=-5.0 * case.u, friction=False))
+
+
+def controller(case):
+    motion = rest_motion(case)
+    motion = Motion.from_points([0.0, 1.0], [motion.positions[0], motion.positions[0] + 0.3],
+                                joint_names=motion.joint_names)
+    command = Controller(case.robot).command(0.3, case.q, case.u, motion)
+    near(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
+
+
+def observer(case):
+    """Without motion, the estimate approaches what holds the arm beyond its actuators."""
+    watch, rest = MomentumObserver(case.robot, gain=10.0), 0.0 * case.u
+    held = inverse(case, rest, rest)
+    for t in (0.0, 0.05):
+        found = watch.update(t, case.q, rest, held - 1.0)
+    near(found, -np.expm1(-0.5) * np.ones(case.robot.n), CLOSED)
+
+
+def verification(case):
+    assert case.robot.verify(1) < CLOSED
+
+
+def exported(case):
+    """Compile the exported C, which passes its self-test and gives inverse dynamics."""
+    with TemporaryDirectory() as folder:
+        source, _ = case.robot.export_c(Path(folder) / 'out.c', (
+            'inverse_dynamics', 'forward_dynamics', 'coriolis_matrix', f'jacobian:{TOOL}'))
+        library = source.with_suffix('.so')
+        subprocess.run(['gcc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Werror', '-O0',
+                        '-fPIC', '-shared', str(source), '-o', str(library), '-lm'], check=True)
+        loaded = ctypes.CDLL(str(library))
+    assert loaded.out_self_test() == 0
+    result, time = np.empty(case.robot.n), np.array(case.time)
+    given = [case.q, case.u, case.udot, None, *([time] if case.t else []), None, result]
+    loaded.out_inverse_dynamics.restype = None
+    loaded.out_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
+                                  for x in given))
+    near(result, inverse(case))
+
+
+def vibration(case):
+    """Small motions about a held configuration follow from Kane's forces beside it."""
+    found = natural_vibration(case.robot, case.q)
+    model = case.robot.model
+
+    def slope_of_potential(q):
+        return -kane.generalized_active_force(model, q, 0.0 * q, friction=False)
+    held = case.robot.joint_torques(case.T.T @ slope_of_potential(case.q), case.q)
+
+    def force(direction, s):
+        q = case.q + s * direction
+        return moved(case, q, 0.0).T @ (slope_of_potential(q) - held)
+    K = np.array([slope(partial(force, direction)) for direction in case.T.T]).T
+    M = nonholonomic.mass_matrix(case.mechanism, case.q)
+    square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    near(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
+    near(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)), CLOSED)
+
+
+def driven(case):
+    """Return a motion of the driving joints through the case's configuration, and when it is."""
+    robot, moment = case.robot, case.time or 0.4
+    names = [name for name in robot.joint_names if name in ('upper', 'fore', 'crank')][:robot.n]
+    places = [robot.coordinate_names.index(name) for name in names]
+    rates = case.joint_motion[0][places]
+    return Motion.from_points(
+        [0.0, moment, 1.0], [case.q[places] + x for x in (-0.1, 0.0, 0.1)], [rates] * 3,
+        [0.5 * rates] * 3, joint_names=names), moment, places
+
+
+def scaled(case):
+    """At the highest speed, a limit is reached and none is exceeded, by Kane's definition."""
+    motion, _, _ = driven(case)
+    found = fastest(case.robot, motion, step=0.05)
+    q, u, udot = motion.sample(np.array([found.t * found.speed]))
+    tau = kane.inverse_dynamics(case.robot.model, q[0], found.speed * u[0],
+                                found.speed**2 * udot[0])
+    share = max((np.abs(tau) / case.robot.limits.effort).max(),
+                np.abs(found.speed * u / case.robot.limits.velocity).max())
+    near(share, 1.0, 1e-6)
+
+
+def filled(case):
+    motion, moment, _ = driven(case)
+    q, u, udot = motion.sample(moment)
+    done = fill_trajectory(case.robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names)
+    near(done.efforts[0], kane.inverse_dynamics(case.robot.model, q, u, udot))
+
+
+def demanded(case):
+    """Move the other joints with the driving ones, with the torques of Kane's definition."""
+    robot, (motion, moment, places) = case.robot, driven(case)
+    asked = demand(robot, motion, step=0.05)
+    k = int(np.argmin(np.abs(asked.t - moment)))
+    t, q, qdot, qddot = asked.t[k], asked.q[k], asked.u[k], asked.udot[k]
+    for mine, given in zip((q, qdot, qddot), motion.sample(t)):
+        near(mine[places], given)
+
+    def missed(s):
+        rows = case.mechanism.rows(case.mechanism.state(q + s * qdot, t + s))
+        J, b = (np.array(x, dtype=float) for x in (rows.J, rows.b))
+        return J.reshape(-1, robot.n_q) @ (qdot + s * qddot) - b
+    near(missed(0.0), 0.0 * missed(0.0), CLOSED)
+    near(slope(missed), 0.0 * missed(0.0), CLOSED)
+    rows = case.mechanism.rows(case.mechanism.state(q, t))
+    near([x or 0.0 for x in rows.residual], np.zeros(len(rows.residual)))
+    T = moved(case, q, t)
+    near(T.T @ asked.tau[k], T.T @ kane.inverse_dynamics(robot.model, q, qdot, qddot), CLOSED)

@@ -1,0 +1,163 @@
+"""
+The table of features by kind of mechanism: what works, by which check, and why the rest does not.
+
+`python test/helpers/feature_matrix.py` writes the table into docs/limits.md.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+import sys
+
+import feature_checks as check
+from kinds_of_mechanism import KINDS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / 'docs' / 'limits.md'
+BEGIN, END = '<!-- features by kind: generated -->\n', '<!-- end of the generated table -->\n'
+TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM = KINDS
+
+# Reasons, one sentence each. The first are of physics or definition, the others of today.
+NO_CONSTRAINT = 'There is no constraint that could exert a force.'
+NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial parameters of a "
+          'body, in which the regressor is linear.')
+NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic mechanism, '
+            'which depend on the path.')
+BENDS = ('The deflections of beams follow from the load, and the motion of the joints does not '
+         'state them; `QuasiStatic` and `fill_trajectory(bending=)` compute those in equilibrium.')
+NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
+NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
+           'vibrate.')
+MISSING = 'Not available; the call raises an error that says so.'
+UNGUARDED = 'Not available, and not refused by every call: do not use the result.'
+UNTESTED = 'Computed, but no test compares it with an independent formulation.'
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    A feature.
+
+    Attributes
+    ----------
+    name : str
+    check : callable
+        Fails unless a case's result is that of an independent formulation. It runs for every kind
+        and pair without a reason, and must be refused for the others.
+    reasons : dict of kind or pair to sentence
+        Why it does not work. A pair has the reasons of its kinds.
+    tests : dict of kind to test
+        Existing tests that show it instead of the check: 'file::name'.
+    pairs : bool
+        Whether the check runs for pairs of kinds too; slow ones run for the others only.
+
+    """
+
+    name: str
+    check: object
+    reasons: dict = field(default_factory=dict)
+    tests: dict = field(default_factory=dict)
+    pairs: bool = True
+
+    def reason(self, *kinds):
+        """Return why it does not work for these kinds, or None."""
+        found = [self.reasons[key] for key in (kinds, *kinds) if key in self.reasons]
+        return UNGUARDED if UNGUARDED in found else found[0] if found else None
+
+
+CONTROL = 'test/unit/control/'
+CONSTRAINED = f'{CONTROL}test_constrained_'
+STOPS = 'test/unit/simulation/test_stops.py::test_'
+DERIVATIVES = 'test/property/test_derivatives_of_all_kinds.py::'
+ROWS = (
+    Row('inverse dynamics, external wrenches', check.inverse_dynamics),
+    Row('forward dynamics', check.forward_dynamics),
+    Row('mass matrix and its inverse', check.mass_matrix),
+    Row('bias force', check.bias),
+    Row('gravity force', check.gravity),
+    Row('friction force', check.friction),
+    Row('Coriolis matrix', check.coriolis),
+    Row('derivatives of inverse dynamics', check.inverse_derivatives, {}, dict.fromkeys(
+        KINDS, f'{DERIVATIVES}test_inverse_dynamics_derivatives_are_the_definitions'),
+        pairs=False),
+    Row('derivatives of forward dynamics', check.forward_derivatives, {}, dict.fromkeys(
+        KINDS, f'{DERIVATIVES}test_forward_dynamics_derivatives_are_the_definitions'),
+        pairs=False),
+    Row('Jacobian and its rate', check.jacobian),
+    Row('velocity and acceleration of frames', check.frames, pairs=False),
+    Row('kinetic and potential energy', check.kinetic_and_potential_energy),
+    Row('torque by source', check.sources),
+    Row('torque by body', check.by_body, {BEAM: MISSING}),
+    Row('regressor', check.regressor, {BEAM: NO_TEN}),
+    Row('joint reactions', check.joint_reactions),
+    Row('constraint forces', check.constraint_forces, {
+        (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),
+    Row('workspace', check.workspace, pairs=False),
+    Row('batches', check.batches, pairs=False),
+    Row('pickling', check.pickling, pairs=False),
+    Row('`verify`', check.verification, pairs=False),
+    Row('`simulate`', check.simulation, pairs=False),
+    Row('`simulate` with the implicit integrator', check.implicit, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING}),
+    Row('`ComputedTorque`', check.computed_torque, {BEAM: UNGUARDED}, pairs=False),
+    Row('`Controller`, beams by `QuasiStatic`', check.controller, {ROLLING: UNTESTED,
+                                                               TIME: UNTESTED}, {
+        LOOP: f'{CONSTRAINED}control.py::test_the_feedforward_of_a_five_bar_is_that_of_the_'
+              'definition',
+        BEAM: f'{CONTROL}test_quasi_static.py::'
+              'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
+    Row('`MomentumObserver`', check.observer, {TIME: UNTESTED}, pairs=False),
+    Row('joint stops of `simulate`', None, {TIME: UNTESTED, BEAM: UNTESTED}, {
+        TREE: f'{STOPS}an_arm_rests_on_its_stops_and_the_balance_counts_what_was_lost',
+        SPEEDS: f'{STOPS}chosen_speeds_hit_the_stops_of_the_tree',
+        LOOP: f'{STOPS}the_impact_of_a_five_bar_is_projected_and_loses_the_energy_of_the_jump',
+        ROLLING: f'{STOPS}the_impact_of_a_body_on_a_runner_is_projected'}, pairs=False),
+    Row('`export_c`', check.exported, pairs=False),
+    Row('natural vibration', check.vibration, {TIME: NO_REST}),
+    Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {
+        ROLLING: NO_SHAPE,
+        BEAM: BENDS}, pairs=False),
+    Row('`fastest`', check.scaled, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: NO_SHAPE,
+        TIME: NO_SCALE,
+        BEAM: BENDS}),
+    Row('`fill_trajectory`', check.filled, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: NO_SHAPE,
+        TIME: MISSING,
+        BEAM: BENDS}),
+)
+
+
+def table():
+    """Return the table and its notes, in Markdown."""
+    notes, lines = [], [f'| | {" | ".join(KINDS)} |', f'|---{"|---" * len(KINDS)}|']
+    for row in ROWS:
+        cells = []
+        for kind in KINDS:
+            reason = row.reason(kind)
+            if reason is None:
+                cells.append('yes')
+                continue
+            if reason not in notes:
+                notes.append(reason)
+            cells.append(f'no ({notes.index(reason) + 1})')
+        lines.append(f'| {row.name} | {" | ".join(cells)} |')
+    lines += ['', *(f'{k}. {note}' for k, note in enumerate(notes, 1))]
+    return '\n'.join(lines) + '\n'
+
+
+def page(text):
+    """Return the text of docs/limits.md with the table."""
+    before, _, rest = text.partition(BEGIN)
+    return f'{before}{BEGIN}\n{table()}\n{END}{rest.partition(END)[2]}'
+
+
+if __name__ == '__main__':
+    PAGE.write_text(page(PAGE.read_text(encoding='utf-8')), encoding='utf-8')
+    print(f'{PAGE}: written', file=sys.stderr)
