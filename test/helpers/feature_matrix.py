@@ -102,8 +102,9 @@ ROWS = (
         ROLLING: MISSING,
         TIME: MISSING}),
     Row('`ComputedTorque`', check.computed_torque, {BEAM: UNGUARDED}, pairs=False),
-    Row('`Controller`, beams by `QuasiStatic`', check.controller, {ROLLING: UNTESTED,
-                                                               TIME: UNTESTED}, {
+    Row('`Controller`, beams by `QuasiStatic`', check.controller, {
+        ROLLING: UNTESTED,
+        TIME: UNTESTED}, {
         LOOP: f'{CONSTRAINED}control.py::test_the_feedforward_of_a_five_bar_is_that_of_the_'
               'definition',
         BEAM: f'{CONTROL}test_quasi_static.py::'
