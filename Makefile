@@ -155,9 +155,11 @@ docs: install
 	$(BIN)/python docs/check_links.py build/docs
 
 # What the pages show is what comes out.
+NODE_PAGES = test/docs/test_node_pages.py
+
 docs-test: install
-	$(ROS_ENV) $(BIN)/python -m pytest -n auto --dist worksteal test/docs/test_pages.py
-	$(ROS_ENV) $(BIN)/python -m pytest test/docs/test_node_pages.py
+	$(PYTEST) -n auto --dist worksteal test/docs/test_pages.py
+	$(PYTEST) $(NODE_PAGES) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(NODE_PAGES); }
 
 # ---------------------------------------------------------------------- colcon
 # An environment of its own: colcon wants an older setuptools, and both packages must come from its
