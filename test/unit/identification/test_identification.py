@@ -153,7 +153,7 @@ def test_bounded_friction_is_never_below_its_bound():
         u = rng.normal(size=(200, 1))
         tau = -0.3 * u + 0.1 * rng.normal(size=u.shape)
         still = Recording(np.arange(200.0), u, u, 0.1 * rng.normal(size=u.shape), tau)
-        data = RegressionRows(still, *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)),
+        data = RegressionRows(still, ('joint',), *np.zeros((2, 200, 1)), np.zeros((200, 1, 10)),
                               np.abs(u) > 0.0)
         x, _ = fit_friction(data, 0, 0.05)
         assert (x >= LOWEST).all(), seed
