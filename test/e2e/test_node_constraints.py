@@ -73,9 +73,12 @@ rclpy.shutdown()
 @pytest.fixture(scope='module')
 def process(files):
     process = Process(urdf=files[0], constraints=files[1])
-    process.wait_for('remains inactive')
-    yield process
-    assert process.end()[0] == 0
+    try:
+        process.wait_for('remains inactive')
+        yield process
+    finally:  # else it would answer the requests of other tests
+        code, _ = process.end()
+    assert code == 0
     assert 'Traceback' not in process.log
 
 

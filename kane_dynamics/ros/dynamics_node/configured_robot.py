@@ -18,14 +18,13 @@ from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type, OptionalTopics)
-from kane_dynamics.ros.parameters.parameter_checks import controller_settings
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
                                                            parameter_loads)
 from kane_dynamics.ros.torque_path.guard_link import GuardLink
-from kane_dynamics.ros.torque_path.path_controller import path_controller
+from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import compile_simulation
@@ -184,7 +183,7 @@ class ConfiguredRobot:
 
     def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         """Raise InputError unless new parameters, of which `given` are set, fit the robot."""
-        controller_settings(values, self.robot.joint_names)
+        path_settings(values, self.robot)
         FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)
         check_optional_topics(values, self.robot)
@@ -205,7 +204,7 @@ class ConfiguredRobot:
         if before['mode'] != values['mode'] and self.path.active_motion.clear():
             self._warn('mode', 'changed; desired motion dropped')
         self.path.set_timeout(values['state_timeout'])
-        self.path.controller.update(**controller_settings(values, self.robot.joint_names))
+        self.path.controller.update(**path_settings(values, self.robot))
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']
         self.optional_topics.update(values)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from kane_dynamics.control.constrained_law import followed_joints
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.model.flexible_model import stiffened
@@ -27,4 +28,11 @@ def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
     options = robot_options(values)
     bending = QuasiStatic(Robot(model, **options)) if model.flexible else None
     robot = Robot(stiffened(model), **options)
-    return Controller(robot, bending=bending, **controller_settings(values, robot.joint_names))
+    return Controller(robot, bending=bending, **path_settings(values, robot))
+
+
+def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """Return the settings of the controller; the gains are those of the joints that follow."""
+    settings = controller_settings(values, robot.joint_names)
+    follow = list(followed_joints(robot))
+    return settings | {name: settings[name][follow] for name in ('kp', 'kd')}
