@@ -265,13 +265,13 @@ def ideal_stop(model, states, failed, taken_over):
     return k, np.array(positions)
 
 
-def sag(rig, failed):
-    """Return the largest distance from the ideal stop after a failure at a stamp, degrees."""
+def sag(rig, failed, taken_over):
+    """Return the largest distance from the ideal stop, degrees; arguments are stamps, ns."""
     recorder, arm = rig.recorder, rig.arm
     order = [recorder.names.index(joint) for joint in arm.joints]
     states = [(stamp, q[order], u[order]) for stamp, q, u in recorder.states]
     k, ideal = ideal_stop(load_urdf(arm.urdf, joints=list(arm.joints)), states, failed,
-                          recorder.of('guard')[0].stamp)
+                          taken_over)
     actual = np.array([q for _, q, _ in states[k:]])
     return float(np.degrees(np.abs(actual - ideal).max()))
 
