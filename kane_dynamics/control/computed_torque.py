@@ -10,7 +10,7 @@ from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import (followed_joints, motion_columns,
-                                                   require_closed)
+                                                   require_closed, require_rigid)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
@@ -52,7 +52,7 @@ class ComputedTorque:
     ------
     InputError
         Names the argument, or the gain, the joint and the value; or the point of a motion of all
-        joints that violates a constraint.
+        joints that violates a constraint. The robot has beams.
 
     """
 
@@ -105,6 +105,7 @@ class ComputedTorque:
 def _followed(robot: Robot, motion: Motion, followed: Sequence[str] | None
               ) -> tuple[list[int], list[int]]:
     """Return the indices of the followed joints, and their columns of the motion."""
+    require_rigid(robot)
     constrained = isinstance(robot.equations, ConstrainedEquations)
     if not constrained and motion.joint_names != robot.joint_names:
         raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '

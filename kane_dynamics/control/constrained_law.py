@@ -50,9 +50,7 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
     """
     names, n = robot.coordinate_names, robot.n
     equations = robot.equations
-    if robot.model.modal_coordinates:
-        raise InputError('robot: with beams, and chosen speeds or constraints; expected the rigid '
-                         'model, because no actuator moves the coordinates of bending')
+    require_rigid(robot)
     if followed is None:
         speeds = robot.speed_names
         actuated = equations.actuated if isinstance(equations, ConstrainedEquations) else None
@@ -71,6 +69,13 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
         raise InputError(f'followed: {list(followed)}; expected {n} of the joints {list(names)}, '
                          'as many as there are independent speeds')
     return tuple(names.index(name) for name in followed)
+
+
+def require_rigid(robot: Robot) -> None:
+    """Raise InputError if a robot has beams, which computed torque would bend at will."""
+    if robot.model.modal_coordinates:
+        raise InputError('robot: with beams; expected the rigid model, because no actuator moves '
+                         'the coordinates of bending')
 
 
 def motion_columns(robot: Robot, followed: Sequence[int], names: Sequence[str]) -> list[int]:

@@ -63,7 +63,7 @@ class MomentumObserver:
     Raises
     ------
     InputError
-        The robot has beams, or a number is invalid; names it.
+        A number is invalid; names it. The robot has beams, and chosen speeds or constraints.
 
     """
 
@@ -183,7 +183,7 @@ def _momentum_kernel(robot: Robot) -> Kernel:
     assert sets is not None
     mechanism, name = equations.mechanism, 'momentum_terms'
     if equations.unsupported:
-        raise InputError('robot: with beams, which have no Coriolis matrix; expected the rigid '
+        raise InputError('robot: with beams, and chosen speeds or constraints; expected the rigid '
                          'model')
     arguments = [Argument('q', (robot.n_q,), robot.coordinate_names),
                  Argument('u', (robot.n,), robot.speed_names)]

@@ -24,11 +24,12 @@ NO_SHAPE = ('The positions of some joints do not determine those of a nonholonom
             'which depend on the path.')
 BENDS = ('The deflections of beams follow from the load, and the motion of the joints does not '
          'state them; `QuasiStatic` and `fill_trajectory(bending=)` compute those in equilibrium.')
+NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bending=)` commands the '
+               'joints of an arm with beams.')
 NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
 NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
            'vibrate.')
 MISSING = 'Not available; the call raises an error that says so.'
-UNGUARDED = 'Not available, and not refused by every call: do not use the result.'
 UNTESTED = 'Computed, but no test compares it with an independent formulation.'
 
 
@@ -61,7 +62,7 @@ class Row:
     def reason(self, *kinds):
         """Return why it does not work for these kinds, or None."""
         found = [self.reasons[key] for key in (kinds, *kinds) if key in self.reasons]
-        return UNGUARDED if UNGUARDED in found else found[0] if found else None
+        return found[0] if found else None
 
 
 CONTROL = 'test/unit/control/'
@@ -101,7 +102,7 @@ ROWS = (
         LOOP: MISSING,
         ROLLING: MISSING,
         TIME: MISSING}),
-    Row('`ComputedTorque`', check.computed_torque, {BEAM: UNGUARDED}, pairs=False),
+    Row('`ComputedTorque`', check.computed_torque, {BEAM: NO_ACTUATOR}, pairs=False),
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {
         ROLLING: UNTESTED,
         TIME: UNTESTED}, {
