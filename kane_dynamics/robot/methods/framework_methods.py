@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics.robot.methods.derivative_methods import DerivativeMethods
 
 
-class CasadiMethods(DerivativeMethods):
+class FrameworkMethods(DerivativeMethods):
     """The method of `Robot` for CasADi, an optional library."""
 
     def casadi(self, name: str, *, parameters: Sequence[str] = (),
@@ -53,6 +53,6 @@ class CasadiMethods(DerivativeMethods):
             `compiled` is True and there is no linker, or it fails.
 
         """
-        from kane_dynamics.robot.casadi_function import casadi_function  # few programs need it
+        from kane_dynamics.robot.frameworks.casadi_function import casadi_function  # few programs need it
         quantity, at = self._place(name)
         return casadi_function(self, quantity, at, parameters, compiled)

@@ -1,0 +1,157 @@
+"""A robot's quantity, or a derivative of it of any order, as a function of arrays of states."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from kane_dynamics._util.fork_safety import ForkSafeLock
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.runtime.argument import Argument, require_finite
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Shape, size_of
+from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
+from kane_dynamics.robot.kernel_set import KernelSet
+import numpy as np
+
+
+def batch_function(robot: Any, quantity: str, at: str,
+                   parameters: str | Sequence[str]) -> 'BatchFunction':
+    """Return the function of a quantity with these run-time parameters as arguments."""
+    possible = [name for name in PARAMETERS if name in robot.kernels.differentiable(quantity)]
+    own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    wrong = [name for k, name in enumerate(own) if name not in possible or name in own[:k]]
+    if wrong:
+        raise InputError(f'parameters: {wrong[0]!r}; expected for {quantity} of this robot some '
+                         f'of {", ".join(possible) or "none"}, each once')
+    return BatchFunction(robot.copy().kernels, quantity, at, Derivative('value', own=own))
+
+
+class BatchFunction:
+    """
+    A quantity or a derivative of it as a function of arrays with any batch axes in front.
+
+    Batch axes broadcast, as in NumPy. The derivatives are functions of the same kind, to any
+    order; each compiles at its first call.
+
+    Parameters
+    ----------
+    kernels : KernelSet
+        The kernels of a robot whose parameters do not change.
+    quantity, at : str
+        A quantity, and its frame or joint or ''.
+    derivative : Derivative
+
+    Attributes
+    ----------
+    arguments : tuple of Argument
+        In order: the cotangent or the tangents, if it is a derivative, then the arguments of the
+        quantity, the wrench, the time, and the parameters that are arguments.
+    shape : tuple of int
+        Shape of the result of one state. Gradients of a 'vjp' are one after the other.
+
+    """
+
+    def __init__(self, kernels: KernelSet, quantity: str, at: str,
+                 derivative: Derivative) -> None:
+        """Look the names up; compile nothing."""
+        self._kernels, self._quantity, self._at = kernels, quantity, at
+        self.derivative = derivative
+        self.arguments, self.shape = kernels.signature(quantity, at, derivative)
+        of = derivative.of
+        inner = 0 if of is None else len(kernels.signature(quantity, at, of)[0])
+        self.seeds = len(self.arguments) - inner if inner else 0  # arguments of the last order
+        self.name = derivative.label(f'{quantity}:{at}' if at else quantity)
+        self._made: dict[Derivative, BatchFunction] = {}
+        self._lock = ForkSafeLock()
+
+    def __repr__(self) -> str:
+        """Return the name with its arguments."""
+        return f'{self.name} ({", ".join(a.name for a in self.arguments)})'
+
+    def vjp(self, by: Sequence[str]) -> 'BatchFunction':
+        """Return the gradients with respect to some arguments, of a cotangent and the arguments."""
+        return self._derived(Derivative('vjp', tuple(by), self.derivative))
+
+    def jvp(self, by: Sequence[str]) -> 'BatchFunction':
+        """Return the directional derivative, of tangents of some arguments and the arguments."""
+        return self._derived(Derivative('jvp', tuple(by), self.derivative))
+
+    def of(self) -> 'BatchFunction':
+        """Return the function of which this is a derivative."""
+        assert self.derivative.of is not None
+        return BatchFunction(self._kernels, self._quantity, self._at, self.derivative.of)
+
+    def _derived(self, derivative: Derivative) -> 'BatchFunction':
+        with self._lock.held():
+            if derivative not in self._made:
+                self._made[derivative] = BatchFunction(self._kernels, self._quantity, self._at,
+                                                       derivative)
+            return self._made[derivative]
+
+    @property
+    def kernel(self) -> Kernel:
+        """Return the kernel, compiled at the first use."""
+        with self._lock.held():
+            return self._kernels.kernel(self._quantity, self._at, self.derivative)
+
+    def batch(self, shapes: Sequence[Shape]) -> Shape:
+        """Return the batch axes of the result for arguments of these shapes."""
+        return np.broadcast_shapes(*(shape[:len(shape) - len(a.shape)]
+                                     for a, shape in zip(self.arguments, shapes)))
+
+    def parts(self, flat: Any) -> list[Any]:
+        """Return the gradients of a 'vjp', split from its result, with the inputs' shapes."""
+        found, begin = [], 0
+        shapes = {a.name: a.shape for a in self.arguments}
+        for name in self.derivative.by:
+            end = begin + size_of(shapes[name])
+            found.append(flat[..., begin:end].reshape((*flat.shape[:-1], *shapes[name])))
+            begin = end
+        return found
+
+    def __call__(self, arrays: Sequence[Array]) -> Array:
+        """
+        Return the results for float arrays, of the shapes of the arguments and batch axes.
+
+        Raises
+        ------
+        InputError
+            An argument that is not finite, other than cotangents and tangents; it is named. Or
+            the result is not finite though they are; as the robot's method.
+
+        """
+        batch = self.batch([x.shape for x in arrays])
+        count = math.prod(batch)
+        rows = [row(a, x, batch) for a, x in zip(self.arguments, arrays, strict=True)]
+        result = np.empty((count, *self.shape))
+        if count:
+            kernel = self.kernel
+            flags = kernel.run(rows, result, count)
+            if flags:
+                self._explain(kernel, flags, arrays, rows, result)
+        return result.reshape(*batch, *self.shape)
+
+    def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
+                 rows: Sequence[Array], result: Array) -> None:
+        """Raise InputError for what is not finite, but for effects of cotangents and tangents."""
+        known = self._kernels.differentiable(self._quantity)
+        bad = ~np.isfinite(result.reshape(len(result), -1)).all(axis=1)
+        for argument, array, x in zip(self.arguments, arrays, rows):
+            if argument.name not in known:
+                bad &= np.isfinite(x).reshape(-1, max(size_of(argument.shape), 1)).all(axis=1)
+            elif flags & BAD_INPUT:
+                require_finite(argument, array)
+        kernel.answer(result, rows, len(result), np.flatnonzero(bad).tolist())
+
+
+def row(argument: Argument, array: Array, batch: Shape) -> Array:
+    """Return an argument as kernels read it: one state for all, or one per state."""
+    own = array.shape[:array.ndim - len(argument.shape)]
+    if math.prod(own) == 1:
+        array = array.reshape(argument.shape)
+    elif own != batch:
+        array = np.broadcast_to(array, (*batch, *argument.shape))
+    array = np.ascontiguousarray(array, dtype=np.float64)
+    return array if math.prod(own) == 1 else array.reshape(-1, *argument.shape)
