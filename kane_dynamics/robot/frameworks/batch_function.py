@@ -18,14 +18,18 @@ import numpy as np
 
 def batch_function(robot: Any, quantity: str, at: str,
                    parameters: str | Sequence[str]) -> 'BatchFunction':
-    """Return the function of a quantity with these run-time parameters as arguments."""
+    """
+    Return the function of a quantity with these run-time parameters as arguments.
+
+    The parameters of the robot must not change while it is in use.
+    """
     possible = [name for name in PARAMETERS if name in robot.kernels.differentiable(quantity)]
     own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     wrong = [name for k, name in enumerate(own) if name not in possible or name in own[:k]]
     if wrong:
         raise InputError(f'parameters: {wrong[0]!r}; expected for {quantity} of this robot some '
                          f'of {", ".join(possible) or "none"}, each once')
-    return BatchFunction(robot.copy().kernels, quantity, at, Derivative('value', own=own))
+    return BatchFunction(robot.kernels, quantity, at, Derivative('value', own=own))
 
 
 class BatchFunction:

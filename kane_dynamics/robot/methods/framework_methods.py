@@ -1,13 +1,14 @@
-"""A robot's quantities as functions of CasADi."""
+"""A robot's quantities as functions of other libraries: CasADi, PyTorch, JAX."""
 
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.robot.methods.derivative_methods import DerivativeMethods
 
 
 class FrameworkMethods(DerivativeMethods):
-    """The method of `Robot` for CasADi, an optional library."""
+    """The methods of `Robot` for CasADi, PyTorch and JAX, which are optional."""
 
     def casadi(self, name: str, *, parameters: Sequence[str] = (),
                compiled: bool | None = None) -> Any:
@@ -56,3 +57,43 @@ class FrameworkMethods(DerivativeMethods):
         from kane_dynamics.robot.frameworks.casadi_function import casadi_function  # few programs need it
         quantity, at = self._place(name)
         return casadi_function(self, quantity, at, parameters, compiled)
+
+    def torch(self, name: str, *, parameters: Sequence[str] = ()) -> Any:
+        """
+        Return a quantity as a function of PyTorch tensors, differentiable to any order.
+
+        Its arguments are those of the quantity's method, in its order or by their names; then
+        'wrench', (k, 6), if the robot declares wrench frames and the quantity depends on them,
+        and 't' if the equations depend on time; then the `parameters`. Each has any number of
+        batch axes in front; these broadcast. So one payload serves for a batch of states, and its
+        gradient is the sum over them.
+
+        Values and gradients come from compiled kernels for batches; gradients of any order by
+        reverse mode. `torch.func.vmap`, `grad` and `jacrev` apply, and `torch.compile`, which sees
+        one operator; forward mode (`torch.func.jvp`, `jacfwd`) is not available. Tensors are on
+        the CPU, and float64, which is read in place, or float32: then the kernels compute in
+        double and the result is rounded. A function can be pickled if the robot can.
+
+        Parameters
+        ----------
+        name : str
+            A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
+        parameters : sequence of str
+            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as in `vjp`.
+            The others keep the values that they have now.
+
+        Returns
+        -------
+        callable
+            Raises InputError that names a wrong argument, or an entry that is not finite; or as
+            the robot's method. Cotangents that are not finite give gradients that are not.
+
+        Raises
+        ------
+        InputError
+            An unknown quantity, frame, joint or parameter; or PyTorch is not installed.
+
+        """
+        quantity, at = self._place(name)
+        module = extra('kane_dynamics.robot.frameworks.torch_function', 'torch', 'robot.torch')
+        return module.TorchFunction(self, quantity, at, parameters)
