@@ -10,11 +10,13 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.argument import Argument, require_finite
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
 from kane_dynamics.native.tracing.program import Shape, size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
 from kane_dynamics.robot.kernel_set import KernelSet
 import numpy as np
 
+MOST = POINTER_SLOTS - 2  # arguments of a kernel, besides its parameters and result
 
 def batch_function(robot: Any, quantity: str, at: str,
                    parameters: str | Sequence[str]) -> 'BatchFunction':
@@ -66,6 +68,10 @@ class BatchFunction:
         of = derivative.of
         inner = 0 if of is None else len(kernels.signature(quantity, at, of)[0])
         self.seeds = len(self.arguments) - inner if inner else 0  # arguments of the last order
+        if len(self.arguments) > MOST:
+            raise InputError(f'{quantity}: a derivative with {len(self.arguments)} arguments, '
+                             f'cotangents and tangents; expected at most {MOST}: a lower order, '
+                             'or fewer arguments to differentiate by')
         self.name = derivative.label(f'{quantity}:{at}' if at else quantity)
         self._made: dict[Derivative, BatchFunction] = {}
         self._lock = ForkSafeLock()

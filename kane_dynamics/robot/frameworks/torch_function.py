@@ -15,8 +15,7 @@ from weakref import WeakValueDictionary
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
-from kane_dynamics.robot.frameworks.batch_function import batch_function, BatchFunction
+from kane_dynamics.robot.frameworks.batch_function import batch_function, BatchFunction, MOST
 import torch
 
 DTYPES = (torch.float64, torch.float32)
@@ -83,6 +82,7 @@ def _keep(ctx: Any, inputs: Any, output: Any) -> None:
     """Keep what the backward pass needs."""
     handle, *tensors = inputs
     ctx.operation = _found(handle)
+    ctx.set_materialize_grads(False)  # zeros would be computed with
     ctx.save_for_backward(*tensors)
     ctx.save_for_forward(*tensors)
 
@@ -91,9 +91,11 @@ def _backward(ctx: Any, cotangent: Any) -> Any:
     """Return the gradients of the tensors that require them, by one kernel."""
     tensors, arguments = ctx.saved_tensors, ctx.operation.function.arguments
     wanted = [k for k, needed in enumerate(ctx.needs_input_grad[1:]) if needed]
+    gradients: list[Any] = [None] * len(tensors)
+    if cotangent is None or not wanted:
+        return None, *gradients
     operation = ctx.operation.vjp(*(arguments[k].name for k in wanted))
     flat = evaluate(operation.handle, cotangent, *tensors)
-    gradients: list[Any] = [None] * len(tensors)
     for k, part in zip(wanted, operation.function.parts(flat), strict=True):
         gradients[k] = part.sum_to_size(tensors[k].shape)  # over the axes that were broadcast
     return None, *gradients
@@ -129,7 +131,7 @@ def _operator(count: int) -> Any:
     return made
 
 
-OPERATORS = {count: _operator(count) for count in range(1, POINTER_SLOTS - 1)}
+OPERATORS = {count: _operator(count) for count in range(1, MOST + 1)}
 
 
 class Evaluation(torch.autograd.Function):
