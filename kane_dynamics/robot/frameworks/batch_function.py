@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence
 import math
+import sys
 from typing import Any
 
 from kane_dynamics._util.fork_safety import ForkSafeLock
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.native.backends.llvm_math import size_limit
+from kane_dynamics.native.backends.llvm_simd import lane_text, width
+from kane_dynamics.native.machine_code import object_cache
 from kane_dynamics.native.runtime.argument import Argument, require_finite
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -121,9 +125,24 @@ class BatchFunction:
             begin = end
         return found
 
-    def __call__(self, arrays: Sequence[Array]) -> Array:
+    @property
+    def identity(self) -> str:
+        """Return a text that identifies the machine code, parameters aside."""
+        kernels, kernel = self._kernels, self.kernel
+        code = kernels.key or lane_text(kernel.traced(), 'kernel', width())
+        return object_cache.key(self.name, code)
+
+    @property
+    def parameters(self) -> Array:
+        """Return the block of parameters, which the kernel reads after the arguments."""
+        return self._kernels.parameters
+
+    def __call__(self, arrays: Sequence[Array], *, checked: bool = True) -> Array:
         """
         Return the results for float arrays, of the shapes of the arguments and batch axes.
+
+        Unless `checked`, a state with an argument or a result that is not finite has NaN in all
+        of its result.
 
         Raises
         ------
@@ -139,8 +158,12 @@ class BatchFunction:
         if count:
             kernel = self.kernel
             flags = kernel.run(rows, result, count)
-            if flags:
+            if flags and checked:
                 self._explain(kernel, flags, arrays, rows, result)
+            elif flags:
+                for argument, x in zip((*self.arguments, Argument('', self.shape)),
+                                       (*rows, result)):
+                    result[beyond(argument, x)] = np.nan
         return result.reshape(*batch, *self.shape)
 
     def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
@@ -154,6 +177,12 @@ class BatchFunction:
             elif flags & BAD_INPUT:
                 require_finite(argument, array)
         kernel.answer(result, rows, len(result), np.flatnonzero(bad).tolist())
+
+
+def beyond(argument: Argument, array: Array) -> Any:
+    """Return for each state, or for all, whether an entry is not finite or too large."""
+    return ~(np.abs(array) <= min(size_limit(argument.name), sys.float_info.max)).all(
+        axis=tuple(range(array.ndim - len(argument.shape), array.ndim)))
 
 
 def row(argument: Argument, array: Array, batch: Shape) -> Array:

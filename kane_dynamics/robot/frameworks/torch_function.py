@@ -14,8 +14,8 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.robot.frameworks.batch_function import batch_function, BatchFunction, MOST
+from kane_dynamics.robot.frameworks.batch_function import BatchFunction, MOST
+from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction
 import torch
 
 DTYPES = (torch.float64, torch.float32)
@@ -152,66 +152,33 @@ def evaluate(handle: str, *tensors: Any) -> Any:
     return Evaluation.apply(handle, *tensors)
 
 
-class TorchFunction:
+class TorchFunction(QuantityFunction):
     """A quantity as a function of tensors; see `Robot.torch`."""
 
     def __init__(self, robot: Any, quantity: str, at: str,
                  parameters: str | Sequence[str]) -> None:
         """Check the names; the kernel compiles at the first call."""
-        robot = robot.copy()  # which keeps its gravity and payload
-        function = batch_function(robot, quantity, at, parameters)
-        self._made_of = robot, quantity, at, parameters
-        self._operation = Operation(function)
-        self._arguments = function.arguments
-        self.names = tuple(a.name for a in function.arguments)
-
-    def __repr__(self) -> str:
-        """Return the name with its arguments."""
-        return f'<torch function {self._operation.function!r}>'
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the robot and the names."""
-        return type(self), self._made_of
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> 'TorchFunction':
-        """Return this function, which does not change."""
-        return self
+        super().__init__(robot, quantity, at, parameters)
+        self._operation = Operation(self.function)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Return the quantity, by position or by name; see `Robot.torch`."""
-        given = dict(zip(self.names, arguments))
-        if len(arguments) > len(self.names) or {*given} & {*named} or (
-                {*given, *named} != {*self.names}):
-            found = [f'{len(arguments)} by position', *named]
-            raise InputError(f'{self._operation.function.name}: arguments {", ".join(found)}; '
-                             f'expected {", ".join(self.names)}, each once')
-        given |= named
-        tensors = [_checked(a, given[a.name]) for a in self._arguments]
-        shapes = [x.shape[:x.ndim - len(a.shape)] for a, x in zip(self._arguments, tensors)]
-        try:
-            torch.broadcast_shapes(*shapes)
-        except RuntimeError:
-            found = [f'{name} {tuple(x.shape)}' for name, x in zip(self.names, tensors)]
-            raise InputError(f'{self._operation.function.name}: arguments {", ".join(found)}; '
-                             'expected batch axes that broadcast') from None
+        tensors = self._given(arguments, named)
         dtype = torch.float32
-        for x in tensors:
+        for argument, x in zip(self.function.arguments, tensors):
+            _require_readable(argument.name, x)
             dtype = torch.promote_types(dtype, x.dtype)
+        self._require_batches(tensors, torch.broadcast_shapes)
         return evaluate(self._operation.handle, *(x.to(dtype) for x in tensors))
 
 
-def _checked(argument: Argument, x: Any) -> Any:
-    """Return a tensor that the kernels can read; raise InputError otherwise."""
-    name, shape = argument.name, argument.shape
+def _require_readable(name: str, x: Any) -> None:
+    """Raise InputError unless the kernels can read a tensor."""
     if not isinstance(x, torch.Tensor):
         raise InputError(f'{name}: a {type(x).__name__}; expected a torch.Tensor')
     if x.device.type != 'cpu':
         raise InputError(f'{name}: a tensor on {x.device}; expected one on the CPU, where the '
-                         "kernels run: call x.cpu(), and .to(x.device) of the result")
+                         'kernels run: x.cpu(), and result.to(x.device)')
     if x.dtype not in DTYPES or x.layout != torch.strided:
         raise InputError(f'{name}: {x.dtype}, {x.layout}; expected a dense tensor of float64 or '
                          'float32')
-    if x.ndim < len(shape) or tuple(x.shape[x.ndim - len(shape):]) != shape:
-        raise InputError(f'{name}: shape {tuple(x.shape)}; expected {shape}, with batch axes in '
-                         'front of it or without')
-    return x

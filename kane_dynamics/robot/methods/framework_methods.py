@@ -68,11 +68,10 @@ class FrameworkMethods(DerivativeMethods):
         batch axes in front; these broadcast. So one payload serves for a batch of states, and its
         gradient is the sum over them.
 
-        Values and gradients come from compiled kernels for batches; gradients of any order by
-        reverse mode. `torch.func.vmap`, `grad` and `jacrev` apply, and `torch.compile`, which sees
-        one operator; forward mode (`torch.func.jvp`, `jacfwd`) is not available. Tensors are on
-        the CPU, and float64, which is read in place, or float32: then the kernels compute in
-        double and the result is rounded. A function can be pickled if the robot can.
+        Values and derivatives come from compiled kernels for batches. Backward passes, forward mode
+        and the transforms of `torch.func` apply, and `torch.compile`, which sees one operator.
+        Tensors are on the CPU, and float64, which is read in place, or float32: then the kernels
+        compute in double and the result is rounded. A function can be pickled if the robot can.
 
         Parameters
         ----------
@@ -97,3 +96,50 @@ class FrameworkMethods(DerivativeMethods):
         quantity, at = self._place(name)
         module = extra('kane_dynamics.robot.frameworks.torch_function', 'torch', 'robot.torch')
         return module.TorchFunction(self, quantity, at, parameters)
+
+    def jax(self, name: str, *, parameters: Sequence[str] = (),
+            compiled: bool | None = None) -> Any:
+        """
+        Return a quantity as a function of JAX arrays, differentiable to any order.
+
+        Its arguments are those of the quantity's method, in its order or by their names; then
+        'wrench', (k, 6), if the robot declares wrench frames and the quantity depends on them,
+        and 't' if the equations depend on time; then the `parameters`. Each has any number of
+        batch axes in front; these broadcast.
+
+        `jit`, `vmap`, `grad`, `jvp`, `vjp`, `jacfwd`, `jacrev` and `hessian` apply; all values and
+        derivatives come from compiled kernels for batches, on the CPU. Arrays are float64 (with
+        ``jax_enable_x64``), or float32: then the kernels compute in double and the result is
+        rounded. In a function compiled by `jit`, no error can be raised: a state with an argument
+        that is not finite, a position beyond 1e12, or where the robot's method raises an error
+        that depends on the state, has NaN in all of its result. Elsewhere it is an error.
+
+        Parameters
+        ----------
+        name : str
+            A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
+        parameters : sequence of str
+            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as in `vjp`.
+            The others keep the values that they have now.
+        compiled : bool, optional
+            True: functions compiled by `jit` call machine code by XLA's foreign function
+            interface, or an error; False: they call Python (`jax.pure_callback`), which is slower.
+            By default machine code if this version of JAX has the interface, else Python, with a
+            line in the log.
+
+        Returns
+        -------
+        callable
+            Raises InputError that names a wrong argument.
+
+        Raises
+        ------
+        InputError
+            An unknown quantity, frame, joint or parameter; or JAX is not installed.
+        CompileError
+            `compiled` is True and JAX has another interface.
+
+        """
+        quantity, at = self._place(name)
+        module = extra('kane_dynamics.robot.frameworks.jax_function', 'jax', 'robot.jax')
+        return module.JaxFunction(self, quantity, at, parameters, compiled)
