@@ -3,9 +3,9 @@ Generate LLVM IR of a handler by which XLA calls a lane kernel for a batch.
 
 XLA calls ``XLA_FFI_Error *handler(XLA_FFI_CallFrame *)`` with buffers in host memory. Their layout
 is that of ``xla/ffi/api/c_api.h``, major version 0: offsets in bytes below are of its structures.
-The operands are the arguments of the kernel, then its shared parameters. An operand has as many
-entries as one state, which all share, or those of every state. They are float64, or float32,
-which is converted. A state with an argument or a result that is not finite, or a position that is
+The operands are the arguments of the kernel, each with the entries of one state, which all share,
+or those of every state; then the bytes of the kernel's shared parameters. Arguments and result
+are float64, or float32, which is converted. A state with an argument or a result that is not finite, or a position that is
 too large, has NaN in all of its result.
 """
 
@@ -183,8 +183,21 @@ OPERAND = """
   %argK.stride = select i1 %argK.shared, i64 0, i64 BYTES
   %before.NEXT = add i64 %before.K, %argK.entries
 """
+# The last one, which is not converted.
+PARAMETERS = """
+  %argK.at = getelementptr ptr, ptr %args, i64 K
+  %argK = load ptr, ptr %argK.at
+  %argK.data.at = getelementptr i8, ptr %argK, i64 24
+  %argK.data = load ptr, ptr %argK.data.at
+  %rowK = getelementptr [3 x i64], ptr %table, i64 K
+  store ptr %argK.data, ptr %rowK
+  %rowK.stride = getelementptr i64, ptr %rowK, i64 1
+  store i64 0, ptr %rowK.stride
+  %rowK.step = getelementptr i64, ptr %rowK, i64 2
+  store i64 0, ptr %rowK.step
+"""
 SCRATCH = """
-  %before.all = add i64 %before.LAST, %total
+  %before.all = add i64 %before.ARGUMENTS, %total
   %scratch.bytes = mul i64 %before.all, 8
   br i1 %single, label %allocate, label %place
 allocate:
@@ -214,7 +227,7 @@ placedK:
   store i64 0, ptr %rowK.step
 """
 RUN = """
-  %scratch.result = getelementptr double, ptr %scratch, i64 %before.LAST
+  %scratch.result = getelementptr double, ptr %scratch, i64 %before.ARGUMENTS
   %address = select i1 %single, ptr %scratch.result, ptr %result.data
   %row = getelementptr [3 x i64], ptr %table, i64 LAST
   store ptr %address, ptr %row
@@ -281,7 +294,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     kernel, driver : Address
         The lane kernel, and `run_shares` of `runtime.batch_loop`.
     sizes, limits : sequences
-        Of each operand and of the result: entries of a state, and the largest valid number.
+        Of each operand, the parameters included, and of the result: entries of a state, and the largest valid number.
     minor : int
         Minor version of XLA's interface.
     threads : int
@@ -298,23 +311,23 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
             + f'@limits = internal constant [{len(limits)} x double] ['
             + ', '.join(f'double {literal(limit)}' for limit in limits) + ']\n')
     threads = min(threads, MOST_THREADS)
-    text += HEAD.replace('WORDS', str(words * threads)).replace('%size, 8', '%size, 8')
+    text += HEAD.replace('WORDS', str(words * threads))
     text += '  %before.0 = add i64 0, 0\n'
-    for k, size in enumerate(sizes[:-1]):
+    for k, size in enumerate(sizes[:-2]):
         text += OPERAND.replace('SIZE', str(size)).replace('BYTES', str(8 * size)).replace(
             'NEXT', str(k + 1)).replace('K', str(k))
-    text += SCRATCH
-    for k in range(last):
+    text += PARAMETERS.replace('K', str(last - 1)) + SCRATCH
+    for k in range(last - 1):
         text += PLACE.replace('FROM', f'placed{k - 1}' if k else 'place').replace('K', str(k))
     values = [f'i64 {kernel}', 'ptr %table', f'i64 {last + 1}', 'i64 0', 'i64 0', 'i64 0',
               'i64 %begin', 'i64 %stop', 'i64 1']
     stores = '\n'.join(f'  %own{k} = getelementptr i64, ptr %own, i64 {k}\n'
                        f'  store {value}, ptr %own{k}' for k, value in enumerate(values))
     text += RUN.replace('STORES', stores.strip()).replace('SHARE', str(words)).replace(
-        'FROM', f'placed{last - 1}' if last else 'place')
+        'FROM', f'placed{last - 2}' if last > 1 else 'place')
     for name, number in (('GRAIN', max(1, WORK // max(operations, 1))), ('THREADS', threads),
                          ('FLAGS', flags), ('DRIVER', driver), ('MAJOR', MAJOR),
-                         ('MINOR', minor), ('SLOTS', last + 1), ('LAST', last),
+                         ('MINOR', minor), ('SLOTS', last + 1), ('LAST', last), ('ARGUMENTS', last - 1),
                          ('BYTES', 8 * sizes[-1]), ('SIZE', max(sizes[-1], 1))):
         text = text.replace(name, str(number))
     return text.replace('HANDLER', HANDLER)

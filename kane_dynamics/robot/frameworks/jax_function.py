@@ -82,8 +82,8 @@ def _lowered(*arrays: Any, operation: Operation) -> Any:
             for own in [x.shape[:x.ndim - len(a.shape)]]]
     result = jax.ShapeDtypeStruct((*batch, *function.shape), arrays[0].dtype)
     if operation.compiled:
-        return jax.ffi.ffi_call(xla_target.registered(function), result)(
-            *rows, jnp.asarray(function.parameters, dtype=result.dtype))
+        block = jnp.asarray(function.parameters.view(np.uint32))  # float64 may be switched off
+        return jax.ffi.ffi_call(xla_target.registered(function), result)(*rows, block)
 
     def called(*given: Any) -> Any:
         return function([np.asarray(x) for x in given], checked=False).astype(result.dtype)
