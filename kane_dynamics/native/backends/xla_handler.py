@@ -5,8 +5,8 @@ XLA calls ``XLA_FFI_Error *handler(XLA_FFI_CallFrame *)`` with buffers in host m
 is that of ``xla/ffi/api/c_api.h``, major version 0: offsets in bytes below are of its structures.
 The operands are the arguments of the kernel, each with the entries of one state, which all share,
 or those of every state; then the bytes of the kernel's shared parameters. Arguments and result
-are float64, or float32, which is converted. A state with an argument or a result that is not finite, or a position that is
-too large, has NaN in all of its result.
+are float64, or float32, which is converted. A state with an argument or a result that is not
+finite, or a position that is too large, has NaN in all of its result.
 """
 
 from collections.abc import Sequence
@@ -294,7 +294,8 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     kernel, driver : Address
         The lane kernel, and `run_shares` of `runtime.batch_loop`.
     sizes, limits : sequences
-        Of each operand, the parameters included, and of the result: entries of a state, and the largest valid number.
+        Of each operand, the parameters included, and of the result: entries of a state, and the
+        largest valid number.
     minor : int
         Minor version of XLA's interface.
     threads : int
@@ -327,7 +328,8 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
         'FROM', f'placed{last - 2}' if last > 1 else 'place')
     for name, number in (('GRAIN', max(1, WORK // max(operations, 1))), ('THREADS', threads),
                          ('FLAGS', flags), ('DRIVER', driver), ('MAJOR', MAJOR),
-                         ('MINOR', minor), ('SLOTS', last + 1), ('LAST', last), ('ARGUMENTS', last - 1),
+                         ('MINOR', minor), ('SLOTS', last + 1), ('LAST', last),
+                         ('ARGUMENTS', last - 1),
                          ('BYTES', 8 * sizes[-1]), ('SIZE', max(sizes[-1], 1))):
         text = text.replace(name, str(number))
     return text.replace('HANDLER', HANDLER)

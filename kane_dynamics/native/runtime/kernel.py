@@ -15,8 +15,7 @@ from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
-from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
-                                                     Strided)
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch, Strided
 from kane_dynamics.native.runtime.gc_pause import gc_paused
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of

@@ -85,11 +85,11 @@ class BatchFunction:
         return f'{self.name} ({", ".join(a.name for a in self.arguments)})'
 
     def vjp(self, by: Sequence[str]) -> 'BatchFunction':
-        """Return the gradients with respect to some arguments, of a cotangent and the arguments."""
+        """Return the gradients with respect to some arguments, for a given cotangent."""
         return self._derived(Derivative('vjp', tuple(by), self.derivative))
 
     def jvp(self, by: Sequence[str]) -> 'BatchFunction':
-        """Return the directional derivative, of tangents of some arguments and the arguments."""
+        """Return the directional derivative, for given tangents of some arguments."""
         return self._derived(Derivative('jvp', tuple(by), self.derivative))
 
     def of(self) -> 'BatchFunction':

@@ -54,9 +54,9 @@ class FrameworkMethods(DerivativeMethods):
             `compiled` is True and there is no linker, or it fails.
 
         """
-        from kane_dynamics.robot.frameworks.casadi_function import casadi_function  # few programs need it
+        from kane_dynamics.robot.frameworks import casadi_function  # few programs need it
         quantity, at = self._place(name)
-        return casadi_function(self, quantity, at, parameters, compiled)
+        return casadi_function.casadi_function(self, quantity, at, parameters, compiled)
 
     def torch(self, name: str, *, parameters: Sequence[str] = ()) -> Any:
         """
@@ -68,10 +68,11 @@ class FrameworkMethods(DerivativeMethods):
         batch axes in front; these broadcast. So one payload serves for a batch of states, and its
         gradient is the sum over them.
 
-        Values and derivatives come from compiled kernels for batches. Backward passes, forward mode
-        and the transforms of `torch.func` apply, and `torch.compile`, which sees one operator.
-        Tensors are on the CPU, and float64, which is read in place, or float32: then the kernels
-        compute in double and the result is rounded. A function can be pickled if the robot can.
+        Values and derivatives come from compiled kernels for batches. Backward passes, forward
+        mode and the transforms of `torch.func` apply, and `torch.compile`, which sees one
+        operator. Tensors are on the CPU, and float64, which is read in place, or float32: then the
+        kernels compute in double and the result is rounded. A function can be pickled if the robot
+        can.
 
         Parameters
         ----------
