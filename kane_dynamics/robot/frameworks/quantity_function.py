@@ -1,4 +1,4 @@
-"""What functions of a robot's quantities have in common, whatever the arrays are."""
+"""Functions of a robot's quantities: arguments by name, checks of shapes, pickling."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
