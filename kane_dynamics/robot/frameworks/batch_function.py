@@ -69,6 +69,7 @@ class BatchFunction:
         self._kernels, self._quantity, self._at = kernels, quantity, at
         self.derivative = derivative
         self.arguments, self.shape = kernels.signature(quantity, at, derivative)
+        self._result = Argument('', self.shape)
         of = derivative.of
         inner = 0 if of is None else len(kernels.signature(quantity, at, of)[0])
         self.seeds = len(self.arguments) - inner if inner else 0  # arguments of the last order
@@ -161,8 +162,7 @@ class BatchFunction:
             if flags and checked:
                 self._explain(kernel, flags, arrays, rows, result)
             elif flags:
-                for argument, x in zip((*self.arguments, Argument('', self.shape)),
-                                       (*rows, result)):
+                for argument, x in zip((*self.arguments, self._result), (*rows, result)):
                     result[beyond(argument, x)] = np.nan
         return result.reshape(*batch, *self.shape)
 
@@ -170,13 +170,14 @@ class BatchFunction:
                  rows: Sequence[Array], result: Array) -> None:
         """Raise InputError for what is not finite, but for effects of cotangents and tangents."""
         known = self._kernels.differentiable(self._quantity)
-        bad = ~np.isfinite(result.reshape(len(result), -1)).all(axis=1)
+        bad = beyond(self._result, result)
         for argument, array, x in zip(self.arguments, arrays, rows):
             if argument.name not in known:
-                bad &= np.isfinite(x).reshape(-1, max(size_of(argument.shape), 1)).all(axis=1)
+                bad &= ~beyond(argument, x)
             elif flags & BAD_INPUT:
                 require_finite(argument, array)
-        kernel.answer(result, rows, len(result), np.flatnonzero(bad).tolist())
+        if bad.any():
+            kernel.answer(result, rows, len(result), np.flatnonzero(bad).tolist())
 
 
 def beyond(argument: Argument, array: Array) -> Any:
@@ -193,4 +194,5 @@ def row(argument: Argument, array: Array, batch: Shape) -> Array:
     elif own != batch:
         array = np.broadcast_to(array, (*batch, *argument.shape))
     array = np.ascontiguousarray(array, dtype=np.float64)
-    return array if math.prod(own) == 1 else array.reshape(-1, *argument.shape)
+    return array if math.prod(own) == 1 else array.reshape(
+        math.prod(batch), *argument.shape)

@@ -23,6 +23,9 @@ from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction
 import numpy as np
 
 
+evaluate = Primitive('kane_dynamics')
+
+
 class Operation:
     """
     A function that the primitive evaluates, with its derivatives.
@@ -54,17 +57,12 @@ class Operation:
             getattr(self.function, mode)(by), self.compiled, self))
 
 
-evaluate = Primitive('kane_dynamics')
-
-
-@evaluate.def_impl
 def _evaluated(*arrays: Any, operation: Operation) -> Any:
     """Evaluate outside of a traced function, with all checks."""
     result = operation.function([np.asarray(x) for x in arrays])
     return jnp.asarray(result, dtype=arrays[0].dtype)
 
 
-@evaluate.def_abstract_eval
 def _shaped(*arrays: Any, operation: Operation) -> Any:
     """Return the shape of the result."""
     function = operation.function
@@ -145,6 +143,8 @@ def _mapped(arrays: Sequence[Any], axes: Sequence[Any], *, operation: Operation)
     return evaluate.bind(*given, operation=operation), 0
 
 
+evaluate.def_impl(_evaluated)
+evaluate.def_abstract_eval(_shaped)
 ad.primitive_jvps[evaluate] = _rate
 ad.primitive_transposes[evaluate] = _transposed
 batching.primitive_batchers[evaluate] = _mapped

@@ -137,7 +137,10 @@ OPERATORS = {count: _operator(count) for count in range(1, MOST + 1)}
 class Evaluation(torch.autograd.Function):
     """The operator with its derivatives, as the transforms of `torch.func` require it."""
 
-    setup_context, backward, jvp, vmap = map(staticmethod, (_keep, _backward, _rate, _mapped))
+    setup_context = staticmethod(_keep)
+    backward = staticmethod(_backward)
+    jvp = staticmethod(_rate)
+    vmap = staticmethod(_mapped)
 
     @staticmethod
     def forward(handle: str, *tensors: Any) -> Any:
