@@ -2,8 +2,9 @@
 
 from functools import cache
 
-from kane_dynamics import Inertial, load_urdf, Robot
+from kane_dynamics import Inertial, load_urdf, Prescribed, Robot
 from kinds_of_mechanism import case
+from linkages import four_bar_model, PIN
 import numpy as np
 
 QUANTITIES = [('tree', 'inverse_dynamics'), ('tree', 'forward_dynamics'), ('tree', 'mass_matrix'),
@@ -25,6 +26,13 @@ def arm():
 def fr3():
     """Return seven axes."""
     return Robot(load_urdf('urdf/fr3.urdf', tip='fr3_link7'))
+
+
+@cache
+def driven():
+    """Return a four-bar whose crank moves in a given way, without a degree of freedom."""
+    return Robot(four_bar_model(), constraints=[
+        PIN, Prescribed('crank', lambda t: 0.7 + 0.1 * np.sin(t))])
 
 
 def states(kind, names, count=3):

@@ -9,7 +9,8 @@ from threading import Thread
 
 from kane_dynamics import CompileError, ConstraintError, InputError, load_urdf, Robot
 from kinds_of_mechanism import case
-from learning import arm, fr3, QUANTITIES, states, value_and_gradients
+from learning import arm, driven, fr3, QUANTITIES, states, value_and_gradients
+from linkages import at_angle
 import numpy as np
 import pytest
 
@@ -149,6 +150,15 @@ def test_one_state_and_no_states_are_states(compiled):
     nothing = jnp.zeros((0, 7))
     for each in (function, jax.jit(function)):
         assert each(nothing, nothing, nothing).shape == (0, 7)
+
+
+@ways
+def test_a_mechanism_without_degrees_of_freedom_has_functions(compiled):
+    q, none, t = np.tile(at_angle(0.7), (3, 1)), np.zeros((3, 0)), np.zeros(3)
+    torques = jax.jit(driven().jax('inverse_dynamics', compiled=compiled))
+    assert torques(q, none, none, t).shape == (3, 0)
+    rates = jax.jit(driven().jax('joint_rates', compiled=compiled))(q, none, t)
+    np.testing.assert_allclose(rates[:, 0], 0.1)
 
 
 def test_a_large_batch_is_shared_by_threads():

@@ -8,7 +8,8 @@ from threading import Thread
 from kane_dynamics import ConstraintError, InputError, load_urdf, Robot
 from kane_dynamics.robot.frameworks.batch_function import row
 from kinds_of_mechanism import case
-from learning import arm, fr3, QUANTITIES, states, value_and_gradients
+from learning import arm, driven, fr3, QUANTITIES, states, value_and_gradients
+from linkages import at_angle
 import numpy as np
 import pytest
 
@@ -153,6 +154,15 @@ def test_one_state_no_states_and_views_of_memory_are_states():
     assert result.shape == (0, 7)
     result.sum().backward()
     assert nothing.grad.shape == (0, 7)
+
+
+def test_a_mechanism_without_degrees_of_freedom_has_functions():
+    q = torch.tensor(np.tile(at_angle(0.7), (3, 1)), requires_grad=True)
+    none, t = q.new_zeros(3, 0), q.new_zeros(3)
+    assert driven().torch('inverse_dynamics')(q, none, none, t).shape == (3, 0)
+    rates = driven().torch('joint_rates')(q, none, t)
+    np.testing.assert_allclose(rates.detach()[0, 0], 0.1)
+    assert torch.autograd.grad(rates.sum(), q)[0].shape == (3, 3)
 
 
 def test_float64_tensors_are_read_where_they_are():
