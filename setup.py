@@ -54,8 +54,8 @@ setup(
     python_requires='>=3.11',
     install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
-                    'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep, 'demo': demo,
-                    'test': test, 'lint': lint, 'bench': bench, 'docs': docs},
+                    'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
+                    'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),

@@ -22,6 +22,7 @@ import numpy as np
 
 MOST = POINTER_SLOTS - 2  # arguments of a kernel, besides its parameters and result
 
+
 def batch_function(robot: Any, quantity: str, at: str,
                    parameters: str | Sequence[str]) -> 'BatchFunction':
     """
