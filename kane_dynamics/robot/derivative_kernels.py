@@ -21,58 +21,104 @@ PARAMETERS = {'gravity': slice(0, 3), 'payload': slice(3, 13)}  # in the block o
 @dataclass(frozen=True)
 class Derivative:
     """
-    A derivative of a quantity.
+    A derivative of a quantity, or of another derivative of it.
 
     Attributes
     ----------
     mode : str
         'vjp', of a cotangent: the gradients of its product with the quantity, one after the other;
         'jvp', of a tangent for each input: the directional derivative;
-        'derivative': the Jacobian, with one more axis, the inputs one after the other.
+        'derivative': the Jacobian, with one more axis, the inputs one after the other;
+        'value': the quantity itself.
     by : tuple of str
-        Names of the inputs.
+        Names of the inputs; cotangents and tangents of `of` are inputs, too.
+    of : Derivative, optional
+        What is differentiated; by default the quantity.
+    own : tuple of str
+        Run-time parameters that are arguments of each state, of the innermost derivative.
 
     """
 
     mode: str
-    by: tuple[str, ...]
+    by: tuple[str, ...] = ()
+    of: 'Derivative | None' = None
+    own: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the run-time parameters that are arguments of each state."""
+        return self.own if self.of is None else self.of.parameters
+
+    @property
+    def _end(self) -> str:
+        """Return the end of the names of cotangents and tangents, which counts the order."""
+        order, inner = 1, self.of
+        while inner is not None and inner.mode != 'value':
+            order, inner = order + 1, inner.of
+        return '' if order == 1 else f'_{order}'
 
     def label(self, name: str) -> str:
         """Return the name of the kernel."""
-        return f'{self.mode} of {name} by {", ".join(self.by)}'
+        if self.of is not None:
+            name = self.of.label(name)
+        if self.mode != 'value':
+            return f'{self.mode} of {name} by {", ".join(self.by)}'
+        return f'{name} of {", ".join(self.own)}' if self.own else name
 
-    def arguments(self, shapes: Mapping[str, Shape], result: Shape) -> list[Argument]:
-        """Return the arguments that precede those of the quantity."""
+    def seeds(self, shapes: Mapping[str, Shape], result: Shape) -> list[Argument]:
+        """Return the cotangent, or the tangents, of this derivative and of those within."""
+        inner = [] if self.of is None else self.of.seeds(shapes, result)
+        shapes, result = self._of(shapes, result)
         if self.mode == 'vjp':
-            return [Argument('cotangent', result)]
+            return [Argument(f'cotangent{self._end}', result), *inner]
         if self.mode == 'jvp':
-            return [Argument(f'd{name}', shapes[name]) for name in self.by]
-        return []
+            return [*(Argument(f'd{name}{self._end}', shapes[name]) for name in self.by), *inner]
+        return inner
 
     def shape(self, shapes: Mapping[str, Shape], result: Shape) -> Shape:
         """Return the shape of the kernel's result."""
-        if self.mode == 'jvp':
+        shapes, result = self._of(shapes, result)
+        if self.mode in ('jvp', 'value'):
             return result
         count = sum(size_of(shapes[name]) for name in self.by)
         return (count,) if self.mode == 'vjp' else (*result, count)
 
+    def _of(self, shapes: Mapping[str, Shape],
+            result: Shape) -> tuple[Mapping[str, Shape], Shape]:
+        """Return the shapes of the inputs and of the result of what is differentiated."""
+        if self.of is None:
+            return shapes, result
+        return ({**shapes, **{seed.name: seed.shape for seed in self.of.seeds(shapes, result)}},
+                self.of.shape(shapes, result))
+
     def traced(self, result: Any, given: Mapping[str, Any]) -> Any:
         """Return the derivative of a traced result; `given` holds the inputs by name."""
+        if self.of is not None:
+            result = self.of.traced(result, given)
         inputs = [x for name in self.by for x in np.ravel(differentiable(given, name))]
         flat = np.ravel(np.asarray(result, dtype=object))
         if self.mode == 'vjp':
-            return np.array(reverse(flat, np.ravel(given['cotangent']), inputs, Subroutines()),
-                            dtype=object)
+            return np.array(reverse(flat, np.ravel(given[f'cotangent{self._end}']), inputs,
+                                    Subroutines()), dtype=object)
         if self.mode == 'jvp':
-            tangents = [dx for name in self.by for dx in np.ravel(given[f'd{name}'])]
+            tangents = [dx for name in self.by for dx in np.ravel(given[f'd{name}{self._end}'])]
             return np.array(forward(flat, inputs, tangents, Subroutines()),
                             dtype=object).reshape(np.shape(result))
-        return jacobian(result, inputs, Subroutines())
+        return result if self.mode == 'value' else jacobian(result, inputs, Subroutines())
 
 
 def differentiable(given: Mapping[str, Any], name: str) -> Any:
     """Return the inputs of a name: an argument of the kernel, or a part of its parameters."""
-    return given['parameters'][PARAMETERS[name]] if name in PARAMETERS else given[name]
+    return given[name] if name in given else given['parameters'][PARAMETERS[name]]
+
+
+def block_of(given: Mapping[str, Any]) -> Any:
+    """Return the block of parameters, with those that are arguments in their places."""
+    block = np.array(given['parameters'], dtype=object)
+    for name, part in PARAMETERS.items():
+        if name in given:
+            block[part] = given[name]
+    return block
 
 
 def shapes_by_name(arguments: Sequence[Argument], quantity: Quantity,

@@ -16,7 +16,7 @@ from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
-from kane_dynamics.robot.derivative_kernels import (Derivative, shapes_by_name,
+from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes_by_name,
                                                     SlopesOfDynamics)
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
@@ -130,23 +130,24 @@ class KernelSet:
         label = name if derivative is None else derivative.label(name)
 
         def make() -> Kernel:
-            arguments, shape = self._signature(name, derivative)
-            self._method(name, at)  # raises InputError now, not where the kernel is traced
+            arguments, shape = self.signature(name, at, derivative)
             self._same[label, at] = lambda other: other.kernel(name, at, derivative)
             return Kernel(label, lambda: self.program(name, at, derivative),
                           self.key and self.key + at, arguments, self._parameters, shape,
                           partial(self._another, (label, at)))
         return self._kept((label, at), make)
 
-    def _signature(self, name: str,
-                   derivative: Derivative | None) -> tuple[list[Argument], Shape]:
-        """Return the arguments of a kernel and the shape of its result."""
+    def signature(self, name: str, at: str = '',
+                  derivative: Derivative | None = None) -> tuple[list[Argument], Shape]:
+        """Return the arguments of a kernel and the shape of its result; arguments as `kernel`."""
+        self._method(name, at)  # raises InputError now, not where the kernel is traced
         quantity = self._quantity(name)
         arguments, shape = self._arguments(quantity), self._sizes.shape(quantity.shape)
         if derivative is None:
             return arguments, shape
         shapes = self.differentiable(name)
-        return ([*derivative.arguments(shapes, shape), *arguments],
+        own = [Argument(name, shapes[name]) for name in derivative.parameters]
+        return ([*derivative.seeds(shapes, shape), *arguments, *own],
                 derivative.shape(shapes, shape))
 
     def differentiable(self, name: str) -> dict[str, Shape]:
@@ -214,7 +215,7 @@ class KernelSet:
             L, reciprocal = equations.factors(q, parameters)
             places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
             return [*(L[k][i] for k, i in places), *reciprocal]
-        inputs = self._inputs(self._signature('inverse_mass_matrix', None)[0])
+        inputs = self._inputs(self.signature('inverse_mass_matrix')[0])
         entries = call(trace_program('factorization', factors, inputs), q, parameters)
 
         def solution(entries: Any, b: Any) -> Any:
@@ -255,7 +256,7 @@ class KernelSet:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
             values += [given.get('wrench')] if quantity.wrench else []
-            parameters, limits = given['parameters'], None
+            parameters, limits = block_of(given), None
             if isinstance(equations, ConstrainedEquations):
                 parameters, limits = np.split(parameters, [len(parameters) - LIMITS])
             values += [parameters] if quantity.parameters else []
@@ -268,7 +269,7 @@ class KernelSet:
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
         quantity, method = self._quantity(name), self._method(name, at)
-        inputs = self._inputs(self._signature(name, derivative)[0])
+        inputs = self._inputs(self.signature(name, at, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)
 

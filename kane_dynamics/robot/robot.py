@@ -19,10 +19,10 @@ from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeE
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.kernel_set import KernelSet
-from kane_dynamics.robot.methods.casadi_methods import CasadiMethods
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.methods.frame_methods import FrameMethods
+from kane_dynamics.robot.methods.framework_methods import FrameworkMethods
 from kane_dynamics.robot.parameters import JointLimits, Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
 from kane_dynamics.robot.workspace import Workspace
@@ -34,7 +34,7 @@ __all__ = ['Robot', 'TORQUE_TERMS']
 CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 
-class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
+class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
     """
     The compiled dynamics of one manipulator or mechanism.
 

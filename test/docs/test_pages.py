@@ -10,12 +10,16 @@ import yaml
 
 README = ROOT / 'README.md'
 LANGUAGES = {'c', 'python', 'console', 'sh', 'text', 'yaml', 'xml'}
+OPTIONAL = ('torch', 'jax')  # without which the pages that import them are left out
 pages = pytest.mark.parametrize('page', PAGES, ids=named)
 
 
 @pytest.mark.timeout(300)  # a page may start a dozen processes
 @pytest.mark.parametrize('page', [page for page in PAGES if not starts_nodes(page)], ids=named)
 def test_what_a_page_shows_is_what_comes_out(page, tmp_path):
+    for library in OPTIONAL:
+        if re.search(rf'^import {library}$', page.read_text(encoding='utf-8'), re.MULTILINE):
+            pytest.importorskip(library)
     work_through(page, tmp_path)
 
 

@@ -85,6 +85,7 @@ DOORS = {
     'control_msgs': (),  # by name only, where a parameter asks for it
     'distributed': ('sweep',),
     'example_robot_data': (),
+    'jax': ('robot/frameworks',),
     'kane_dynamics_interfaces': ('demo', 'ros'),
     'launch': (),
     'llvmlite': ('native/machine_code/llvm.py',),
@@ -96,6 +97,7 @@ DOORS = {
     'rich': ('demo', '_util/progress.py'),
     'scipy': ('identification',),
     'sympy': ('cli',),
+    'torch': ('robot/frameworks/torch_function.py',),
     'trimesh': ('shapes/collision_shapes.py', 'view'),
     'viser': ('view',),
     'yourdfpy': ('urdf/model_reader.py',),

@@ -15,8 +15,7 @@ from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
-from kane_dynamics.native.runtime.batch_loop import (BAD_INPUT, BAD_RESULT, driver, run_batch,
-                                                     Strided)
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch, Strided
 from kane_dynamics.native.runtime.gc_pause import gc_paused
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
@@ -185,24 +184,50 @@ class Kernel:
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
         """Compute the results of a batch; the native code flags non-finite numbers."""
+        flags = self.run(arrays, result, count)
+        if flags & BAD_INPUT:
+            for argument, array in zip(self.arguments, arrays):
+                require_finite(argument, array)
+        if flags:
+            self._check(result, arrays, count)
+
+    def run(self, arrays: Sequence[Array], result: Array, count: int) -> int:
+        """
+        Compute the results of a batch, without checks.
+
+        Parameters
+        ----------
+        arrays : sequence of C-contiguous float64 arrays
+            The arguments, each of one state, which all share, or of `count` states.
+        result : C-contiguous float64 array
+            Of `count` results.
+        count : int
+            At least 1.
+
+        Returns
+        -------
+        int
+            Combination of `BAD_INPUT` and `BAD_RESULT`; 0 if all numbers are finite.
+
+        """
         parameters = self.parameters.copy()  # other threads may change them meanwhile
         rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
                 for array, a in zip(arrays, self.arguments)]
         rows += [Strided(parameters.ctypes.data),
                  Strided(result.ctypes.data, 8 * size_of(self.shape))]
-        flags = run_batch(self.lane_address, rows, count)
-        if flags & BAD_INPUT:
-            for argument, array in zip(self.arguments, arrays):
-                require_finite(argument, array)
-        if flags & (BAD_INPUT | BAD_RESULT):
-            self._check(result, arrays, count)
+        return run_batch(self.lane_address, rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise InputError if the result is not finite."""
-        if np.isfinite(result).all():
-            return
+        if not np.isfinite(result).all():
+            self.answer(result, arrays, count, np.flatnonzero(
+                ~np.isfinite(result.reshape(count or 1, -1)).all(axis=1)).tolist())
+
+    def answer(self, result: Array, arrays: Sequence[Array], count: int | None,
+               places: Sequence[int]) -> None:
+        """Compute the results of some states in another way, or raise an error that explains."""
         rows = result.reshape(count or 1, -1)
-        for bad in np.flatnonzero(~np.isfinite(rows).all(axis=1)).tolist():
+        for bad in places:
             place = '' if count is None else f' of state {bad}'
             state = [x[bad] if x.ndim > len(a.shape) else x
                      for a, x in zip(self.arguments, arrays)]

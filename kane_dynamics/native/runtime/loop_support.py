@@ -11,7 +11,7 @@ from functools import cache
 from kane_dynamics.native.machine_code import llvm, object_cache
 import numpy as np
 
-POINTER_SLOTS = 16  # limit on the arguments, defaults and result of one kernel together
+POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 
 SUPPORT = """
 ; Call `kernel` N times and advance each pointer by its stride (bytes) after each call. If the

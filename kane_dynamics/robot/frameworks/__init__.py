@@ -1,0 +1,1 @@
+"""A robot's quantities as functions of other libraries: CasADi, PyTorch, JAX."""

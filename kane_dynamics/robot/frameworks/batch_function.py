@@ -1,0 +1,199 @@
+"""A robot's quantity, or a derivative of it of any order, as a function of arrays of states."""
+
+from collections.abc import Sequence
+import math
+import sys
+from typing import Any
+
+from kane_dynamics._util.fork_safety import ForkSafeLock
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.backends.llvm_math import size_limit
+from kane_dynamics.native.backends.llvm_simd import lane_text, width
+from kane_dynamics.native.machine_code import object_cache
+from kane_dynamics.native.runtime.argument import Argument, require_finite
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
+from kane_dynamics.native.tracing.program import Shape, size_of
+from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
+from kane_dynamics.robot.kernel_set import KernelSet
+import numpy as np
+
+MOST = POINTER_SLOTS - 2  # arguments of a kernel, besides its parameters and result
+
+
+def batch_function(robot: Any, quantity: str, at: str,
+                   parameters: str | Sequence[str]) -> 'BatchFunction':
+    """
+    Return the function of a quantity with these run-time parameters as arguments.
+
+    The parameters of the robot must not change while it is in use.
+    """
+    possible = [name for name in PARAMETERS if name in robot.kernels.differentiable(quantity)]
+    own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    wrong = [name for k, name in enumerate(own) if name not in possible or name in own[:k]]
+    if wrong:
+        raise InputError(f'parameters: {wrong[0]!r}; expected for {quantity} of this robot some '
+                         f'of {", ".join(possible) or "none"}, each once')
+    return BatchFunction(robot.kernels, quantity, at, Derivative('value', own=own))
+
+
+class BatchFunction:
+    """
+    A quantity or a derivative of it as a function of arrays with any batch axes in front.
+
+    Batch axes broadcast, as in NumPy. The derivatives are functions of the same kind, to any
+    order; each compiles at its first call.
+
+    Parameters
+    ----------
+    kernels : KernelSet
+        The kernels of a robot whose parameters do not change.
+    quantity, at : str
+        A quantity, and its frame or joint or ''.
+    derivative : Derivative
+
+    Attributes
+    ----------
+    arguments : tuple of Argument
+        In order: the cotangent or the tangents, if it is a derivative, then the arguments of the
+        quantity, the wrench, the time, and the parameters that are arguments.
+    shape : tuple of int
+        Shape of the result of one state. Gradients of a 'vjp' are one after the other.
+
+    """
+
+    def __init__(self, kernels: KernelSet, quantity: str, at: str,
+                 derivative: Derivative) -> None:
+        """Look the names up; compile nothing."""
+        self._kernels, self._quantity, self._at = kernels, quantity, at
+        self.derivative = derivative
+        self.arguments, self.shape = kernels.signature(quantity, at, derivative)
+        self._result = Argument('', self.shape)
+        of = derivative.of
+        inner = 0 if of is None else len(kernels.signature(quantity, at, of)[0])
+        self.seeds = len(self.arguments) - inner if inner else 0  # arguments of the last order
+        if len(self.arguments) > MOST:
+            raise InputError(f'{quantity}: a derivative with {len(self.arguments)} arguments, '
+                             f'cotangents and tangents; expected at most {MOST}: a lower order, '
+                             'or fewer arguments to differentiate by')
+        self.name = derivative.label(f'{quantity}:{at}' if at else quantity)
+        self._made: dict[Derivative, BatchFunction] = {}
+        self._lock = ForkSafeLock()
+
+    def __repr__(self) -> str:
+        """Return the name with its arguments."""
+        return f'{self.name} ({", ".join(a.name for a in self.arguments)})'
+
+    def vjp(self, by: Sequence[str]) -> 'BatchFunction':
+        """Return the gradients with respect to some arguments, for a given cotangent."""
+        return self._derived(Derivative('vjp', tuple(by), self.derivative))
+
+    def jvp(self, by: Sequence[str]) -> 'BatchFunction':
+        """Return the directional derivative, for given tangents of some arguments."""
+        return self._derived(Derivative('jvp', tuple(by), self.derivative))
+
+    def of(self) -> 'BatchFunction':
+        """Return the function of which this is a derivative."""
+        assert self.derivative.of is not None
+        return BatchFunction(self._kernels, self._quantity, self._at, self.derivative.of)
+
+    def _derived(self, derivative: Derivative) -> 'BatchFunction':
+        with self._lock.held():
+            if derivative not in self._made:
+                self._made[derivative] = BatchFunction(self._kernels, self._quantity, self._at,
+                                                       derivative)
+            return self._made[derivative]
+
+    @property
+    def kernel(self) -> Kernel:
+        """Return the kernel, compiled at the first use."""
+        with self._lock.held():
+            return self._kernels.kernel(self._quantity, self._at, self.derivative)
+
+    def batch(self, shapes: Sequence[Shape]) -> Shape:
+        """Return the batch axes of the result for arguments of these shapes."""
+        return np.broadcast_shapes(*(shape[:len(shape) - len(a.shape)]
+                                     for a, shape in zip(self.arguments, shapes)))
+
+    def parts(self, flat: Any) -> list[Any]:
+        """Return the gradients of a 'vjp', split from its result, with the inputs' shapes."""
+        found, begin = [], 0
+        shapes = {a.name: a.shape for a in self.arguments}
+        for name in self.derivative.by:
+            end = begin + size_of(shapes[name])
+            found.append(flat[..., begin:end].reshape((*flat.shape[:-1], *shapes[name])))
+            begin = end
+        return found
+
+    @property
+    def identity(self) -> str:
+        """Return a text that identifies the machine code, parameters aside."""
+        kernels, kernel = self._kernels, self.kernel
+        code = kernels.key or lane_text(kernel.traced(), 'kernel', width())
+        return object_cache.key(self.name, code)
+
+    @property
+    def parameters(self) -> Array:
+        """Return the block of parameters, which the kernel reads after the arguments."""
+        return self._kernels.parameters
+
+    def __call__(self, arrays: Sequence[Array], *, checked: bool = True) -> Array:
+        """
+        Return the results for float arrays, of the shapes of the arguments and batch axes.
+
+        Unless `checked`, a state with an argument or a result that is not finite has NaN in all
+        of its result.
+
+        Raises
+        ------
+        InputError
+            An argument that is not finite, other than cotangents and tangents; it is named. Or
+            the result is not finite though they are; as the robot's method.
+
+        """
+        batch = self.batch([x.shape for x in arrays])
+        count = math.prod(batch)
+        rows = [row(a, x, batch) for a, x in zip(self.arguments, arrays, strict=True)]
+        result = np.empty((count, *self.shape))
+        if count:
+            kernel = self.kernel
+            flags = kernel.run(rows, result, count)
+            if flags and checked:
+                self._explain(kernel, flags, arrays, rows, result)
+            elif flags:
+                for argument, x in zip((*self.arguments, self._result), (*rows, result)):
+                    result[beyond(argument, x)] = np.nan
+        return result.reshape(*batch, *self.shape)
+
+    def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
+                 rows: Sequence[Array], result: Array) -> None:
+        """Raise InputError for what is not finite, but for effects of cotangents and tangents."""
+        known = self._kernels.differentiable(self._quantity)
+        bad = beyond(self._result, result)
+        for argument, array, x in zip(self.arguments, arrays, rows):
+            if argument.name not in known:
+                bad &= ~beyond(argument, x)
+            elif flags & BAD_INPUT:
+                require_finite(argument, array)
+        if bad.any():
+            kernel.answer(result, rows, len(result), np.flatnonzero(bad).tolist())
+
+
+def beyond(argument: Argument, array: Array) -> Any:
+    """Return for each state, or for all, whether an entry is not finite or too large."""
+    return ~(np.abs(array) <= min(size_limit(argument.name), sys.float_info.max)).all(
+        axis=tuple(range(array.ndim - len(argument.shape), array.ndim)))
+
+
+def row(argument: Argument, array: Array, batch: Shape) -> Array:
+    """Return an argument as kernels read it: one state for all, or one per state."""
+    own = array.shape[:array.ndim - len(argument.shape)]
+    if math.prod(own) == 1:
+        array = array.reshape(argument.shape)
+    elif own != batch:
+        array = np.broadcast_to(array, (*batch, *argument.shape))
+    array = np.ascontiguousarray(array, dtype=np.float64)
+    return array if math.prod(own) == 1 else array.reshape(
+        math.prod(batch), *argument.shape)

@@ -1,0 +1,187 @@
+"""
+A robot's quantities as functions of PyTorch tensors; the only module that imports torch.
+
+A custom operator, one for each number of tensors, evaluates every quantity and every derivative.
+Its first argument names an `Operation`; its backward pass evaluates the vector-Jacobian product of
+that operation. So derivatives of any order are compiled kernels, and `torch.compile` sees a single
+opaque operator. (An operator of a list of tensors would do, but `is_grads_batched` of
+`torch.autograd.grad` refuses it.)
+"""
+
+from collections.abc import Sequence
+from itertools import count
+from typing import Any
+from weakref import WeakValueDictionary
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.robot.frameworks.batch_function import BatchFunction, MOST
+from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction
+import torch
+
+DTYPES = (torch.float64, torch.float32)
+_numbers = count()
+_operations: 'WeakValueDictionary[str, Operation]' = WeakValueDictionary()
+
+
+class Operation:
+    """
+    A function that the operator evaluates, with its derivatives.
+
+    Attributes
+    ----------
+    handle : str
+        Name of the operation in this process.
+
+    """
+
+    def __init__(self, function: BatchFunction) -> None:
+        """Register the function."""
+        self.function = function
+        self.handle = f'{function.name} #{next(_numbers)}'
+        self._derived: dict[tuple[str, ...], Operation] = {}
+        _operations[self.handle] = self
+
+    def vjp(self, *by: str) -> 'Operation':
+        """Return the operation of the gradients with respect to some arguments."""
+        return self._of('vjp', *by)
+
+    def jvp(self, *by: str) -> 'Operation':
+        """Return the operation of the rate for tangents of some arguments."""
+        return self._of('jvp', *by)
+
+    def _of(self, mode: str, *by: str) -> 'Operation':
+        found = self._derived.get((mode, *by))
+        return found or self._derived.setdefault(
+            (mode, *by), Operation(getattr(self.function, mode)(by)))
+
+
+def _found(handle: str) -> Operation:
+    """Return an operation by its handle."""
+    operation = _operations.get(handle)
+    if operation is None:
+        raise InputError(f"function: '{handle}'; expected one that robot.torch returned in this "
+                         'process and that still exists')
+    return operation
+
+
+def _evaluated(handle: str, *tensors: Any) -> Any:
+    """Evaluate an operation; float64 tensors are read where they are."""
+    result = _found(handle).function([x.detach().resolve_neg().numpy() for x in tensors])
+    return torch.from_numpy(result).to(tensors[0].dtype)
+
+
+def _shaped(handle: str, *tensors: Any) -> Any:
+    """Return an empty tensor like the result."""
+    function = _found(handle).function
+    batch = torch.broadcast_shapes(*(x.shape[:x.ndim - len(a.shape)]
+                                     for a, x in zip(function.arguments, tensors)))
+    return tensors[0].new_empty((*batch, *function.shape))
+
+
+def _keep(ctx: Any, inputs: Any, output: Any) -> None:
+    """Keep what the backward pass needs."""
+    handle, *tensors = inputs
+    ctx.operation = _found(handle)
+    ctx.set_materialize_grads(False)  # zeros would be computed with
+    ctx.save_for_backward(*tensors)
+    ctx.save_for_forward(*tensors)
+
+
+def _backward(ctx: Any, cotangent: Any) -> Any:
+    """Return the gradients of the tensors that require them, by one kernel."""
+    tensors, arguments = ctx.saved_tensors, ctx.operation.function.arguments
+    wanted = [k for k, needed in enumerate(ctx.needs_input_grad[1:]) if needed]
+    gradients: list[Any] = [None] * len(tensors)
+    if cotangent is None or not wanted:
+        return None, *gradients
+    operation = ctx.operation.vjp(*(arguments[k].name for k in wanted))
+    flat = evaluate(operation.handle, cotangent, *tensors)
+    for k, part in zip(wanted, operation.function.parts(flat), strict=True):
+        gradients[k] = part.sum_to_size(tensors[k].shape)  # over the axes that were broadcast
+    return None, *gradients
+
+
+def _rate(ctx: Any, _: Any, *tangents: Any) -> Any:
+    """Return the tangent of the result, by one kernel."""
+    arguments = ctx.operation.function.arguments
+    given = {a.name: x for a, x in zip(arguments, tangents) if x is not None}
+    return evaluate(ctx.operation.jvp(*given).handle, *given.values(), *ctx.saved_tensors)
+
+
+def _mapped(info: Any, in_dims: Any, handle: str, *tensors: Any) -> Any:
+    """Evaluate an operation for a further batch axis, as the first one."""
+    arguments = _found(handle).function.arguments
+    ranks = [x.ndim - len(a.shape) - (dim is not None)
+             for a, x, dim in zip(arguments, tensors, in_dims[1:])]
+    given = [x if dim is None else x.movedim(dim, 0)[
+        (slice(None), *[None] * (max(ranks) - rank))]
+        for x, rank, dim in zip(tensors, ranks, in_dims[1:])]
+    return evaluate(handle, *given), 0
+
+
+def _operator(count: int) -> Any:
+    """Return the registered operator of a number of tensors."""
+    names = ', '.join(f'Tensor x{k}' for k in range(count))
+    made: Any = torch.library.custom_op(
+        f'kane_dynamics::evaluate_{count}', _evaluated, mutates_args=(),
+        schema=f'(str function, {names}) -> Tensor')
+    made.register_fake(_shaped)
+    made.register_autograd(_backward, setup_context=_keep)
+    made.register_vmap(_mapped)
+    return made
+
+
+OPERATORS = {count: _operator(count) for count in range(1, MOST + 1)}
+
+
+class Evaluation(torch.autograd.Function):
+    """The operator with its derivatives, as the transforms of `torch.func` require it."""
+
+    setup_context = staticmethod(_keep)
+    backward = staticmethod(_backward)
+    jvp = staticmethod(_rate)
+    vmap = staticmethod(_mapped)
+
+    @staticmethod
+    def forward(handle: str, *tensors: Any) -> Any:
+        """Evaluate the operation."""
+        return OPERATORS[len(tensors)](handle, *tensors)
+
+
+def evaluate(handle: str, *tensors: Any) -> Any:
+    """Return the result of an operation, with its derivatives."""
+    if torch.compiler.is_compiling():  # the graph holds the operator, which has derivatives, too
+        return OPERATORS[len(tensors)](handle, *tensors)
+    return Evaluation.apply(handle, *tensors)
+
+
+class TorchFunction(QuantityFunction):
+    """A quantity as a function of tensors; see `Robot.torch`."""
+
+    def __init__(self, robot: Any, quantity: str, at: str,
+                 parameters: str | Sequence[str]) -> None:
+        """Check the names; the kernel compiles at the first call."""
+        super().__init__(robot, quantity, at, parameters)
+        self._operation = Operation(self.function)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Return the quantity, by position or by name; see `Robot.torch`."""
+        tensors = self._given(arguments, named)
+        dtype = torch.float32
+        for argument, x in zip(self.function.arguments, tensors):
+            _require_readable(argument.name, x)
+            dtype = torch.promote_types(dtype, x.dtype)
+        self._require_batches(tensors, torch.broadcast_shapes)
+        return evaluate(self._operation.handle, *(x.to(dtype) for x in tensors))
+
+
+def _require_readable(name: str, x: Any) -> None:
+    """Raise InputError unless the kernels can read a tensor."""
+    if not isinstance(x, torch.Tensor):
+        raise InputError(f'{name}: a {type(x).__name__}; expected a torch.Tensor')
+    if x.device.type != 'cpu':
+        raise InputError(f'{name}: a tensor on {x.device}; expected one on the CPU, where the '
+                         'kernels run: x.cpu(), and result.to(x.device)')
+    if x.dtype not in DTYPES or x.layout != torch.strided:
+        raise InputError(f'{name}: {x.dtype}, {x.layout}; expected a dense tensor of float64 or '
+                         'float32')

@@ -1,0 +1,65 @@
+"""Machine code that XLA calls: handlers of batch functions, registered with JAX."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+import re
+import sys
+
+import jax
+from kane_dynamics._util.fork_safety import ForkSafeLock
+from kane_dynamics.errors import CompileError
+from kane_dynamics.native.backends.llvm_math import size_limit
+from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJOR
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.runtime.batch_loop import driver
+from kane_dynamics.native.runtime.thread_ir import FLAGS, WORDS
+from kane_dynamics.native.runtime.threads import thread_count
+from kane_dynamics.native.tracing.program import size_of
+from kane_dynamics.robot.frameworks.batch_function import BatchFunction
+
+VERSION = re.compile(r'#define XLA_FFI_API_(MAJOR|MINOR) (\d+)')
+_kept: dict[str, object] = {}  # targets by name; XLA may call them until the process ends
+_lock = ForkSafeLock()
+
+
+@cache
+def interface() -> tuple[int, int]:
+    """Return the version of XLA's interface for foreign functions, major and minor."""
+    header = Path(jax.ffi.include_dir(), 'xla', 'ffi', 'api', 'c_api.h')
+    try:
+        found = dict(VERSION.findall(header.read_text(encoding='utf-8')))
+        return int(found['MAJOR']), int(found['MINOR'])
+    except (OSError, KeyError) as error:
+        raise CompileError(f'{header}: {error}; expected the version of its interface') from None
+
+
+def require_interface() -> None:
+    """Raise CompileError unless handlers are made for this version of the interface."""
+    if sys.maxsize < 2**63 - 1 or interface()[0] != MAJOR:
+        raise CompileError(f'XLA foreign functions: version {interface()[0]}; expected {MAJOR} '
+                           'on a processor of 64 bits')
+
+
+def registered(function: BatchFunction) -> str:
+    """Return the name of the target that evaluates a function, after registering it."""
+    name = f'kane_dynamics_{function.identity}'
+    with _lock.held():
+        if name not in _kept:
+            kernel = function.kernel
+            operands = [(size_of(a.shape), size_limit(a.name)) for a in function.arguments]
+            operands += [(size, size_limit('')) for size in (
+                len(function.parameters), size_of(function.shape))]
+            count = kernel.traced().operation_count()
+            text = handler_text(
+                kernel.lane_address, driver(width()).address('run_shares'),
+                [size for size, _ in operands],
+                [min(limit, sys.float_info.max) for _, limit in operands],
+                minor=interface()[1], threads=thread_count(), words=WORDS, flags=FLAGS,
+                operations=count.multiplications + count.additions)
+            code = llvm.Code(llvm.assemble(text, 2, optimise=True))
+            handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
+            jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform='cpu')
+            _kept[name] = handler, kernel
+    return name
