@@ -1,0 +1,308 @@
+"""
+Loop closure from measured joints, cycle by cycle, in native code.
+
+As many joints as there are degrees of freedom determine the others near a configuration. From the
+last closed configuration q, Newton's method solves
+
+    [ E ]        [ measured - E q ]
+    [ J ] dq  =  [   - residual   ],
+
+where E selects the measured joints and J has the rows of the constraints. The columns of the
+inverse that belong to E are the rates of all joints per rate of each measured joint. The Frobenius
+norm of the inverse (`conditioning.squared_figure`) grows as one over the distance from a singular
+configuration; no step is longer than a part of that distance, so that the mechanism cannot change
+its assembly mode unnoticed.
+"""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.constraints.conditioning import squared_figure
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+CALLS = 3  # of the kernel for one step, at most
+CONVERGED = 1e-6  # rad, or lengths: last step; the error left is about its square
+CLOSED = 1e-9  # m and rad: largest residual of the rows after the last step
+STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
+SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
+MOST_STEPS = 1000  # from the last configuration to the measured one
+LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
+SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
+    'closed loop near a singular configuration', 'closed loop on a lost branch',
+    'measured joints contradict the closed loop', 'assembly mode unknown')
+
+
+class LoopError(ConstraintError):
+    """
+    The configuration does not follow from the measured joints.
+
+    Attributes
+    ----------
+    reason : str
+        `SINGULAR`, `BRANCH`, `CONTRADICTION` or `UNKNOWN`.
+
+    """
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f'{reason}: {detail}')
+        self.reason, self.detail = reason, detail
+
+
+class LoopTracker:
+    """
+    Tracks the configuration of a mechanism with closed loops by its measured joints.
+
+    Between two measurements the mechanism is assumed to keep its assembly mode. After one next to
+    a singular configuration, where it may change, the mode is unknown until all joints are
+    measured or `restart` is called.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    measured : sequence of n str
+        The joints that determine the others, as many as independent speeds.
+    tolerance : float
+        Largest deviation of further measured joints from the closed loop, rad or m.
+    max_figure : float
+        Largest conditioning figure: about one over the distance from a singular configuration,
+        rad or lengths of the mechanism.
+
+    Attributes
+    ----------
+    q, u : (n_q,), (n,) arrays
+        The last closed configuration and its independent speeds; overwritten by `update`.
+    figure, residual : float
+        Conditioning figure and largest constraint residual there (m or rad).
+    deviation : float
+        Largest deviation of further measured joints there, rad or m.
+    path_rows : tuple of str
+        Rows of constraints on velocities: with these the measured joints determine the rates, but
+        not the configuration, which depends on the path.
+
+    Raises
+    ------
+    InputError
+        The robot has no constraints, or the joints do not fit it.
+
+    """
+
+    def __init__(self, robot: Robot, measured: Sequence[str], *, tolerance: float = 0.02,
+                 max_figure: float = 200.0) -> None:
+        equations, names = robot.equations, robot.coordinate_names
+        if not isinstance(equations, ConstrainedEquations):
+            raise InputError('robot: without constraints; expected closed loops')
+        rows = equations.mechanism.rows(equations.mechanism.state(np.zeros(robot.n_q)))
+        self.path_rows = tuple(equations.mechanism.labels[k] for k in equations.mechanism.kept
+                               if rows.residual[k] is None)
+        if len(set(measured)) != robot.n or not set(measured) <= set(names) or (
+                len(measured) != robot.n):
+            raise InputError(f'measured: {list(measured)}; expected {robot.n} of the joints '
+                             f'{list(names)}, as many as degrees of freedom')
+        self.robot, self.measured = robot, tuple(measured)
+        self.tolerance, self.max_figure = tolerance, max_figure
+        self.places = [names.index(name) for name in measured]
+        self._units = equations.mechanism.units
+        self._per_unit = 1.0 / self._units[self.places]
+        self._closed = CLOSED + 4.0 * equations.mechanism.rank_tolerance
+        self._turning = np.array([name not in robot.model.sliding for name in names])
+        n_q, n = robot.n_q, robot.n
+        self._last, self._target, self._rates = np.zeros(n_q), np.zeros(n), np.zeros(n)
+        self._begin, self._result = np.zeros(n_q), np.zeros(n_q + n + 4)
+        self.q, self.u, self._figures = np.split(self._result, [n_q, n_q + n])
+        self._time = np.zeros(())
+        given = [self._last, self._target, self._rates, *[self._time] * equations.timed]
+        self._step = tracking_kernel(robot, self.places).bind(given, self._result,
+                                                              'Close the loops.')
+        self._reference = None if robot.configuration is None else robot.closed_posture(
+            robot.configuration)
+        self.figure = self.residual = self.deviation = self._figure = 0.0
+        self.restart()
+
+    def restart(self, start: ArrayLike | None = None, t: float = 0.0) -> None:
+        """
+        Continue from a closed configuration, (n_q,), at time t, s.
+
+        The default is that of the robot, if one was given; else a first state of all joints.
+        """
+        given = self._reference if start is None else np.asarray(start, dtype=np.float64)
+        self._known = given is not None
+        self._why = ('no `configuration` of the robot; expected one, or a first state of all '
+                     'joints')
+        if given is not None:
+            self._last[:] = given
+            self._target[:], self._time[...] = self._last[self.places], t
+            for _ in range(CALLS):
+                step, _ = self._evaluate()
+                self._last[:] = self.q
+                if step <= CONVERGED:
+                    break
+            self._figure = self.figure
+
+    def update(self, measured: Array, rates: Array, others: Sequence[int] = (),
+               values: Array | None = None, t: float = 0.0) -> None:
+        """
+        Move `q` and `u` to a measurement; both stay valid until the next one.
+
+        Parameters
+        ----------
+        measured, rates : (n,) arrays
+            Positions and rates of the measured joints; rad or m, and s.
+        others : sequence of int
+            Indices of further measured joints.
+        values : array
+            Their positions, rad or m.
+        t : float
+            Time, s, for constraints that depend on it.
+
+        Raises
+        ------
+        LoopError
+            The configuration does not follow from the measurement. The next update continues from
+            the last valid one.
+
+        """
+        if not self._known:
+            if values is None or len(others) + len(measured) < len(self._last):
+                raise LoopError(UNKNOWN, self._why)
+            self._last[self.places], self._last[others] = measured, values
+            self.figure = 0.0
+        self._begin[:], self._rates[:], self._time[...] = self._last, rates, t
+        try:
+            self._move(measured)
+            self._compare(others, values)
+        except LoopError as error:
+            near = (np.abs(measured - self._begin[self.places])
+                    <= STRIDE * self._units[self.places]).all()
+            self._last[:] = self._begin
+            if error.reason == SINGULAR and near:
+                self._known = False
+                self._why = ('measured next to a singular configuration, where it may change; '
+                             'expected a state of all joints, or a restart')
+            elif self._known:
+                self.figure = self._figure
+            raise
+        self._known, self._figure = True, self.figure
+        self._last[:] = self.q
+
+    def _move(self, measured: Array) -> None:
+        """Move from the last configuration to the measured joints, in steps if they are far."""
+        for _ in range(MOST_STEPS):
+            change = measured - self._last[self.places]
+            way = max(map(abs, (change * self._per_unit).tolist()))
+            longest = min(STRIDE, SHARE / self.figure) if self.figure else STRIDE
+            if way <= longest:
+                self._target[:] = measured
+                self._close(way)
+                return
+            np.add(self._last[self.places], change * (longest / way), out=self._target)
+            self._close(longest)
+            self._last[:] = self.q
+        raise LoopError(BRANCH, f'measured joints {dict(zip(self.measured, measured.tolist()))}, '
+                        'too far from the last configuration')
+
+    def _close(self, way: float) -> None:
+        """Close the loops at the target, `way` from the last configuration; raise LoopError."""
+        whole = 0.0
+        for _ in range(CALLS):
+            step, moved = self._evaluate()
+            whole += moved
+            if step <= CONVERGED:
+                break
+            self._last[:] = self.q
+        if not self.figure <= self.max_figure:
+            raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
+                            f'{self.max_figure:g}')
+        if not (step <= CONVERGED and self.residual <= self._closed):
+            raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
+                            'which the loops close')
+        if self._known and whole > LEAP * self.figure * max(way, CONVERGED):
+            raise LoopError(BRANCH, f'the joints moved by {whole:.3g} rad or lengths in one step; '
+                            'expected a continuous motion')
+
+    def _evaluate(self) -> tuple[float, float]:
+        """Call the kernel once; return its last step and the whole motion."""
+        try:
+            self._step()
+        except InputError:
+            self.figure = self.residual = math.inf
+            raise LoopError(SINGULAR, 'no finite configuration') from None
+        step, moved, residual, figure = map(math.sqrt, self._figures.tolist())
+        self.residual, self.figure = residual, figure
+        return step, moved
+
+    def _compare(self, others: Sequence[int], values: Array | None) -> None:
+        """Raise LoopError if further measured joints deviate from the closed loop."""
+        self.deviation = 0.0
+        if values is None or not len(others):
+            return
+        away = values - self.q[others]
+        turning = self._turning[others]
+        away = np.abs(np.where(turning, np.remainder(away + math.pi, 2.0 * math.pi) - math.pi,
+                               away))
+        self.deviation = float(away.max())
+        if self.deviation > self.tolerance:
+            k = int(np.argmax(away))
+            name = self.robot.coordinate_names[others[k]]
+            raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the loops close "
+                            f'at {self.q[others[k]]:.6g} rad or m; expected a deviation of at '
+                            f'most {self.tolerance:g}')
+
+
+def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
+    """
+    Return the kernel of one call: two Newton steps, then speeds and figures.
+
+    Its arguments are q (n_q,), positions and rates of the measured joints (n,); its result is q
+    (n_q,), u (n,), and the squares of the last step, of the whole motion, of the residuals, and of
+    the figure before the last step.
+    """
+    equations: Any = robot.equations
+    mechanism: Mechanism = equations.mechanism
+    n_q, n, block = robot.n_q, robot.n, robot.parameters.block
+    select = np.eye(n_q)[list(places)].astype(object)
+
+    def system(q: Any, t: Any) -> tuple[Any, Any, Any, Any]:
+        here = mechanism.state(q, t, equations.tree.geometry)
+        rows = mechanism.rows(here)
+        missed = [0.0 if x is None else x for x in rows.residual]
+        return (here, np.concatenate([select, rows.J[mechanism.kept]]), rows.b[mechanism.kept],
+                np.array(missed, dtype=object))
+
+    def squared(step: Any) -> Any:
+        scaled = step * (1.0 / mechanism.units)
+        return scaled @ scaled
+
+    def tracked(q: Any, target: Any, rates: Any, *rest: Any) -> Any:
+        t = rest[0][()] if equations.timed else 0.0
+        _, S, _, missed = system(q, t)
+        first = mechanism.solved(S, np.concatenate([target - q[places], -missed[mechanism.kept]]))
+        near = q + first
+        near[places] = target
+        _, S, _, missed = system(near, t)
+        inverse = mechanism.solved(S, np.eye(n_q))
+        step = -(inverse[:, n:] @ missed[mechanism.kept])
+        closed = near + step
+        here, S_closed, b, missed = system(closed, t)
+        Y, Z = here.speed_rows(mechanism.speed_names)
+        qdot = mechanism.solved(S_closed, np.concatenate([rates, b]))
+        return np.concatenate([closed, Y @ qdot + Z, [
+            squared(step), squared(closed - q), missed @ missed,
+            squared_figure(mechanism, S, inverse)]])
+    arguments = [Argument('q', (n_q,), robot.coordinate_names), Argument('measured', (n,)),
+                 Argument('rates', (n,))]
+    arguments += [Argument('t', ())] if equations.timed else []
+    name = f'tracking_{"_".join(map(str, places))}'
+    return robot.kernels.extra(name, lambda: trace_program(name, tracked, [
+        *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
+        (n_q + n + 4,))
