@@ -86,6 +86,8 @@ class LoopTracker:
         Conditioning figure and largest constraint residual there (m or rad).
     deviation : float
         Largest deviation of further measured joints there, rad or m.
+    known : bool
+        Whether the assembly mode is known.
     path_rows : tuple of str
         Rows of constraints on velocities: with these the measured joints determine the rates, but
         not the configuration, which depends on the path.
@@ -136,7 +138,7 @@ class LoopTracker:
         The default is that of the robot, if one was given; else a first state of all joints.
         """
         given = self._reference if start is None else np.asarray(start, dtype=np.float64)
-        self._known = given is not None
+        self.known = given is not None
         self._why = ('no `configuration` of the robot; expected one, or a first state of all '
                      'joints')
         if given is not None:
@@ -172,7 +174,7 @@ class LoopTracker:
             the last valid one.
 
         """
-        if not self._known:
+        if not self.known:
             if values is None or len(others) + len(measured) < len(self._last):
                 raise LoopError(UNKNOWN, self._why)
             self._last[self.places], self._last[others] = measured, values
@@ -186,13 +188,13 @@ class LoopTracker:
                     <= STRIDE * self._units[self.places]).all()
             self._last[:] = self._begin
             if error.reason == SINGULAR and near:
-                self._known = False
+                self.known = False
                 self._why = ('measured next to a singular configuration, where it may change; '
                              'expected a state of all joints, or a restart')
-            elif self._known:
+            elif self.known:
                 self.figure = self._figure
             raise
-        self._known, self._figure = True, self.figure
+        self.known, self._figure = True, self.figure
         self._last[:] = self.q
 
     def _move(self, measured: Array) -> None:
@@ -226,7 +228,7 @@ class LoopTracker:
         if not (step <= CONVERGED and self.residual <= self._closed):
             raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
                             'which the loops close')
-        if self._known and whole > LEAP * self.figure * max(way, CONVERGED):
+        if self.known and whole > LEAP * self.figure * max(way, CONVERGED):
             raise LoopError(BRANCH, f'the joints moved by {whole:.3g} rad or lengths in one step; '
                             'expected a continuous motion')
 

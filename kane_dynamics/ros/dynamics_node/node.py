@@ -18,7 +18,7 @@ from kane_dynamics.ros.dynamics_node.node_timers import NodeTimers
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.sim_time_watchdog import SimTimeWatchdog
+from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import JumpThreshold, TimeJump
@@ -130,10 +130,7 @@ class DynamicsNode(LifecycleNode):
     def _activation_fault(self) -> str:
         """Return why this arm cannot be commanded; empty if it can."""
         assert self.arm is not None
-        names = self.arm.robot.constraint_names
-        return '' if not names else (
-            f"parameter 'constraints': {', '.join(names)}; expected none, as the node commands "
-            'only arms without constraints')
+        return self.arm.fault
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros, then deactivate the publishers."""

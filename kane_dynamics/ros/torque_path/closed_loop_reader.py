@@ -3,20 +3,40 @@
 from collections.abc import Mapping
 from typing import Any
 
+from kane_dynamics.control.controller import Controller
 from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 
 
-def commanded_joints(robot: Robot, followed: tuple[str, ...]) -> tuple[int, ...]:
+def commanded_joints(controller: Controller) -> tuple[int, ...]:
     """Return the indices of the joints in `commands`: those with actuators, in their order."""
-    equations, names = robot.equations, robot.joint_names
+    equations, names = controller.robot.equations, controller.robot.joint_names
     if not isinstance(equations, ConstrainedEquations):
         return tuple(range(len(names)))
     if equations.actuated is not None:
         return tuple(equations.actuated)
-    return tuple(sorted(names.index(name) for name in followed))
+    return tuple(sorted(names.index(name) for name in controller.followed))
+
+
+def command_fault(controller: Controller) -> str:
+    """Return why an arm with closed loops cannot be commanded; empty if it can."""
+    robot = controller.robot
+    if not robot.constraint_names:
+        return ''
+    rows = LoopTracker(robot, controller.followed).path_rows
+    if rows:
+        return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected constraints "
+                'on positions, because joint states do not determine the configuration otherwise')
+    return '' if robot.speeds_are_given else (
+        "parameter 'constraints': no key `independent` in the file; expected it to name the "
+        'joints that are measured and follow motions')
+
+
+def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
+                       ) -> 'ClosedLoopReader | None':
+    """Return the reader of an arm with closed loops; None for other arms."""
+    return ClosedLoopReader(controller, values) if controller.robot.constraint_names else None
 
 
 class ClosedLoopReader(JointStateReader):
@@ -29,21 +49,19 @@ class ClosedLoopReader(JointStateReader):
 
     Parameters
     ----------
-    robot : Robot
-        The robot of the torque path.
-    followed : tuple of str
-        The joints that follow motions, with positions and velocities in every message.
+    controller : Controller
+        Its robot, and the joints that follow motions.
     values : mapping
         The node's parameters; closure.* are used.
 
     """
 
-    def __init__(self, robot: Robot, followed: tuple[str, ...],
-                 values: Mapping[str, Any]) -> None:
+    def __init__(self, controller: Controller, values: Mapping[str, Any]) -> None:
+        robot, followed = controller.robot, controller.followed
         names = robot.joint_names
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
-                         [names[k] for k in commanded_joints(robot, followed)])
+                         [names[k] for k in commanded_joints(controller)])
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
         self.q, self.u = self.tracker.q, self.tracker.u
@@ -57,6 +75,11 @@ class ClosedLoopReader(JointStateReader):
     def restart(self) -> None:
         """Begin with the assembly mode of the constraints file, or of the first state."""
         self.tracker.restart()
+
+    @property
+    def lost(self) -> bool:
+        """Return whether the assembly mode is unknown."""
+        return not self.tracker.known
 
     def complete(self) -> str | None:
         """Close the loops at the accepted state; return None, or the reason to refuse it."""
