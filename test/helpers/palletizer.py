@@ -78,7 +78,7 @@ def palletizer_urdf():
 @cache
 def palletizer(**options):
     """Return the palletizer with its loops."""
-    return Robot(load_urdf(palletizer_urdf()), **load_constraints(CONSTRAINTS), **options)
+    return Robot(load_urdf(palletizer_urdf()), **(load_constraints(CONSTRAINTS) | options))
 
 
 @cache

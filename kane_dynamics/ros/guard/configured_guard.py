@@ -61,7 +61,8 @@ class ConfiguredGuard:
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self.missed_deadlines, self.node_alive, self._heartbeats = 0, False, 0
-        self._message = float64_multi_array(FIELDS + len(commanded_joints(controller)))
+        self._message = float64_multi_array(FIELDS + len(commanded_joints(
+            self.robot, controller.followed)))
         self._request = float64_multi_array(1)
         with ExitStack() as opened:
             self._open(node, target, controller, values, warn, report, opened)

@@ -1,22 +1,23 @@
 """Joint states of an arm with closed loops: the joints that are not measured follow from them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 
 
-def commanded_joints(controller: Controller) -> tuple[int, ...]:
+def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
     """Return the indices of the joints in `commands`: those with actuators, in their order."""
-    equations, names = controller.robot.equations, controller.robot.joint_names
+    equations, names = robot.equations, robot.joint_names
     if not isinstance(equations, ConstrainedEquations):
         return tuple(range(len(names)))
     if equations.actuated is not None:
         return tuple(equations.actuated)
-    return tuple(sorted(names.index(name) for name in controller.followed))
+    return tuple(sorted(names.index(name) for name in followed))
 
 
 def command_fault(controller: Controller) -> str:
@@ -61,7 +62,7 @@ class ClosedLoopReader(JointStateReader):
         names = robot.joint_names
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
-                         [names[k] for k in commanded_joints(controller)])
+                         [names[k] for k in commanded_joints(robot, followed)])
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
         self.q, self.u = self.tracker.q, self.tracker.u

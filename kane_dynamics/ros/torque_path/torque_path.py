@@ -62,8 +62,8 @@ class TorquePath:
         self.active_motion = ActiveMotion()
         self._now, self._warn = now, warn
         self._reader, self.loops = loops or JointStateReader(robot.joint_names), loops
-        self.messages = CommandMessages(robot.joint_names, commanded_joints(controller),
-                                        commands, torques, stamped)
+        commanded = commanded_joints(robot, controller.followed)
+        self.messages = CommandMessages(robot.joint_names, commanded, commands, torques, stamped)
         self._follow = [robot.joint_names.index(name) for name in controller.followed]
         self.wrenches: WrenchInput | None = None
         self.arbiter: Arbiter | None = None

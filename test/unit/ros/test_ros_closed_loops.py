@@ -1,0 +1,221 @@
+"""The torque path of an arm with closed loops, without a ROS graph."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from functools import cache  # noqa: E402, I100
+
+from kane_dynamics import Controller, Motion  # noqa: E402
+from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION,  # noqa: E402
+                                                   SINGULAR, UNKNOWN)
+from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
+                                                              NOT_FINITE, STALE)
+from kane_dynamics.ros.torque_path.torque_path import REFUSED, TorquePath  # noqa: E402
+from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+NANO = 10**9
+VALUES = {'closure.tolerance': 0.02, 'closure.max_conditioning': 200.0}
+POSE = (0.2, 0.3, -0.1, 0.5)  # of the driven joints
+MOTION = Motion.from_points([0.0, 2.0], [POSE, (0.5, 0.1, 0.2, -0.5)], joint_names=DRIVEN)
+
+
+class Publisher:
+    """Keeps the published messages."""
+
+    def __init__(self, kind):
+        self.sent, self.kind = [], kind
+
+    def publish(self, message):
+        self.sent.append(deserialize_message(message, self.kind))
+
+
+class Rig:
+    """A torque path of the palletizer with a manual clock."""
+
+    def __init__(self, robot=None, **settings):
+        self.time, self.robot = 100 * NANO, robot or palletizer()
+        self.commands, self.torques = Publisher(Float64MultiArray), Publisher(JointState)
+        self.statistics, self.details = Statistics(), []
+        controller = Controller(self.robot, **settings)
+        self.path = TorquePath(controller, self.commands, self.torques, lambda: self.time, 0.1,
+                               self.statistics, lambda *words: self.details.append(words),
+                               loops=ClosedLoopReader(controller, VALUES))
+        self.path.start()
+
+    def state(self, driven=POSE, rates=(0.0,) * 4, others=None, age=0.0):
+        """Pass a state of the driven joints, and of others; return the new commands."""
+        self.time += NANO // 500
+        joints = dict(zip(DRIVEN, driven)) | (others or {})
+        speeds = dict.fromkeys(joints, 0.0) | dict(zip(DRIVEN, rates))
+        message = JointState(name=list(joints), position=list(joints.values()),
+                             velocity=list(speeds.values()))
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
+        before = len(self.commands.sent)
+        self.path.on_state(serialize_message(message))
+        return [np.array(each.data) for each in self.commands.sent[before:]]
+
+    def complete(self, driven=POSE, **changes):
+        """Return the other joints of a closed configuration."""
+        q = dict(zip(self.robot.joint_names, positions(self.robot, *driven)))
+        return {name: x for name, x in (q | changes).items() if name not in DRIVEN}
+
+    def follow(self, motion=MOTION):
+        active = self.path.active_motion
+        assert active.follow(motion, self.time, self.time, active.generation)
+
+
+@cache
+def of_driven():
+    return [palletizer().joint_names.index(name) for name in DRIVEN]
+
+
+def gravity(driven=POSE):
+    robot = palletizer()
+    q = positions(robot, *driven)
+    return robot.joint_torques(robot.gravity_force(q), q)[sorted(of_driven())]
+
+
+def in_order(values):
+    """Return values of DRIVEN in the order of the commands: that of the joints."""
+    return np.array(values)[np.argsort(of_driven())]
+
+
+@pytest.mark.parametrize('complete', [False, True])
+def test_commands_are_the_torques_of_the_actuated_joints(complete):
+    rig = Rig()
+    command, = rig.state(others=rig.complete() if complete else None)
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    torques = rig.torques.sent[-1]
+    assert torques.name == [rig.robot.joint_names[k] for k in sorted(of_driven())]
+    assert list(torques.effort) == list(command)
+
+
+def test_feedforward_follows_the_motion_of_the_measured_joints():
+    rig = Rig()
+    rig.state()
+    rig.follow()
+    robot = rig.robot
+    for k in range(1, 400):
+        q_d, u_d, a_d = MOTION.sample(k * 0.002)
+        command, = rig.state(q_d, u_d)
+        if k % 80 == 0:  # u are the rates of the driven joints
+            q = positions(robot, *q_d)
+            u, a = (dict(zip(DRIVEN, x)) for x in (u_d, a_d))
+            tau = robot.inverse_dynamics(q, *([x[name] for name in robot.speed_names]
+                                              for x in (u, a)))
+            expected = robot.joint_torques(tau, q)[sorted(of_driven())]
+            np.testing.assert_allclose(command, expected, rtol=1e-8, atol=1e-8)
+    assert not rig.statistics.dropped
+
+
+def test_computed_torque_holds_the_first_pose():
+    rig = Rig(mode='computed_torque', kp=100.0, kd=20.0)
+    first, = rig.state()
+    np.testing.assert_allclose(first, gravity(), rtol=1e-9, atol=1e-9)
+    near = np.array(POSE) + [0.0, 0.01, 0.0, 0.0]
+    second, = rig.state(near)
+    M = rig.robot.mass_matrix(positions(rig.robot, *near))
+    expected = gravity(near) - 100.0 * 0.01 * in_order(M[1])
+    np.testing.assert_allclose(second, expected, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque', 'gravity_compensation'])
+def test_contradictory_joints_command_zeros_once_and_the_next_state_is_accepted(mode):
+    rig = Rig(mode=mode)
+    rig.state()
+    if mode != 'gravity_compensation':
+        rig.follow()
+    away = rig.complete(elbow=rig.complete()['elbow'] + 0.03)
+    zeros, = rig.state(others=away)
+    assert not zeros.any() and len(zeros) == 4
+    assert rig.state(others=away) == []  # zeros already
+    assert rig.statistics.dropped == {CONTRADICTION: 2}
+    assert "'elbow' at" in rig.details[0][1]
+    assert rig.path.active_motion.desired(rig.time) is None
+    near = rig.complete(elbow=rig.complete()['elbow'] + 0.01)
+    command, = rig.state(others=near)
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rig.path.loops.tracker.deviation, 0.01, rtol=1e-6)
+
+
+def test_a_false_state_far_away_does_not_change_the_branch():
+    rig = Rig()
+    rig.state()
+    zeros, = rig.state((0.2, SINGULAR_SHOULDER - 0.5, -0.1, 0.5))
+    assert not zeros.any()
+    assert set(rig.statistics.dropped) == {SINGULAR}
+    command, = rig.state()
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+
+
+def test_past_a_singular_configuration_the_assembly_mode_is_unknown():
+    rig = Rig()
+    rig.state()
+    path = np.arange(0.3, SINGULAR_SHOULDER - 0.1, -0.004)
+    for shoulder in [*path, *path[::-1]]:
+        rig.state((0.2, shoulder, -0.1, 0.5))
+    assert set(rig.statistics.dropped) == {SINGULAR, UNKNOWN}
+    assert rig.statistics.dropped[SINGULAR] == 1
+    assert not rig.commands.sent[-1].data[1] and rig.state() == []
+    command, = rig.state(others=rig.complete())  # all joints show the mode
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    assert len(rig.state()) == 1
+
+
+def test_without_a_given_assembly_mode_the_first_state_needs_all_joints():
+    robot, names = palletizer(configuration=None), palletizer().joint_names
+    start = positions(robot, *POSE)
+    start[names.index('triangle_pin')] -= 2.5  # the other intersection of two circles
+    start[names.index('rod_1_pin')] += 0.7
+    flipped = closed_posture(robot.mechanism, start, fixed=DRIVEN)
+    assert np.abs(flipped - positions(robot, *POSE)).max() > 0.1
+    mode = {name: x for name, x in zip(names, flipped) if name not in DRIVEN}
+    rig = Rig(robot)
+    assert rig.state() == [] and rig.statistics.dropped == {UNKNOWN: 1}
+    for command, in (rig.state(others=mode), rig.state()):
+        expected = robot.joint_torques(robot.gravity_force(flipped), flipped)
+        np.testing.assert_allclose(command, expected[sorted(of_driven())], rtol=1e-9, atol=1e-9)
+    given = Rig()  # the file states another mode
+    assert given.state(others=mode) == [] and given.statistics.dropped == {CONTRADICTION: 1}
+
+
+def test_lost_and_late_states_are_named_and_give_no_torque():
+    rig = Rig()
+    rig.state()
+    assert rig.state(age=0.2) == []
+    message = JointState(name=list(DRIVEN[:3]), position=[0.0] * 3, velocity=[0.0] * 3)
+    rig.path.on_state(serialize_message(message))
+    assert rig.state(others=rig.complete(elbow=np.nan)) == []
+    assert rig.statistics.dropped == {STALE: 1, MISSING: 1, NOT_FINITE: 1}
+    rig.time += NANO // 5
+    rig.path.check_timeout()
+    assert not np.array(rig.commands.sent[-1].data).any()
+    command, = rig.state((0.4, 0.1, 0.2, 0.0))  # it moved meanwhile
+    np.testing.assert_allclose(command, gravity((0.4, 0.1, 0.2, 0.0)), rtol=1e-9, atol=1e-9)
+
+
+def test_a_motion_into_a_singular_configuration_commands_zeros():
+    rig = Rig()
+    rig.state()
+    end = (0.2, SINGULAR_SHOULDER - 0.2, -0.1, 0.5)
+    rig.follow(Motion.from_points([0.0, 1.0], [POSE, end], joint_names=DRIVEN))
+    for _ in range(500):
+        rig.state()
+        if rig.statistics.dropped:
+            break
+    assert rig.statistics.dropped == {REFUSED: 1}
+    assert not np.array(rig.commands.sent[-1].data).any()
+    assert rig.path.active_motion.desired(rig.time) is None
+
+
+def test_reasons_are_different_words():
+    assert len({BRANCH, CONTRADICTION, SINGULAR, UNKNOWN, REFUSED}) == 5
