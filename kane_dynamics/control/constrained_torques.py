@@ -127,13 +127,22 @@ class ConstrainedTorques:
     def feedforward(self, q: Array, motion: Motion, moment: float, terms: Terms,
                     t: float) -> tuple[Array, Array]:
         """Return the desired configuration and the generalized force of its motion."""
-        q_c, u_c, udot_c = self.desired(motion, moment)
-        q_d, u_d = self._closed(q, motion.sample(moment)[0], q_c, u_c, t)
+        (q_d, u_d, udot_d), (*_, qddot) = self.desired_state(q, motion, moment, t)
         if terms.complete:
-            udot_d = self._called('followed_rates', self._rates, (q_d, u_d, udot_c), t)
             return q_d, self._robot.inverse_dynamics(q_d, u_d, udot_d, **self._at(t))
-        tau: Array = terms.weights @ self._terms(q_d, u_d, udot_c, t)
+        tau: Array = terms.weights @ self._terms(q_d, u_d, qddot, t)
         return q_d, tau
+
+    def desired_state(self, q: Array, motion: Motion, moment: float,
+                      t: float) -> tuple[State, State]:
+        """Return q (n_q,), u, udot of a motion, and of the joints that follow, at measured q."""
+        followed = self.desired(motion, moment)
+        q_d, u_d = self._closed(q, motion.sample(moment)[0], followed[0], followed[1], t)
+        return (q_d, u_d, self.rates(q_d, u_d, followed[2], t)), followed
+
+    def rates(self, q: Array, u: Array, qddot: Array, t: float) -> Array:
+        """Return udot, (n,), for accelerations of the joints that follow."""
+        return self._called('followed_rates', self._rates, (q, u, qddot), t)
 
     def _terms(self, q: Array, u: Array, qddot: Array, t: float) -> Array:
         """
@@ -143,8 +152,7 @@ class ConstrainedTorques:
         depend on the choice of speeds.
         """
         robot, at = self._robot, self._at(t)
-        drift, whole = (self._called('followed_rates', self._rates, (q, u, x), t)
-                        for x in (0.0 * qddot, qddot))
+        drift, whole = (self.rates(q, u, x, t) for x in (0.0 * qddot, qddot))
         rows: Array = robot.torque_terms(q, u, whole - drift, **at)
         rows[CORIOLIS] += robot.mass_matrix(q, **at) @ drift
         return rows

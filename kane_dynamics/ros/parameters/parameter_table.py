@@ -204,6 +204,8 @@ SPECS = (
     Spec('simulation.integrator', 'text', 'rk4', 'integrator of simulations; implicit for '
          'friction, springs and beams that need very short steps with rk4',
          choices=tuple(INTEGRATORS)),
+    live('simulation.stops', 'flag', False, 'put rigid, inelastic stops at the position limits in '
+         'simulations'),
     live('simulation.max_waiting', 'count', 8, 'largest number of queued simulations; further '
          'requests are answered as busy', low=1.0, high=1000.0),
     Spec('realtime.priority', 'count', 0, 'real-time priority (SCHED_FIFO) of the threads that '
