@@ -7,6 +7,7 @@ import threading
 import time
 from typing import Any
 
+from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
@@ -28,7 +29,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader,
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.step_kernels import compile_simulation
+from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -98,7 +99,10 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
-        if not self.robot.constraint_names:  # for filled trajectories
+        if self.robot.constraint_names:
+            step_kernel(self.robot, True, values['simulation.integrator'], None,
+                        joints_that_follow(self.robot))
+        else:  # for filled trajectories
             for robot in (self.robot, *([bending.robot] if bending else [])):
                 robot.compile('inverse_dynamics', 'torque_terms', batches=True)
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
