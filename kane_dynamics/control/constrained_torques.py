@@ -25,7 +25,6 @@ from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
-import numpy as np
 from numpy.typing import ArrayLike
 
 CORIOLIS, FRICTION = (TORQUE_TERMS.index(name) for name in ('coriolis', 'friction'))

@@ -1,4 +1,4 @@
-"""Interfaces that the torque path calls: observers of its cycles, and the arbiter of `commands`."""
+"""Interfaces that the torque path calls: observers of cycles, and the arbiter of `commands`."""
 
 from typing import NamedTuple, Protocol
 
