@@ -16,16 +16,11 @@ its assembly mode unnoticed.
 
 from collections.abc import Sequence
 import math
-from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints.conditioning import squared_figure
+from kane_dynamics.kinematics.loop_kernel import tracking_kernel
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +31,7 @@ CLOSED = 1e-9  # m and rad: largest residual of the rows after the last step
 STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
 SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
 MOST_STEPS = 1000  # from the last configuration to the measured one
+DRIVEN = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
 LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
 SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
     'closed loop near a singular configuration', 'closed loop on a lost branch',
@@ -187,10 +183,10 @@ class LoopTracker:
             near = (np.abs(measured - self._begin[self.places])
                     <= STRIDE * self._units[self.places]).all()
             self._last[:] = self._begin
-            if error.reason == SINGULAR and near:
+            if error.reason != CONTRADICTION and near:
                 self.known = False
-                self._why = ('measured next to a singular configuration, where it may change; '
-                             'expected a state of all joints, or a restart')
+                self._why = ('since the loops came near a singular configuration, where it may '
+                             'change; expected a state of all joints, or a restart')
             elif self.known:
                 self.figure = self._figure
             raise
@@ -201,7 +197,7 @@ class LoopTracker:
         """Move from the last configuration to the measured joints, in steps if they are far."""
         for _ in range(MOST_STEPS):
             change = measured - self._last[self.places]
-            way = max(map(abs, (change * self._per_unit).tolist()))
+            way = max(map(abs, (change * self._per_unit).tolist()), default=0.0)
             longest = min(STRIDE, SHARE / self.figure) if self.figure else STRIDE
             if way <= longest:
                 self._target[:] = measured
@@ -228,7 +224,8 @@ class LoopTracker:
         if not (step <= CONVERGED and self.residual <= self._closed):
             raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
                             'which the loops close')
-        if self.known and whole > LEAP * self.figure * max(way, CONVERGED):
+        if self.known and whole > (DRIVEN if self.robot.equations.timed else
+                                   LEAP * self.figure * max(way, CONVERGED)):
             raise LoopError(BRANCH, f'the joints moved by {whole:.3g} rad or lengths in one step; '
                             'expected a continuous motion')
 
@@ -259,52 +256,3 @@ class LoopTracker:
             raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the loops close "
                             f'at {self.q[others[k]]:.6g} rad or m; expected a deviation of at '
                             f'most {self.tolerance:g}')
-
-
-def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
-    """
-    Return the kernel of one call: two Newton steps, then speeds and figures.
-
-    Its arguments are q (n_q,), positions and rates of the measured joints (n,); its result is q
-    (n_q,), u (n,), and the squares of the last step, of the whole motion, of the residuals, and of
-    the figure before the last step.
-    """
-    equations: Any = robot.equations
-    mechanism: Mechanism = equations.mechanism
-    n_q, n, block = robot.n_q, robot.n, robot.parameters.block
-    select = np.eye(n_q)[list(places)].astype(object)
-
-    def system(q: Any, t: Any) -> tuple[Any, Any, Any, Any]:
-        here = mechanism.state(q, t, equations.tree.geometry)
-        rows = mechanism.rows(here)
-        missed = [0.0 if x is None else x for x in rows.residual]
-        return (here, np.concatenate([select, rows.J[mechanism.kept]]), rows.b[mechanism.kept],
-                np.array(missed, dtype=object))
-
-    def squared(step: Any) -> Any:
-        scaled = step * (1.0 / mechanism.units)
-        return scaled @ scaled
-
-    def tracked(q: Any, target: Any, rates: Any, *rest: Any) -> Any:
-        t = rest[0][()] if equations.timed else 0.0
-        _, S, _, missed = system(q, t)
-        first = mechanism.solved(S, np.concatenate([target - q[places], -missed[mechanism.kept]]))
-        near = q + first
-        near[places] = target
-        _, S, _, missed = system(near, t)
-        inverse = mechanism.solved(S, np.eye(n_q))
-        step = -(inverse[:, n:] @ missed[mechanism.kept])
-        closed = near + step
-        here, S_closed, b, missed = system(closed, t)
-        Y, Z = here.speed_rows(mechanism.speed_names)
-        qdot = mechanism.solved(S_closed, np.concatenate([rates, b]))
-        return np.concatenate([closed, Y @ qdot + Z, [
-            squared(step), squared(closed - q), missed @ missed,
-            squared_figure(mechanism, S, inverse)]])
-    arguments = [Argument('q', (n_q,), robot.coordinate_names), Argument('measured', (n,)),
-                 Argument('rates', (n,))]
-    arguments += [Argument('t', ())] if equations.timed else []
-    name = f'tracking_{"_".join(map(str, places))}'
-    return robot.kernels.extra(name, lambda: trace_program(name, tracked, [
-        *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
-        (n_q + n + 4,))

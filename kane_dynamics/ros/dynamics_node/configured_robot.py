@@ -16,16 +16,16 @@ from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
+from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type, OptionalTopics)
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
+from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader, command_fault
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
                                                            parameter_loads)
-from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
-from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader, command_fault
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames

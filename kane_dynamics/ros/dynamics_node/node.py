@@ -15,10 +15,10 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
 from kane_dynamics.ros.dynamics_node.node_timers import NodeTimers
+from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import JumpThreshold, TimeJump

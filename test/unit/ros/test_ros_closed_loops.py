@@ -1,18 +1,31 @@
 """The torque path of an arm with closed loops, without a ROS graph."""
 
+from functools import cache
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
-from functools import cache  # noqa: E402, I100
-
-from kane_dynamics import Controller, Motion  # noqa: E402
+from kane_dynamics import Controller, Motion  # noqa: E402, I100
+from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION,  # noqa: E402
                                                    SINGULAR, UNKNOWN)
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
+from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState  # noqa: E402
+from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
+                                                        ContactPublishers)
+from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
+from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
                                                               NOT_FINITE, STALE)
 from kane_dynamics.ros.torque_path.torque_path import REFUSED, TorquePath  # noqa: E402
@@ -31,9 +44,10 @@ class Publisher:
     """Keeps the published messages."""
 
     def __init__(self, kind):
-        self.sent, self.kind = [], kind
+        self.sent, self.kind, self.last = [], kind, b''
 
     def publish(self, message):
+        self.last = message
         self.sent.append(deserialize_message(message, self.kind))
 
 
@@ -50,13 +64,16 @@ class Rig:
                                loops=ClosedLoopReader(controller, VALUES))
         self.path.start()
 
-    def state(self, driven=POSE, rates=(0.0,) * 4, others=None, age=0.0):
+    def state(self, driven=POSE, rates=(0.0,) * 4, others=None, age=0.0,
+              efforts=None):
         """Pass a state of the driven joints, and of others; return the new commands."""
         self.time += NANO // 500
         joints = dict(zip(DRIVEN, driven)) | (others or {})
         speeds = dict.fromkeys(joints, 0.0) | dict(zip(DRIVEN, rates))
         message = JointState(name=list(joints), position=list(joints.values()),
                              velocity=list(speeds.values()))
+        if efforts is not None:
+            message.effort = [efforts.get(name, 0.0) for name in joints]
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
         before = len(self.commands.sent)
@@ -219,3 +236,116 @@ def test_a_motion_into_a_singular_configuration_commands_zeros():
 
 def test_reasons_are_different_words():
     assert len({BRANCH, CONTRADICTION, SINGULAR, UNKNOWN, REFUSED}) == 5
+
+
+def all_values(**changes):
+    return {spec.name: read(spec, spec.default) for spec in SPECS} | changes
+
+
+def test_the_guard_holds_an_arm_with_closed_loops(monkeypatch):
+    rig = Rig()
+    monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
+    held, = rig.state()
+    values = all_values(**{'guard.ramp': 0.0})
+    controller = Controller(palletizer())
+    guard = GuardPath(controller, rig.commands, rig.torques, lambda: rig.time, values,
+                      Statistics(), lambda *words: None, lambda words: None)
+    guard.start()
+    guard.on_torques(rig.torques.last)
+    guard.watch.known, rig.path = True, guard
+    commands = [command for _ in range(12) for command in rig.state()]
+    assert 3 <= len(commands) <= 6  # after the lease
+    np.testing.assert_allclose(commands, [held] * len(commands), rtol=1e-9, atol=1e-9)
+    moving, = rig.state(rates=(0.0, 0.1, 0.0, 0.0))
+    robot, q = palletizer(), positions(palletizer(), *POSE)
+    u = np.array([0.0, 0.1, 0.0, 0.0])  # of DRIVEN, which are the independent speeds in order
+    tau = robot.bias_force(q, u) - robot.mass_matrix(q) @ (20.0 * u)
+    friction = robot.torque_terms(q, u, 0.0 * u)[TORQUE_TERMS.index('friction')]
+    expected = robot.joint_torques(tau - friction, q)[sorted(of_driven())]
+    np.testing.assert_allclose(moving, expected, rtol=1e-9, atol=1e-9)
+    zeros, = rig.state(others=rig.complete(elbow=1.0))
+    assert not zeros.any()
+
+
+class Broken:
+    """Collects the messages of a monitor, serialized or not."""
+
+    def __init__(self):
+        self.sent = []
+
+    def publish(self, message):
+        self.sent.append(message)
+
+
+@pytest.mark.parametrize('measured', [False, True])
+def test_the_observer_estimates_the_external_torque_of_the_independent_joints(measured):
+    rig, topics = Rig(), ContactPublishers(Broken(), Broken(), Broken())
+    values = all_values(**{'observer.threshold': np.array(30.0), 'observer.frame': 'tool'})
+    rejected = []
+    monitor = ContactMonitor(rig.robot, values, topics,
+                             SimpleNamespace(warning=rejected.append, info=rejected.append),
+                             lambda *words: rejected.append(words))
+    rig.path.add_observer(monitor, need_effort=True)
+    rig.path.stop()
+    rig.path.start()
+    push = np.array([0.0, 50.0, 0.0, 0.0])
+    names = rig.robot.joint_names
+    torque = dict(zip([names[k] for k in sorted(of_driven())], gravity()))
+    torque['shoulder'] -= 50.0 * measured  # at rest, so something else holds the rest
+    for _ in range(200):
+        rig.state(efforts=torque if measured else None)
+    assert not [words for words in rejected if not isinstance(words, str)]
+    np.testing.assert_allclose(monitor._observer.torque, push * measured, atol=1e-3)
+    assert monitor.detector.joint == ('shoulder' if measured else None)
+    published = deserialize_message(topics.torques.sent[-1], JointState)
+    assert tuple(published.name) == rig.robot.speed_names
+    assert len(topics.wrench.sent) == len(topics.torques.sent)
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
+def test_the_explanation_is_of_the_torque_of_the_motion(mode):
+    rig, topic = Rig(mode=mode), Broken()
+    robot = palletizer().copy()
+    server = SimpleNamespace(create_timer=lambda *_, **__: None, served=SimpleNamespace(
+        robot=robot, loads=GravityAndPayload(robot.parameters.gravity)))
+    explainer = TorqueBreakdownTopic(server, topic, 5.0, rig.path.controller, None,
+                                     lambda *words: pytest.fail(str(words)))
+    rig.path.add_observer(explainer, need_effort=False)
+    rig.state()
+    rig.follow()
+    rig.time += NANO
+    q_d, u_d, _ = MOTION.sample(1.0 + 0.002)
+    command, = rig.state(q_d, u_d)
+    explainer._publish()
+    message = topic.sent[-1]
+    whole = np.reshape(message.by_source, (len(message.sources), -1)).sum(axis=0)
+    assert tuple(message.joint_names) == robot.speed_names == DRIVEN
+    np.testing.assert_allclose(in_order(whole), command, rtol=1e-8)
+    assert abs(message.power_residual) < 1e-6
+
+
+def test_the_doctor_examines_the_joints_that_are_needed():
+    robot, q = palletizer(), positions(palletizer(), *POSE)
+    complete = dict(zip(robot.joint_names, q))
+
+    def found(joints):
+        message = JointState(name=list(joints), position=list(joints.values()),
+                             velocity=[0.0] * len(joints))
+        message.header.stamp.sec = 1000
+        received = [ReceivedState(k * 10_000_000, 1000 * NANO, message) for k in range(100)]
+        return [(each.level, each.words) for each in examine_states(robot, received, 1.0)]
+    driven = {name: complete[name] for name in DRIVEN}
+    for joints in (driven, complete):
+        assert {level for level, _ in found(joints)} == {'fine'}
+        assert any(words.startswith('closed loops: residual') for _, words in found(joints))
+    assert any("'elbow' at" in words for level, words in found(
+        complete | {'elbow': 1.0}) if level == 'problem')
+    (level, words), = found({'swivel': 0.0})
+    assert level == 'problem'
+    assert words.startswith('joint states: shoulder, lever_drive, turn missing among swivel')
+
+
+def test_an_estimate_of_the_payload_is_refused_with_the_reason():
+    values = all_values(**{'estimator.enabled': True, 'payload.frame': 'tool'})
+    with pytest.raises(InputError, match='payload of an arm with closed loops is not estimated'):
+        check_optional_topics(values, palletizer())
