@@ -14,11 +14,13 @@ import numpy as np
 
 def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     """
-    Return the kernel of one call: two Newton steps, then speeds and figures.
+    Return the kernel of one call: the predicted configuration, one Newton step, speeds, figures.
 
-    Its arguments are q (n_q,), positions and rates of the measured joints (n,); its result is q
-    (n_q,), u (n,), and the squares of the last step, of the whole motion, of the residuals, and of
-    the figure before the last step.
+    Its arguments are q (n_q,) and T (n_q, n), the rates of all joints per rate of each measured
+    joint, at the last configuration, and positions and rates of the measured joints (n,). The
+    prediction q + T dq has an error of second order, and Newton's step one of fourth order. The
+    result is q (n_q,), T (n_q n,) at the prediction, u (n,), and the squares of the motion, of the
+    residuals of the independent rows and of all rows, and of the figure at the prediction.
     """
     equations: Any = robot.equations
     mechanism: Mechanism = equations.mechanism
@@ -32,30 +34,23 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
         return (here, np.concatenate([select, rows.J[mechanism.kept]]), rows.b[mechanism.kept],
                 np.array(missed, dtype=object))
 
-    def squared(step: Any) -> Any:
-        scaled = step * (1.0 / mechanism.units)
-        return scaled @ scaled
-
-    def tracked(q: Any, target: Any, rates: Any, *rest: Any) -> Any:
+    def tracked(q: Any, T: Any, target: Any, rates: Any, *rest: Any) -> Any:
         t = rest[0][()] if equations.timed else 0.0
-        _, S, _, missed = system(q, t)
-        first = mechanism.solved(S, np.concatenate([target - q[places], -missed[mechanism.kept]]))
-        near = q + first
+        near = q + T @ (target - q[places])
         near[places] = target
         _, S, _, missed = system(near, t)
         inverse = mechanism.solved(S, np.eye(n_q))
-        step = -(inverse[:, n:] @ missed[mechanism.kept])
-        closed = near + step
+        closed = near - inverse[:, n:] @ missed[mechanism.kept]
         here, S_closed, b, missed = system(closed, t)
         Y, Z = here.speed_rows(mechanism.speed_names)
         qdot = mechanism.solved(S_closed, np.concatenate([rates, b]))
-        return np.concatenate([closed, Y @ qdot + Z, [
-            squared(step), squared(closed - q), missed @ missed,
-            squared_figure(mechanism, S, inverse)]])
-    arguments = [Argument('q', (n_q,), robot.coordinate_names), Argument('measured', (n,)),
-                 Argument('rates', (n,))]
+        moved, kept = (closed - q) * (1.0 / mechanism.units), missed[mechanism.kept]
+        return np.concatenate([closed, inverse[:, :n].ravel(), Y @ qdot + Z, [
+            moved @ moved, kept @ kept, missed @ missed, squared_figure(mechanism, S, inverse)]])
+    arguments = [Argument('q', (n_q,), robot.coordinate_names), Argument('T', (n_q, n)),
+                 Argument('measured', (n,)), Argument('rates', (n,))]
     arguments += [Argument('t', ())] if equations.timed else []
     name = f'tracking_{"_".join(map(str, places))}'
     return robot.kernels.extra(name, lambda: trace_program(name, tracked, [
         *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
-        (n_q + n + 4,))
+        (n_q + n_q * n + n + 4,))

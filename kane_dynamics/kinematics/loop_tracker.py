@@ -8,7 +8,8 @@ last closed configuration q, Newton's method solves
     [ J ] dq  =  [   - residual   ],
 
 where E selects the measured joints and J has the rows of the constraints. The columns of the
-inverse that belong to E are the rates of all joints per rate of each measured joint. The Frobenius
+inverse that belong to E are T, the rates of all joints per rate of each measured joint, which also
+predict the configuration of the next cycle. The Frobenius
 norm of the inverse (`conditioning.squared_figure`) grows as one over the distance from a singular
 configuration; no step is longer than a part of that distance, so that the mechanism cannot change
 its assembly mode unnoticed.
@@ -20,18 +21,19 @@ import math
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.loop_kernel import tracking_kernel
+from kane_dynamics.mechanics.constraints.conditioning import ROUNDED
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-CALLS = 3  # of the kernel for one step, at most
-CONVERGED = 1e-6  # rad, or lengths: last step; the error left is about its square
-CLOSED = 1e-9  # m and rad: largest residual of the rows after the last step
+CALLS = 5  # of the kernel for one step, at most
+CLOSED = 1e-10  # m and rad: residual of the independent rows
+ROUNDING = 1e-6  # rad, or lengths: motion that is no jump
 STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
 SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
 MOST_STEPS = 1000  # from the last configuration to the measured one
-DRIVEN = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
+TIMED = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
 LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
 SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
     'closed loop near a singular configuration', 'closed loop on a lost branch',
@@ -112,14 +114,17 @@ class LoopTracker:
         self.places = [names.index(name) for name in measured]
         self._units = equations.mechanism.units
         self._per_unit = 1.0 / self._units[self.places]
-        self._closed = CLOSED + 4.0 * equations.mechanism.rank_tolerance
+        self._closed = CLOSED + ROUNDED * equations.mechanism.rank_tolerance
         self._turning = np.array([name not in robot.model.sliding for name in names])
         n_q, n = robot.n_q, robot.n
-        self._last, self._target, self._rates = np.zeros(n_q), np.zeros(n), np.zeros(n)
-        self._begin, self._result = np.zeros(n_q), np.zeros(n_q + n + 4)
-        self.q, self.u, self._figures = np.split(self._result, [n_q, n_q + n])
+        both = n_q + n_q * n
+        self._from, self._begin = np.zeros((2, both))  # q and T
+        self._last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
+        self._target, self._rates, self._result = np.zeros(n), np.zeros(n), np.zeros(both + n + 4)
+        self._next, self.u, self._figures = np.split(self._result, [both, both + n])
+        self.q = self._next[:n_q]
         self._time = np.zeros(())
-        given = [self._last, self._target, self._rates, *[self._time] * equations.timed]
+        given = [self._last, T, self._target, self._rates, *[self._time] * equations.timed]
         self._step = tracking_kernel(robot, self.places).bind(given, self._result,
                                                               'Close the loops.')
         self._reference = None if robot.configuration is None else robot.closed_posture(
@@ -138,12 +143,13 @@ class LoopTracker:
         self._why = ('no `configuration` of the robot; expected one, or a first state of all '
                      'joints')
         if given is not None:
+            self._from.fill(0.0)
             self._last[:] = given
             self._target[:], self._time[...] = self._last[self.places], t
             for _ in range(CALLS):
-                step, _ = self._evaluate()
-                self._last[:] = self.q
-                if step <= CONVERGED:
+                missed, _ = self._evaluate()
+                self._from[:] = self._next
+                if missed <= CLOSED:
                     break
             self._figure = self.figure
 
@@ -173,16 +179,17 @@ class LoopTracker:
         if not self.known:
             if values is None or len(others) + len(measured) < len(self._last):
                 raise LoopError(UNKNOWN, self._why)
+            self._from.fill(0.0)
             self._last[self.places], self._last[others] = measured, values
             self.figure = 0.0
-        self._begin[:], self._rates[:], self._time[...] = self._last, rates, t
+        self._begin[:], self._rates[:], self._time[...] = self._from, rates, t
         try:
             self._move(measured)
             self._compare(others, values)
         except LoopError as error:
             near = (np.abs(measured - self._begin[self.places])
                     <= STRIDE * self._units[self.places]).all()
-            self._last[:] = self._begin
+            self._from[:] = self._begin
             if error.reason != CONTRADICTION and near:
                 self.known = False
                 self._why = ('since the loops came near a singular configuration, where it may '
@@ -191,7 +198,7 @@ class LoopTracker:
                 self.figure = self._figure
             raise
         self.known, self._figure = True, self.figure
-        self._last[:] = self.q
+        self._from[:] = self._next
 
     def _move(self, measured: Array) -> None:
         """Move from the last configuration to the measured joints, in steps if they are far."""
@@ -205,7 +212,7 @@ class LoopTracker:
                 return
             np.add(self._last[self.places], change * (longest / way), out=self._target)
             self._close(longest)
-            self._last[:] = self.q
+            self._from[:] = self._next
         raise LoopError(BRANCH, f'measured joints {dict(zip(self.measured, measured.tolist()))}, '
                         'too far from the last configuration')
 
@@ -213,32 +220,31 @@ class LoopTracker:
         """Close the loops at the target, `way` from the last configuration; raise LoopError."""
         whole = 0.0
         for _ in range(CALLS):
-            step, moved = self._evaluate()
+            missed, moved = self._evaluate()
             whole += moved
-            if step <= CONVERGED:
+            if missed <= CLOSED:
                 break
-            self._last[:] = self.q
+            self._from[:] = self._next
         if not self.figure <= self.max_figure:
             raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
                             f'{self.max_figure:g}')
-        if not (step <= CONVERGED and self.residual <= self._closed):
+        if not (missed <= CLOSED and self.residual <= self._closed):
             raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
                             'which the loops close')
-        if self.known and whole > (DRIVEN if self.robot.equations.timed else
-                                   LEAP * self.figure * max(way, CONVERGED)):
+        if self.known and whole > (TIMED if self.robot.equations.timed else
+                                   LEAP * self.figure * max(way, ROUNDING)):
             raise LoopError(BRANCH, f'the joints moved by {whole:.3g} rad or lengths in one step; '
                             'expected a continuous motion')
 
     def _evaluate(self) -> tuple[float, float]:
-        """Call the kernel once; return its last step and the whole motion."""
+        """Call the kernel once; return the residual of the independent rows, and the motion."""
         try:
             self._step()
         except InputError:
             self.figure = self.residual = math.inf
             raise LoopError(SINGULAR, 'no finite configuration') from None
-        step, moved, residual, figure = map(math.sqrt, self._figures.tolist())
-        self.residual, self.figure = residual, figure
-        return step, moved
+        moved, missed, self.residual, self.figure = map(math.sqrt, self._figures.tolist())
+        return missed, moved
 
     def _compare(self, others: Sequence[int], values: Array | None) -> None:
         """Raise LoopError if further measured joints deviate from the closed loop."""
