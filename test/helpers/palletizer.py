@@ -1,7 +1,7 @@
 """
 A four-axis palletizer with three parallelograms, as URDF and constraints.
 
-Motors on the carousel drive the lower arm (`shoulder`) and, by a lever and a push rod, the upper
+Motors on the carousel drive the lower arm (`shoulder`) and, by a lever and a rod, the upper
 arm; two more parallelograms keep the wrist level. The dimensions are of the usual size, of no
 particular machine. At zero the lower arm is vertical and the upper arm horizontal.
 """
@@ -22,12 +22,12 @@ LINKS = (
     ('wrist', 'upper_arm', 'wrist_pin', (FORE, 0, 0), ACROSS, WRIST, 15.0, (-1.6, 1.6), 0),
     ('flange', 'wrist', 'turn', (0.1, 0, -0.15), UPRIGHT, (0.05, 0, -0.1), 8.0, (-6.0, 6.0), 500),
     ('lever', 'carousel', 'lever_drive', PIVOT, ACROSS, (-LEVER, 0, 0), 25.0, (-0.9, 0.9), 6000),
-    ('push_rod', 'lever', 'push_pin', (-LEVER, 0, 0), ACROSS, (0, 0, ARM), 12.0, (-2.0, 2.0), 0),
+    ('drive_rod', 'lever', 'drive_pin', (-LEVER, 0, 0), ACROSS, (0, 0, ARM), 12.0, (-2.0, 2.0), 0),
     ('triangle', 'lower_arm', 'triangle_pin', (0, 0, ARM), ACROSS, PLATE, 6.0, (-1.6, 1.6), 0),
     ('rod_1', 'carousel', 'rod_1_pin', tuple(np.add(PIVOT, PLATE)), ACROSS, (0, 0, ARM), 8.0,
      (-1.6, 1.6), 0),
     ('rod_2', 'triangle', 'rod_2_pin', WRIST, ACROSS, (FORE, 0, 0), 8.0, (-1.6, 1.6), 0))
-FRAMES = (('upper_arm_rear', 'upper_arm', (-LEVER, 0, 0)), ('push_end', 'push_rod', (0, 0, ARM)),
+FRAMES = (('upper_arm_rear', 'upper_arm', (-LEVER, 0, 0)), ('drive_end', 'drive_rod', (0, 0, ARM)),
           ('triangle_rear', 'triangle', PLATE), ('rod_1_end', 'rod_1', (0, 0, ARM)),
           ('wrist_top', 'wrist', WRIST), ('rod_2_end', 'rod_2', (FORE, 0, 0)),
           ('tool', 'flange', (0, 0, -0.2)))
@@ -36,7 +36,7 @@ JOINTS = tuple(link[2] for link in LINKS)
 SINGULAR_SHOULDER = -np.arctan2(0.15, 0.2)  # lower arm and plate in line
 CONSTRAINTS = {
     'constraints': {
-        'push': {'closure': {'first': 'push_end', 'second': 'upper_arm_rear', 'kind': 'inline',
+        'drive': {'closure': {'first': 'drive_end', 'second': 'upper_arm_rear', 'kind': 'inline',
                              'axis': [0, 1, 0]}},
         'level_1': {'closure': {'first': 'rod_1_end', 'second': 'triangle_rear',
                                 'kind': 'inline', 'axis': [0, 1, 0]}},
@@ -91,7 +91,7 @@ def joint_angles(swivel, shoulder, lever, turn):
     """Return the closed configuration by joint: opposite sides stay parallel."""
     return {'swivel': swivel, 'shoulder': shoulder, 'elbow': lever - shoulder,
             'wrist_pin': -lever, 'turn': turn, 'lever_drive': lever,
-            'push_pin': shoulder - lever, 'triangle_pin': -shoulder, 'rod_1_pin': shoulder,
+            'drive_pin': shoulder - lever, 'triangle_pin': -shoulder, 'rod_1_pin': shoulder,
             'rod_2_pin': lever}
 
 

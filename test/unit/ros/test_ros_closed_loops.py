@@ -288,14 +288,14 @@ def test_the_observer_estimates_the_external_torque_of_the_independent_joints(me
     rig.path.add_observer(monitor, need_effort=True)
     rig.path.stop()
     rig.path.start()
-    push = np.array([0.0, 50.0, 0.0, 0.0])
+    external = np.array([0.0, 50.0, 0.0, 0.0])
     names = rig.robot.joint_names
     torque = dict(zip([names[k] for k in sorted(of_driven())], gravity()))
     torque['shoulder'] -= 50.0 * measured  # at rest, so something else holds the rest
     for _ in range(200):
         rig.state(efforts=torque if measured else None)
     assert not [words for words in rejected if not isinstance(words, str)]
-    np.testing.assert_allclose(monitor._observer.torque, push * measured, atol=1e-3)
+    np.testing.assert_allclose(monitor._observer.torque, external * measured, atol=1e-3)
     assert monitor.detector.joint == ('shoulder' if measured else None)
     published = deserialize_message(topics.torques.sent[-1], JointState)
     assert tuple(published.name) == rig.robot.speed_names
