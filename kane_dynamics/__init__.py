@@ -43,12 +43,12 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'FlexibleLink', 'Frame', 'Inertial', 'InputError', 'InverseKinematics', 'Joint',
            'KaneError', 'Limits', 'LoopError', 'LoopTracker', 'Mode', 'Model', 'ModelBuilder',
            'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion', 'PointVelocity',
-           'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
-           'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'fill_trajectory',
-           'frame_wrench', 'inverse_kinematics', 'knife_edge', 'load_constraints', 'load_urdf',
-           'longest_step', 'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp',
-           'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate',
-           'stiffened', 'with_beam']
+           'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds', 'SweepError', 'Terms',
+           'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity',
+           'box', 'disc', 'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
+           'load_constraints', 'load_urdf', 'longest_step', 'momenta', 'natural_vibration',
+           'point_mass', 'pose_error', 'pose_exp', 'pose_log', 'power_balance', 'rod',
+           'rotation_exp', 'rotation_log', 'simulate', 'stiffened', 'with_beam']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',

@@ -153,6 +153,12 @@ class LoopTracker:
                     break
             self._figure = self.figure
 
+    @property
+    def before(self) -> tuple[Array, Array]:
+        """Return the last configuration, (n_q,), and its T, (n_q, n): where `update` begins."""
+        q, T = np.split(self._from, [self.robot.n_q])
+        return q.copy(), T.reshape(len(q), -1).copy()
+
     def update(self, measured: Array, rates: Array, others: Sequence[int] = (),
                values: Array | None = None, t: float = 0.0) -> None:
         """

@@ -37,7 +37,7 @@ SINGULAR_SHOULDER = -np.arctan2(0.15, 0.2)  # lower arm and plate in line
 CONSTRAINTS = {
     'constraints': {
         'drive': {'closure': {'first': 'drive_end', 'second': 'upper_arm_rear', 'kind': 'inline',
-                             'axis': [0, 1, 0]}},
+                              'axis': [0, 1, 0]}},
         'level_1': {'closure': {'first': 'rod_1_end', 'second': 'triangle_rear',
                                 'kind': 'inline', 'axis': [0, 1, 0]}},
         'level_2': {'closure': {'first': 'rod_2_end', 'second': 'wrist_top', 'kind': 'inline',

@@ -121,7 +121,7 @@ def test_rows_of_velocities_are_told():
 
 
 def test_invalid_joints_are_refused():
-    with pytest.raises(InputError, match='measured: .*; expected 1 of the joints'):
+    with pytest.raises(InputError, match=r'measured: .*; expected 1 of the joints'):
         LoopTracker(four_bar('crank'), ['crank', 'rocker'])
     with pytest.raises(InputError, match='without constraints; expected closed loops'):
         LoopTracker(Robot(four_bar_model()), ['crank'])
