@@ -141,6 +141,7 @@ def test_faulty_states_give_no_torque_and_every_refusal_is_named(client, start, 
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_ten_minutes_of_faulty_states_give_no_wrong_torque(client, start, files):
     check_faulty_inputs(client, start, files, 600.0, 500.0)
 

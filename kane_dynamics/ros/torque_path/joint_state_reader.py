@@ -216,7 +216,7 @@ class JointStateReader:
             if len(self.foreign_joints) < MAX_LAYOUTS:
                 self.foreign_joints.add(tuple(names))
             return FOREIGN
-        twice = [joint for joint in self.joints if names.count(joint) > 1]
+        twice = [joint for joint in (*self.joints, *self.optional) if names.count(joint) > 1]
         if missing or twice:
             self.detail = ', '.join(missing or twice)
             return MISSING if missing else TWICE

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import Controller, Motion  # noqa: E402, I100
+from kane_dynamics import Controller, Motion, simulate  # noqa: E402, I100
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION,  # noqa: E402
                                                    SINGULAR, UNKNOWN)
@@ -24,10 +24,12 @@ from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # 
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noqa: E402
+from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
-                                                              NOT_FINITE, STALE)
+                                                              NOT_FINITE, STALE, TWICE)
 from kane_dynamics.ros.torque_path.torque_path import REFUSED, TorquePath  # noqa: E402
 from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -343,6 +345,36 @@ def test_the_doctor_examines_the_joints_that_are_needed():
     (level, words), = found({'swivel': 0.0})
     assert level == 'problem'
     assert words.startswith('joint states: shoulder, lever_drive, turn missing among swivel')
+
+
+def test_a_passive_joint_that_is_named_twice_drops_the_state():
+    rig = Rig()
+    names = [*DRIVEN, 'elbow', 'elbow']
+    rig.path.on_state(serialize_message(JointState(
+        name=names, position=[*POSE, -0.4, -0.4], velocity=[0.0] * 6)))
+    assert rig.statistics.dropped == {TWICE: 1}
+
+
+def test_the_plant_moves_as_simulated_and_stays_closed_at_its_stops():
+    robot = palletizer()
+    values = {spec.name: read(spec, spec.default) for spec in PLANT_SPECS}
+    arm = PlantState(robot, values).arm
+    np.testing.assert_allclose(arm.q, positions(robot, 0.0, 0.0, 0.0, 0.0), atol=1e-10)
+    start = positions(robot, *POSE)
+    arm.reset(start)
+    torques = robot.joint_torques(robot.gravity_force(start), start)
+    torques[of_driven()] += [50.0, 40.0, -30.0, 5.0]
+    run = simulate(robot, start, np.zeros(4), 0.2, step=1e-3,
+                   torque=lambda t, q, u: robot.generalized_force(torques, q))
+    for _ in range(200):
+        arm.step(torques)
+    np.testing.assert_allclose(arm.q, run.q[-1], atol=1e-5)  # simulate varies T in a step
+    np.testing.assert_allclose(arm.u, robot.joint_rates(run.q[-1], run.u[-1]), atol=1e-4)
+    for _ in range(1500):  # it falls onto its stops
+        arm.step(0.0 * torques)
+    assert arm.at_stops and arm.stop_contacts and arm.energy.warning == ''
+    assert np.abs(robot.constraint_residual(arm.q)).max() < 1e-9
+    assert (arm.q >= arm.lower - 1e-9).all() and (arm.q <= arm.upper + 1e-9).all()
 
 
 def test_an_estimate_of_the_payload_is_refused_with_the_reason():
