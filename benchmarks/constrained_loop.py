@@ -3,13 +3,16 @@
 from collections.abc import Callable
 from copy import copy
 from functools import partial
+from importlib import import_module
+from pathlib import Path
 import sys
 import time
 
 from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink, knife_edge,
-                           Model, ModelBuilder, momenta, point_mass, PointVelocity, Robot, rod,
-                           Rolling, simulate)
+                           LoopTracker, Model, ModelBuilder, momenta, point_mass, PointVelocity,
+                           Robot, rod, Rolling, simulate)
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing, TURNS
+from kane_dynamics.kinematics.loop_kernel import tracking_kernel
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.torque_input import torque_input
@@ -93,6 +96,45 @@ def watch_costs() -> list[Race]:
     return result
 
 
+def closures() -> list[Race]:
+    """
+    Compare inverse dynamics of the palletizer, with its loops closed, to that of its tree.
+
+    The states are 2 ms apart; each is closed from the one before.
+    """
+    sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+    palletizer = import_module('palletizer')
+    robot, tree = palletizer.palletizer(), palletizer.palletizer_tree()
+    turns = 0.002 * np.arange(STATES + 1)
+    measured = np.stack([0.4 * np.sin(turns), 0.2 + 0.3 * np.sin(turns), 0.3 * np.cos(turns),
+                         turns % 1.0], axis=1)
+    rates = np.gradient(measured, 0.002, axis=0)
+    tracker = LoopTracker(robot, palletizer.DRIVEN)
+    closed, before = [], []
+    for at, u in zip(measured, rates):
+        before.append(tracker.before)
+        tracker.update(at, u)
+        closed.append(tracker.q.copy())
+    q, u = np.array(closed[1:]), rates[1:]
+    last, T = (np.array(x[1:]) for x in zip(*before))
+    contenders = {
+        'closure': kernel_loop(tracking_kernel(robot, tracker.places), {
+            'q': last, 'T': T, 'measured': measured[1:], 'rates': u}),
+        'dynamics': kernel_loop(robot.kernels.quantity('inverse_dynamics'),
+                                {'q': q, 'u': u, 'udot': 0.0 * u}),
+        'tree': kernel_loop(tree.kernels.quantity('inverse_dynamics'), {
+            'q': q, 'u': robot.joint_rates(q, u),
+            'udot': robot.joint_accelerations(q, u, 0.0 * u)})}
+
+    def both() -> None:
+        contenders['closure']()
+        contenders['dynamics']()
+    timing = interleaved({'both': both, 'tree': contenders['tree']}, 4 * TURNS)
+    return [Race('palletizer', robot.n, 'inverse dynamics from measured joints', 'its tree',
+                 timing.median('both') / STATES, timing.median('tree') / STATES,
+                 timing.ratio('tree', 'both'))]
+
+
 def call_each(robot: Robot, q: np.ndarray, u: np.ndarray) -> None:
     """Call forward dynamics from Python once for each of `STATES`."""
     call = robot.forward_dynamics
@@ -165,7 +207,7 @@ def clocked() -> list[Race]:
 
 def races() -> list[Race]:
     """Return all races."""
-    return [*costs('ur10e'), *costs('fr3'), *watch_costs(), *clocked()]
+    return [*costs('ur10e'), *costs('fr3'), *watch_costs(), *closures(), *clocked()]
 
 
 def main() -> int:

@@ -75,6 +75,7 @@ def gates() -> list[Gate]:
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
         *(Gate(f'{what} {WATCHED}', UNWATCHED, 1.0 / 1.05, 1.0, WATCHED_ROBOTS)  # costs 5 %
           for what in ('step', 'calls')),
+        Gate('inverse dynamics from measured joints', 'its tree', 0.3, 0.5, ('palletizer',)),
         # in under 20 s all together
         Gate('a second of each of 10000 simulations, written', CLOCK, 500.0, 2000.0, ('fr3',)),
         Gate('a second simulated at 1 ms', CLOCK, 1000.0, 5000.0, ('four-bar',)),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
                                       ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_log, rotation_exp, rotation_log)
+    from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
                                                      knife_edge, PointVelocity, Prescribed,
                                                      Rolling)
@@ -40,14 +41,14 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FilledTrajectory',
            'FlexibleLink', 'Frame', 'Inertial', 'InputError', 'InverseKinematics', 'Joint',
-           'KaneError', 'Limits', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
-           'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
-           'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'fill_trajectory',
-           'frame_wrench', 'inverse_kinematics', 'knife_edge', 'load_constraints', 'load_urdf',
-           'longest_step', 'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp',
-           'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate',
-           'stiffened', 'with_beam']
+           'KaneError', 'Limits', 'LoopError', 'LoopTracker', 'Mode', 'Model', 'ModelBuilder',
+           'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion', 'PointVelocity',
+           'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds', 'SweepError', 'Terms',
+           'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity',
+           'box', 'disc', 'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
+           'load_constraints', 'load_urdf', 'longest_step', 'momenta', 'natural_vibration',
+           'point_mass', 'pose_error', 'pose_exp', 'pose_log', 'power_balance', 'rod',
+           'rotation_exp', 'rotation_log', 'simulate', 'stiffened', 'with_beam']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',
@@ -65,6 +66,7 @@ _NAMES_BY_MODULE = {
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
         'rotation_log',
+    'kinematics.loop_tracker': 'LoopError LoopTracker',
     'mechanics.constraints':
         'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',
     'mechanics.constraints.speeds': 'absolute_rates body_angular_velocity momenta Speeds',

@@ -71,6 +71,12 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
     return tuple(names.index(name) for name in followed)
 
 
+def joints_that_follow(robot: Robot) -> tuple[int, ...]:
+    """Return the indices of the joints that follow motions: all, or those of closed loops."""
+    return followed_joints(robot) if isinstance(robot.equations, ConstrainedEquations) else tuple(
+        range(robot.n_q))
+
+
 def require_rigid(robot: Robot) -> None:
     """Raise InputError if a robot has beams, which feedforward would bend at will."""
     if robot.model.modal_coordinates:

@@ -10,24 +10,23 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics._util.checks import constant
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import corrected_acceleration
 from kane_dynamics.control.constrained_law import (constrained_law_kernel, followed_joints,
                                                    motion_columns, require_closed)
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.loop_closure import followed_posture, SMALL, STRIDE
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
-import numpy as np
 from numpy.typing import ArrayLike
 
-ITERATIONS = 8  # of Newton's method from the last configuration
-CLOSED = 1e-10  # rad, or lengths: last step of the iteration, which converges quadratically
 CORIOLIS, FRICTION = (TORQUE_TERMS.index(name) for name in ('coriolis', 'friction'))
 
 
@@ -53,8 +52,7 @@ class ConstrainedTorques:
         self.places = list(followed_joints(robot, followed))
         self.followed = tuple(robot.coordinate_names[k] for k in self.places)
         self._preload = None if preload is None else self._checked(preload)
-        self._last: Array | None = None  # configuration of the last feedforward
-        self._of_path: list[str] | None = None  # rows of velocities alone, once known
+        self._tracking = False  # whether the last feedforward was of the same motion of joints
         self._functions: dict[str, Callable[..., Array]] = {}
 
     def _checked(self, preload: ArrayLike) -> Array:
@@ -78,12 +76,13 @@ class ConstrainedTorques:
 
     def restart(self) -> None:
         """Close the loops from the next measured state on."""
-        self._last = None
+        self._tracking = False
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of the law with all terms."""
         constrained_law_kernel(self._robot, self.places)
         self._robot.compile('joint_torques')
+        self._tracker  # noqa: B018
 
     def desired(self, motion: Motion, moment: float) -> State:
         """Return q, u, udot of the joints that follow at a time of the motion, s."""
@@ -127,16 +126,22 @@ class ConstrainedTorques:
     def feedforward(self, q: Array, motion: Motion, moment: float, terms: Terms,
                     t: float) -> tuple[Array, Array]:
         """Return the desired configuration and the generalized force of its motion."""
-        q_c, u_c, udot_c = self.desired(motion, moment)
-        start = (motion.sample(moment)[0] if motion.n == self._robot.n_q else
-                 q if self._last is None else self._last)
-        self._last = q_d = self._closed(start, q_c, motion.n, t)
-        u_d = self._called('followed_speeds', self._speeds, (q_d, u_c), t)
+        (q_d, u_d, udot_d), (*_, qddot) = self.desired_state(q, motion, moment, t)
         if terms.complete:
-            udot_d = self._called('followed_rates', self._rates, (q_d, u_d, udot_c), t)
             return q_d, self._robot.inverse_dynamics(q_d, u_d, udot_d, **self._at(t))
-        tau: Array = terms.weights @ self._terms(q_d, u_d, udot_c, t)
+        tau: Array = terms.weights @ self._terms(q_d, u_d, qddot, t)
         return q_d, tau
+
+    def desired_state(self, q: Array, motion: Motion, moment: float,
+                      t: float) -> tuple[State, State]:
+        """Return q (n_q,), u, udot of a motion, and of the joints that follow, at measured q."""
+        followed = self.desired(motion, moment)
+        q_d, u_d = self._closed(q, motion.sample(moment)[0], followed[0], followed[1], t)
+        return (q_d, u_d, self.rates(q_d, u_d, followed[2], t)), followed
+
+    def rates(self, q: Array, u: Array, qddot: Array, t: float) -> Array:
+        """Return udot, (n,), for accelerations of the joints that follow."""
+        return self._called('followed_rates', self._rates, (q, u, qddot), t)
 
     def _terms(self, q: Array, u: Array, qddot: Array, t: float) -> Array:
         """
@@ -146,8 +151,7 @@ class ConstrainedTorques:
         depend on the choice of speeds.
         """
         robot, at = self._robot, self._at(t)
-        drift, whole = (self._called('followed_rates', self._rates, (q, u, x), t)
-                        for x in (0.0 * qddot, qddot))
+        drift, whole = (self.rates(q, u, x, t) for x in (0.0 * qddot, qddot))
         rows: Array = robot.torque_terms(q, u, whole - drift, **at)
         rows[CORIOLIS] += robot.mass_matrix(q, **at) @ drift
         return rows
@@ -166,36 +170,30 @@ class ConstrainedTorques:
     def _at(self, t: float) -> dict[str, Any]:
         return {'t': t} if self._equations.timed else {}
 
-    def _closed(self, start: Array, target: Array, given: int, t: float) -> Array:
-        """
-        Return the closed configuration on the branch of a start, followed joints at a target.
+    @lazy_property
+    def _tracker(self) -> LoopTracker:
+        """Return the loop closure of desired motions."""
+        return LoopTracker(self._robot, self.followed, max_figure=SINGULAR)
 
-        Near the start by Newton's method in native code, else in small steps.
+    def _closed(self, measured: Array, desired: Array, q: Array, rates: Array,
+                t: float) -> tuple[Array, Array]:
         """
-        mechanism = self._robot.mechanism
-        if given < self._robot.n_q:
-            if self._of_path is None:
-                rows = mechanism.rows(mechanism.state(start, t))
-                self._of_path = [mechanism.labels[k] for k in mechanism.kept
-                                 if rows.residual[k] is None]
-            if self._of_path:
-                raise InputError(f'motion: of {given} joints, with {", ".join(self._of_path)}; '
-                                 'expected a motion of all joints, because a constraint on '
-                                 'velocities leaves the configuration to the path, or computed '
-                                 'torque')
-        here = start
-        if (np.abs(target - start[self.places]) <= SMALL * mechanism.units[self.places]).all():
-            for _ in range(ITERATIONS):
-                ahead = self._called('closing_step', self._closing, (here, target), t)
-                moved = float((np.abs(ahead - here) / mechanism.units).max())
-                if moved > STRIDE:
-                    break
-                here = ahead
-                if moved < CLOSED:
-                    return here
-        goal = start.copy()
-        goal[self.places] = target
-        return followed_posture(mechanism, start, goal, t=t, fixed=self.followed)
+        Return the closed configuration and the speeds of desired followed joints, (n,) each.
+
+        It is on the branch of the measured configuration at the first call after `restart`, or of
+        the desired one if that is of all joints.
+        """
+        tracker, whole = self._tracker, len(desired) == self._robot.n_q
+        if tracker.path_rows and not whole:
+            raise InputError(f'motion: of {len(q)} joints, with {", ".join(tracker.path_rows)}; '
+                             'expected a motion of all joints, because a constraint on '
+                             'velocities leaves the configuration to the path, or computed '
+                             'torque')
+        if whole or not self._tracking:
+            tracker.restart(desired if whole else measured, t)
+        tracker.update(q, rates, t=t)
+        self._tracking = not whole
+        return tracker.q.copy(), tracker.u.copy()
 
     def _speeds(self, q: Any, qdot: Any, t: Any) -> Any:
         """Return u for given rates of the joints that follow."""
@@ -206,13 +204,6 @@ class ConstrainedTorques:
         """Return udot for given accelerations of the joints that follow."""
         motion = self._equations.joint_motion(q, u, self._equations.zeros, t)
         return self._solved(motion, qddot - motion.qddot[self.places])
-
-    def _closing(self, q: Any, target: Any, t: Any) -> Any:
-        """Return q after one Newton step on the constraints and the joints that follow."""
-        equations = self._equations
-        closed = equations.closure_step(q, t)
-        motion = equations.at_rest(q, t)
-        return closed + motion.T @ self._solved(motion, target - closed[self.places])
 
     def _solved(self, motion: Any, rates: Any) -> Any:
         return self._equations.mechanism.solved(motion.T[self.places], rates)
@@ -239,4 +230,4 @@ class ConstrainedTorques:
         return robot.kernels.extra(
             f'{name}_{"_".join(map(str, self.places))}', lambda: trace_program(name, traced, [
                 *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
-            arguments, block, (robot.n_q if name == 'closing_step' else robot.n,))
+            arguments, block, (robot.n,))

@@ -58,6 +58,11 @@ class ControllerSettings:
             self._back = replace(compensate, inertia=True, friction=False).weights
 
     @property
+    def followed(self) -> tuple[str, ...]:
+        """Return the names of the joints that follow motions, in the order of the gains."""
+        return self._follow
+
+    @property
     def mode(self) -> Mode:
         """Return the mode; `update` changes it."""
         return self._mode

@@ -14,7 +14,8 @@ from kane_dynamics.mechanics.constraints import checked_constraints, checked_nam
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, LIMITS, loosened, RANK,
                                                               SINGULAR)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
+                                                                    coordinates_by_name)
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
@@ -59,7 +60,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         changes to others where these become ill-conditioned.
     actuated : sequence of str or mapping of str to float, optional
         The joints that have actuators, or their weights (see `joint_torques`).
-    configuration : (n_q,) array_like, optional
+    configuration : (n_q,) array_like, or mapping of joints to numbers, optional
         A closed or nearly closed configuration, rad or m: speeds and rows are chosen there, and
         `closed_posture` stays on its branch. By default configurations within the limits are
         tried.
@@ -115,14 +116,15 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
             'speeds': speeds, 'constraints': checked_constraints(constraints),
             'independent': checked_names(independent, 'independent'),
             'actuated': (dict(actuated) if isinstance(actuated, Mapping) else
-                         checked_names(actuated, 'actuated')), 'configuration': configuration,
+                         checked_names(actuated, 'actuated')),
+            'configuration': coordinates_by_name(model, configuration),
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)
         tree = self.equations = TreeEquations(model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
-        constraints, independent, actuated = (self._choices[key] for key in (
-            'constraints', 'independent', 'actuated'))
+        constraints, independent, actuated, configuration = (self._choices[key] for key in (
+            'constraints', 'independent', 'actuated', 'configuration'))
         self.speed_sets: SpeedSets | None = None
         if redundant not in ('minimum_norm', 'kept'):
             raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or 'kept'")

@@ -1,4 +1,4 @@
-"""A node for an arm with a closed loop: it tells constraint forces, and commands nothing."""
+"""The services of a node for an arm with a closed loop: constraint forces, simulations."""
 
 from pathlib import Path
 import subprocess
@@ -10,7 +10,6 @@ from kane_dynamics import load_constraints, load_urdf, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
                                           InverseDynamics, Simulate)
-from lifecycle_msgs.msg import Transition
 import numpy as np
 import pytest
 
@@ -74,7 +73,7 @@ rclpy.shutdown()
 def process(files):
     process = Process(urdf=files[0], constraints=files[1])
     try:
-        process.wait_for('remains inactive')
+        process.wait_for('active, mode')
         yield process
     finally:  # else it would answer the requests of other tests
         code, _ = process.end()
@@ -153,17 +152,18 @@ def test_simulations_return_constraint_forces(node, linkage, configuration):
         assert len(points[0].accelerations) == 0
 
 
-def test_an_arm_with_constraints_is_not_activated(node):
-    assert not node.transition(Transition.TRANSITION_ACTIVATE)
-    assert node.state() == 'inactive'
-    assert 'commands only arms without constraints' in node.process.log
+def test_an_arm_whose_file_names_no_measured_joints_is_not_activated(client, start, files,
+                                                                     tmp_path):
+    (tmp_path / 'loop.yaml').write_text(LOOP.replace('independent: [crank_joint]', ''))
+    other = start('-r', '__node:=other', urdf=files[0], constraints=tmp_path / 'loop.yaml')
+    other.wait_for("the node remains inactive: parameter 'constraints': no key `independent`")
 
 
 @pytest.mark.parametrize(('kind', 'name', 'change', 'words'), [
     (InverseDynamics, 'inverse_dynamics', {'position': [0.8, 0.0, -1.5]},
      "of constraint 'pin/"),
     (InverseDynamics, 'inverse_dynamics', {'velocity': [1.0, 2.0, 3.0]}, 'expected 1'),
-    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'expected ZERO or TABLE')])
+    (Simulate, 'simulate', {'duration': 0.1, 'torque_source': 2}, 'trajectory: 0 points')])
 def test_requests_that_violate_constraints_are_refused(node, configuration, kind, name, change,
                                                        words):
     fields = {'position': configuration.tolist(), 'velocity': [1.0], **change}

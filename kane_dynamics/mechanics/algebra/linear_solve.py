@@ -2,9 +2,12 @@
 Solve small structured linear systems over any scalar type, without branches on traced values.
 
 Elimination uses only constant entries as pivots, which do not depend on the state. The rest of
-the matrix splits into independent blocks. Blocks of up to three rows are solved by cofactors,
-larger ones by modified Gram-Schmidt. Both fail only if the block is singular, so no pivoting is
-needed at run time.
+the matrix is permuted to block triangular form and solved block by block: loops that follow from
+one another are solved in their order. The inverse of a diagonal block is a part of the inverse of
+the matrix, so no block is worse conditioned than the whole. Blocks of up to three rows are solved
+by cofactors, larger ones by modified Gram-Schmidt. Both fail only if the block is singular, so no
+pivoting is needed at run time. Source of the form: R. Tarjan, Depth-first search and linear graph
+algorithms, 1972; Duff, Erisman, Reid, Direct Methods for Sparse Matrices, chapter 6.
 """
 
 from typing import Any
@@ -55,11 +58,14 @@ def solution(A: Any, B: Any) -> Any:
                 right[r] = [_minus_product(x, factor, y) for x, y in zip(right[r], right[row])]
                 left[r][column] = 0.0
     rest: Matrix = [[] for _ in range(n)]  # rows of X that the blocks determine
-    for rows, columns in _blocks(left, solved):
-        if len(rows) != len(columns):
-            raise ZeroDivisionError(min(rows) if rows else min(columns))
-        found = _block_solution([[left[r][c] for c in columns] for r in rows],
-                                [right[r] for r in rows])
+    for rows, columns in _triangular_blocks(left, solved):
+        known = [right[r] for r in rows]
+        for k, r in enumerate(rows):
+            for c in range(n):
+                if rest[c] and not is_zero(left[r][c]):
+                    known[k] = [_minus_product(x, left[r][c], y)
+                                for x, y in zip(known[k], rest[c])]
+        found = _block_solution([[left[r][c] for c in columns] for r in rows], known)
         for c, unknown in zip(columns, found):
             rest[c] = unknown
     answer: Matrix = []
@@ -100,22 +106,57 @@ def _constant_pivot(A: Matrix, solved: dict[int, int],
     return None if best is None else best[1:]
 
 
-def _blocks(A: Matrix, solved: dict[int, int]) -> list[tuple[list[int], list[int]]]:
-    """Return the unsolved rows and columns as independent blocks."""
+def _triangular_blocks(A: Matrix,
+                       solved: dict[int, int]) -> list[tuple[list[int], list[int]]]:
+    """Return rows and columns of the diagonal blocks; each depends on earlier columns only."""
     n, taken = len(A), set(solved.values())
-    rows = [r for r in range(n) if r not in taken]
-    columns = [c for c in range(n) if c not in solved]
-    groups: list[tuple[set[int], set[int]]] = [({r}, {c for c in columns
-                                                      if not is_zero(A[r][c])}) for r in rows]
-    merged: list[tuple[set[int], set[int]]] = []
-    for group in groups:
-        touching = [other for other in merged if other[1] & group[1]]
-        merged = [other for other in merged if not other[1] & group[1]]
-        for other in touching:
-            group = (group[0] | other[0], group[1] | other[1])
-        merged.append(group)
-    unseen = set(columns) - {c for group in merged for c in group[1]}
-    return [(sorted(r), sorted(c)) for r, c in merged] + ([([], sorted(unseen))] if unseen else [])
+    columns = {r: [c for c in range(n) if c not in solved and not is_zero(A[r][c])]
+               for r in range(n) if r not in taken}
+    owner: dict[int, int] = {}  # of a column: its row on the diagonal
+    for r in columns:
+        if not _matched(r, columns, owner, set()):
+            raise ZeroDivisionError(r)
+    column = {r: c for c, r in owner.items()}
+    blocks = _components({r: [owner[c] for c in columns[r]] for r in columns})
+    return [(sorted(block), sorted(column[r] for r in block)) for block in blocks]
+
+
+def _matched(row: int, columns: dict[int, list[int]], owner: dict[int, int],
+             seen: set[int]) -> bool:
+    """Give a row a column of its own, moving other rows if needed; return whether it has one."""
+    for c in columns[row]:
+        if c not in seen:
+            seen.add(c)
+            if c not in owner or _matched(owner[c], columns, owner, seen):
+                owner[c] = row
+                return True
+    return False
+
+
+def _components(needs: dict[int, list[int]]) -> list[list[int]]:
+    """Return the strongly connected components of a graph, those needed by others first."""
+    number: dict[int, int] = {}
+    lowest: dict[int, int] = {}
+    open_: list[int] = []
+    found: list[list[int]] = []
+
+    def visit(node: int) -> None:
+        number[node] = lowest[node] = len(number)
+        open_.append(node)
+        for other in needs[node]:
+            if other not in number:
+                visit(other)
+                lowest[node] = min(lowest[node], lowest[other])
+            elif other in open_:
+                lowest[node] = min(lowest[node], number[other])
+        if lowest[node] == number[node]:
+            place = open_.index(node)
+            found.append(open_[place:])
+            del open_[place:]
+    for node in needs:
+        if node not in number:
+            visit(node)
+    return found
 
 
 def _block_solution(A: Matrix, B: Matrix) -> Matrix:

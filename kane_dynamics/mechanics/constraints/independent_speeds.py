@@ -6,7 +6,7 @@ row is an error. The choice is valid near the samples: calls and simulations che
 (`conditioning`) and choose again where needed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -129,6 +129,18 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
                        for start in starts), key=lambda end: np.abs(end[1]).max(initial=0.0))
         raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
     return found
+
+
+def coordinates_by_name(model: Model, configuration: Any) -> Any:
+    """Return a configuration given by joint as an array, (n_q,), 0 for others; else unchanged."""
+    if not isinstance(configuration, Mapping):
+        return configuration
+    names = model.coordinate_names
+    unknown = [name for name in configuration if name not in names]
+    if unknown:
+        raise ConstraintError(f"configuration: joint '{unknown[0]}'; expected one of "
+                              f'{", ".join(names)}')
+    return np.array([configuration.get(name, 0.0) for name in names], dtype=np.float64)
 
 
 def _checked(mechanism: Mechanism, configuration: Any) -> Array:

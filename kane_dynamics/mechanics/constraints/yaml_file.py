@@ -22,6 +22,9 @@ Schema; frames and joints are named as in the URDF, lengths in m, angles in rad:
         point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
                          value: 0.0, angular: false}
     independent: [crank]        # the joints whose rates are independent; default: chosen well
+    actuated: [crank]           # the joints with actuators, or {crank: 1.0}, with weights
+    configuration: {crank: 0.8, coupler: 0.1, rocker: -1.2}
+                                # nearly closed: the assembly mode; joints left out are at 0
 """
 
 from collections.abc import Callable, Mapping
@@ -45,13 +48,14 @@ KINDS: dict[str, tuple[Callable[..., Constraint], tuple[str, ...], tuple[str, ..
     'point_velocity': (PointVelocity, ('frame', 'direction'),
                        ('axes', 'relative_to', 'value', 'angular')),
 }
+OPTIONAL = ('actuated', 'configuration')
 NUMBERS = ('offset', 'radius', 'height', 'value', 'length', 'surface_radius')
 
 
 def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
                      prefix: str = '') -> dict[str, Any]:
     """
-    Return the arguments `constraints` and `independent` of `Robot` from a YAML file.
+    Return the arguments of `Robot` for constraints, and what goes with them, from a YAML file.
 
     ``Robot(load_urdf('press.urdf'), **load_constraints('press.constraints.yaml'))``. The schema
     is in the docstring of `kane_dynamics.mechanics.constraints.yaml_file`.
@@ -72,21 +76,40 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     """
     data = source if isinstance(source, Mapping) else read_yaml(source, 'constraints',
                                                                 ConstraintError)
-    top = mapping(data, 'constraints file', ('constraints', 'independent'), ConstraintError)
+    top = mapping(data, 'constraints file', ('constraints', 'independent', *OPTIONAL),
+                  ConstraintError)
     given = mapping(top.get('constraints', {}), 'constraints', None, ConstraintError)
     if not given:
         raise ConstraintError('constraints file: no constraint; expected at least one '
                               'under the key constraints')
-    independent = top.get('independent')
-    if independent is not None:
-        if not isinstance(independent, list) or not all(
-                isinstance(name, str) for name in independent):
-            raise ConstraintError(f'constraints file: independent: {independent!r}; expected a '
-                                  'list of joint names')
-        independent = tuple(prefix + name for name in independent)
-    return {'constraints': tuple(_constraint(name, entry, prefix)
-                                 for name, entry in given.items()),
-            'independent': independent}
+    options: dict[str, Any] = {'constraints': tuple(_constraint(name, entry, prefix)
+                                                    for name, entry in given.items()),
+                               'independent': _joints(top, 'independent', prefix)}
+    if 'actuated' in top:
+        options['actuated'] = (_numbers(top, 'actuated', prefix) if isinstance(
+            top['actuated'], Mapping) else _joints(top, 'actuated', prefix))
+    if 'configuration' in top:
+        options['configuration'] = _numbers(top, 'configuration', prefix)
+    return options
+
+
+def _joints(top: Mapping[str, Any], key: str, prefix: str) -> tuple[str, ...] | None:
+    """Return a list of joint names, or None if the key is missing."""
+    names = top.get(key)
+    if names is None:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ConstraintError(f'constraints file: {key}: {names!r}; expected a list of joint '
+                              'names')
+    return tuple(prefix + name for name in names)
+
+
+def _numbers(top: Mapping[str, Any], key: str, prefix: str) -> dict[str, float]:
+    """Return a number for each joint that is named."""
+    entries = mapping(top[key], f'constraints file: {key}', None, ConstraintError)
+    return {prefix + joint: float(_of_type(value, (int, float),
+                                           f"constraints file: {key} of '{joint}'", 'a number'))
+            for joint, value in entries.items()}
 
 
 def _constraint(name: str, data: Any, prefix: str) -> Constraint:

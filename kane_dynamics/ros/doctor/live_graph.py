@@ -5,6 +5,8 @@ import time
 from typing import NamedTuple
 
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
+from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.commanders import commanders, several_commanders
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
@@ -110,13 +112,20 @@ def examine_states(robot: Robot, received: list[ReceivedState], seconds: float) 
         return [Finding('problem', f'joint states: none within {seconds:g} s; expected a driver '
                         'with the same ROS_DOMAIN_ID, namespace and topic '
                         '(--joint-states)')]
-    complete = [each for each in received if set(robot.joint_names) <= set(each.message.name)]
+    needed = needed_joints(robot)
+    complete = [each for each in received if set(needed) <= set(each.message.name)]
     if not complete:
         seen = sorted({name for each in received for name in each.message.name})
-        missing = [name for name in robot.joint_names if name not in seen]
+        missing = [name for name in needed if name not in seen]
         return [Finding('problem', f'joint states: {listed(missing)} missing among '
-                        f'{listed(seen)}; expected all joints')]
+                        f'{listed(seen)}; expected '
+                        + ('all joints' if needed == robot.joint_names else listed(needed)))]
     return [*_times(complete), *_numbers(robot, complete[-1].message)]
+
+
+def needed_joints(robot: Robot) -> tuple[str, ...]:
+    """Return the joints that every joint state needs: all, or with closed loops some."""
+    return tuple(robot.joint_names[k] for k in joints_that_follow(robot))
 
 
 def _times(received: list[ReceivedState]) -> list[Finding]:
@@ -143,24 +152,43 @@ def _times(received: list[ReceivedState]) -> list[Finding]:
 
 def _numbers(robot: Robot, message: JointState) -> list[Finding]:
     """Return the findings of the values of one joint state."""
-    index = [list(message.name).index(name) for name in robot.joint_names]
+    names = tuple(name for name in robot.joint_names if name in message.name)
+    index = [list(message.name).index(name) for name in names]
     q, u, effort = (np.array(values, dtype=np.float64)[index]
                     if len(values) == len(message.name) else None
                     for values in (message.position, message.velocity, message.effort))
     if q is None or u is None:
         return [Finding('problem', f'joint states: no {"position" if q is None else "velocity"}; '
                         'expected positions and velocities')]
-    found = [Finding('problem', f'{what} of {listed(names)}: not finite; expected finite numbers, '
+    found = [Finding('problem', f'{what} of {listed(bad)}: not finite; expected finite numbers, '
                      'as the dynamics node drops other states')
              for what, values in (('positions', q), ('velocities', u))
-             if (names := _not_finite(robot, values))]
+             if (bad := _not_finite(names, values))]
+    places = [robot.joint_names.index(name) for name in names]
     with np.errstate(invalid='ignore'):
         beyond = [name for name, outside in zip(
-            robot.joint_names, (q < robot.limits.lower) | (q > robot.limits.upper)) if outside]
+            names, (q < robot.limits.lower[places]) | (q > robot.limits.upper[places])) if outside]
     if beyond:
         found.append(Finding('problem', f'positions of {listed(beyond)}: outside the limits of '
                              'the URDF; expected the URDF of this arm, in rad'))
+    if robot.constraint_names:
+        return found + _loops(robot, names, q)
     return found + _efforts(robot, q, u, effort)
+
+
+def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
+    """Return the findings of the closed loops, from the measured joints."""
+    tracker = LoopTracker(robot, needed_joints(robot))
+    places = [robot.joint_names.index(name) for name in names]
+    further = [k for k in places if k not in tracker.places]
+    whole = np.zeros(robot.n_q)
+    whole[places] = q
+    try:
+        tracker.update(whole[tracker.places], np.zeros(robot.n), further, whole[further])
+    except LoopError as error:
+        return [Finding('problem', str(error))]
+    return [Finding('fine', f'closed loops: residual {tracker.residual:.1e}, conditioning '
+                    f'{tracker.figure:.3g}, measured joints within {tracker.deviation:.2g}')]
 
 
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Finding]:
@@ -168,10 +196,10 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Fin
     if effort is None:
         return [Finding('warning', 'efforts of joint states: none; the momentum observer then '
                         'uses the command')]
-    if names := _not_finite(robot, effort):
+    if names := _not_finite(robot.joint_names, effort):
         return [Finding('warning', f'efforts of {listed(names)}: not finite; the momentum '
                         'observer then uses the command')]
-    if robot.constraint_names or not np.isfinite([q, u]).all() or (
+    if not np.isfinite([q, u]).all() or (
             np.abs(u).max(initial=0.0) >= AT_REST):
         return []
     if effort.any():
@@ -183,9 +211,9 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Fin
                     'efforts, because auto uses them')]
 
 
-def _not_finite(robot: Robot, values: Array) -> list[str]:
+def _not_finite(names: tuple[str, ...], values: Array) -> list[str]:
     """Return the joints whose values are not finite."""
-    return [name for name, good in zip(robot.joint_names, np.isfinite(values)) if not good]
+    return [name for name, good in zip(names, np.isfinite(values)) if not good]
 
 
 def _names(ends: list[TopicEndpointInfo]) -> str:

@@ -7,6 +7,7 @@ import threading
 import time
 from typing import Any
 
+from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
@@ -15,19 +16,20 @@ from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
+from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type, OptionalTopics)
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
+from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader, command_fault
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
                                                            parameter_loads)
-from kane_dynamics.ros.torque_path.guard_link import GuardLink
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.step_kernels import compile_simulation
+from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -59,6 +61,11 @@ class ConfiguredRobot:
     statistics : Statistics
     warn : callable
         Called with the reason and the details of each dropped message.
+
+    Attributes
+    ----------
+    fault : str
+        Why this arm cannot be commanded; empty if it can.
 
     Raises
     ------
@@ -92,7 +99,10 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
-        if not self.robot.constraint_names:  # for filled trajectories
+        if self.robot.constraint_names:
+            step_kernel(self.robot, True, values['simulation.integrator'], None,
+                        joints_that_follow(self.robot))
+        else:  # for filled trajectories
             for robot in (self.robot, *([bending.robot] if bending else [])):
                 robot.compile('inverse_dynamics', 'torque_terms', batches=True)
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
@@ -101,7 +111,8 @@ class ConfiguredRobot:
         FillSettings.from_values(values, self.robot.joint_names)
         self.verified = max(robot.verify() for robot in (
             self.robot, *([bending.robot] if bending else [])))
-        if not self.robot.constraint_names:
+        self.fault = command_fault(controller)
+        if not self.fault:
             controller.compile()
         with ExitStack() as opened:
             self._open(controller, opened)
@@ -116,7 +127,7 @@ class ConfiguredRobot:
             result = node.create_lifecycle_publisher(kind, name, qos)
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
-        guarded = values['guard.enabled'] and not self.robot.constraint_names
+        guarded = values['guard.enabled'] and not self.fault
         qos = watched(values['guard.lease'], values['guard.deadline']) if guarded else RELIABLE
         self._commands = publisher(Float64MultiArray, 'commands', qos)
         stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE) if (
@@ -124,11 +135,12 @@ class ConfiguredRobot:
         self.path = TorquePath(
             controller, self._commands, publisher(JointState, '~/joint_torques', qos), self._now,
             values['state_timeout'], self._statistics,
-            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped)
+            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
+            None if self.fault else closed_loop_reader(controller, values))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
-                               self.robot.n) if guarded else None
+                               len(self.path.messages.joints)) if guarded else None
         self.path.arbiter = self.guard
         self._distribute()
         self._states = node.create_subscription(
@@ -204,6 +216,8 @@ class ConfiguredRobot:
         if before['mode'] != values['mode'] and self.path.active_motion.clear():
             self._warn('mode', 'changed; desired motion dropped')
         self.path.set_timeout(values['state_timeout'])
+        if self.path.loops is not None:
+            self.path.loops.update(values)
         self.path.controller.update(**path_settings(values, self.robot))
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']

@@ -15,10 +15,10 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
 from kane_dynamics.ros.dynamics_node.node_timers import NodeTimers
+from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.services import Services
-from kane_dynamics.ros.torque_path.sim_time_watchdog import SimTimeWatchdog
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import JumpThreshold, TimeJump
@@ -130,10 +130,7 @@ class DynamicsNode(LifecycleNode):
     def _activation_fault(self) -> str:
         """Return why this arm cannot be commanded; empty if it can."""
         assert self.arm is not None
-        names = self.arm.robot.constraint_names
-        return '' if not names else (
-            f"parameter 'constraints': {', '.join(names)}; expected none, as the node commands "
-            'only arms without constraints')
+        return self.arm.fault
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros, then deactivate the publishers."""
@@ -176,8 +173,8 @@ class DynamicsNode(LifecycleNode):
         joints = self.arm.robot.joint_names
         if model.flexible:
             modes = ', '.join(model.coordinate_names[k] for k in model.modal_coordinates)
-            log.info(f'commands include the quasi-static deflection {modes}; services treat '
-                     'flexible links as rigid')
+            log.info('commands and ~/inverse_dynamics include the quasi-static deflection '
+                     f'{modes}; other services treat flexible links as rigid')
         log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
         if fault := self._activation_fault():

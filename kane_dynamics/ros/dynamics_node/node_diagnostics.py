@@ -4,12 +4,15 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION, SINGULAR,
+                                                   UNKNOWN)
 from kane_dynamics.ros.common.commanders import several_commanders
 from kane_dynamics.ros.common.lost_messages import WARNING_SHARE
 from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, MISSING, NO_CLOCK,
                                                               NO_VELOCITY, STALE)
+from kane_dynamics.ros.torque_path.torque_path import REFUSED
 
 if TYPE_CHECKING:
     from kane_dynamics.ros.dynamics_node.node import DynamicsNode
@@ -24,7 +27,13 @@ DROP_REMEDIES = {reason: f'{reason} ({remedy})' for reason, remedy in {
     NO_VELOCITY: 'let the driver publish velocities',
     STALE: 'check delay, clocks and use_sim_time of the driver',
     FUTURE: 'synchronize the clocks',
-    NO_CLOCK: 'start what publishes /clock, or set use_sim_time false'}.items()}
+    NO_CLOCK: 'start what publishes /clock, or set use_sim_time false',
+    SINGULAR: 'move the arm away from it, or raise closure.max_conditioning',
+    BRANCH: 'compare the constraints file with the arm',
+    CONTRADICTION: 'check the encoders, the constraints file and closure.tolerance',
+    UNKNOWN: 'publish all joints, or move the arm to the configuration of the constraints file, '
+             'deactivate and activate the node',
+    REFUSED: 'keep motions away from singular configurations'}.items()}
 
 
 def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
@@ -51,6 +60,8 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
                     'publishers of joint states': str(arm.state_publishers),
                     'publishers of commands': str(len(arm.commanders))}
         figures |= arm.optional_topics.figures()
+        if arm.path.loops is not None:
+            figures |= arm.path.loops.figures()
         if arm.guard is not None:
             figures['guard'] = arm.guard.warning or 'watching'
     return status(f'{node.get_fully_qualified_name()}: torques',

@@ -9,7 +9,7 @@ from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.commanders import several_commanders
 from kane_dynamics.ros.common.qos import RELIABLE
 from kane_dynamics.ros.dynamics_node.node_diagnostics import node_status
-from kane_dynamics.ros.torque_path.sim_time_watchdog import LOST_CLOCK
+from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 

@@ -10,6 +10,7 @@ from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
 from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
+from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.guard_messages import FIELDS, REQUEST, STATE, STOPPED
 from kane_dynamics.ros.torque_path.path_controller import path_controller
@@ -60,7 +61,8 @@ class ConfiguredGuard:
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self.missed_deadlines, self.node_alive, self._heartbeats = 0, False, 0
-        self._message = float64_multi_array(FIELDS + self.robot.n)
+        self._message = float64_multi_array(FIELDS + len(commanded_joints(
+            self.robot, controller.followed)))
         self._request = float64_multi_array(1)
         with ExitStack() as opened:
             self._open(node, target, controller, values, warn, report, opened)

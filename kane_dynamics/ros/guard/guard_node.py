@@ -124,9 +124,7 @@ class GuardNode(Node):
             resolve_path('urdf', values['urdf']) if values['urdf'] else self._description)
         self.reason = ('guard.enabled of the dynamics node is false; expected true'
                        if not values['guard.enabled'] else
-                       'waiting for a URDF on topic robot_description' if not source else
-                       'the dynamics node has constraints and commands nothing'
-                       if values['constraints'] else '')
+                       'waiting for a URDF on topic robot_description' if not source else '')
         if self.reason:
             log.warning(self.reason)
             return

@@ -12,6 +12,7 @@ from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, STAMP, STAMP_AT
+from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.publisher import Publisher
@@ -19,16 +20,18 @@ from rclpy.publisher import Publisher
 LATE = 1.5  # times state_timeout, after which the node should have commanded zeros
 
 
-def guard_settings(values: Mapping[str, Any], joints: tuple[str, ...]) -> dict[str, Any]:
+def guard_settings(values: Mapping[str, Any], controller: Controller) -> dict[str, Any]:
     """
     Return the settings of the guard's Controller.
 
     Computed torque without position gain at zero desired speed is gravity, Coriolis force, and
     damping by the inertia: M(q) (-kd u) + h(q, u).
     """
+    joints = controller.robot.joint_names
+    follow = [joints.index(name) for name in controller.followed]
     return controller_settings(values, joints) | {
         'mode': Mode.COMPUTED_TORQUE, 'kp': 0.0,
-        'kd': per_joint(values, 'guard.damping', joints, 0.0)}
+        'kd': per_joint(values, 'guard.damping', joints, 0.0)[follow]}
 
 
 class GuardPath(TorquePath):
@@ -61,21 +64,23 @@ class GuardPath(TorquePath):
                  now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None], report: Callable[[str], None]) -> None:
         super().__init__(controller, commands, torques, now, values['state_timeout'], statistics,
-                         warn)
-        joints = controller.robot.joint_names
+                         warn, loops=closed_loop_reader(controller, values))
+        joints = self.messages.joints
         self.watch = NodeWatch(values['guard.lease'], len(joints))
         self.arbiter = self.watch
         self._report, self._pending_report = report, ''
         self._node_torques = joint_state_of_efforts(joints)
         self._takeovers, self._took_over = 0, 0  # those begun; stamp of the last one, ns
-        self._offset, self._ramp = np.zeros(len(joints)), 0.0  # N m; s
+        self._offset, self._ramp = np.zeros(controller.robot.n_q), 0.0  # N m; s
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
         self._values = values
-        self.controller.update(**guard_settings(values, self.controller.robot.joint_names))
+        self.controller.update(**guard_settings(values, self.controller))
         self.set_timeout(values['state_timeout'])
+        if self.loops is not None:
+            self.loops.update(values)
 
     @property
     def need_velocity(self) -> bool:
@@ -108,7 +113,7 @@ class GuardPath(TorquePath):
         elif values['guard.action'] == 'damp':
             tau = tau - faded * controller.gravity_torque(reader.q)
         if not continues:
-            self._offset = self.watch.torque - tau
+            self._offset = self.messages.of_all(self.watch.torque) - tau
             rate = controller.rate_limit
             self._ramp = max(values['guard.ramp'], *np.divide(
                 np.abs(self._offset), rate, out=np.zeros(len(rate)), where=rate > 0.0).tolist())
@@ -135,6 +140,8 @@ class GuardPath(TorquePath):
                 return
             self._report('the dynamics node commands without a request; watching it')
         self.commanding = False
+        if self.loops is not None and self.loops.lost:
+            self.loops.restart()  # the node knows the assembly mode again
         self.watch.note_node_command(torque, now)
 
     def on_stopped(self) -> None:
@@ -143,7 +150,7 @@ class GuardPath(TorquePath):
             self.command_zeros()
             self._report('the dynamics node commands zeros; watching it')
         self.commanding = False
-        self.watch.note_node_command(np.zeros(len(self._offset)), time.perf_counter())
+        self.watch.note_node_command(np.zeros(len(self.messages.joints)), time.perf_counter())
 
     def hand_over(self) -> bool:
         """Stop commanding; return whether the guard commanded."""
@@ -169,13 +176,13 @@ class GuardPath(TorquePath):
 
     def _publish(self, tau: Array, sec: int, nanosec: int) -> None:
         super()._publish(tau, sec, nanosec)
-        self.watch.note(tau, True)
+        self.watch.note(self.messages.of_commanded(tau), True)
 
     def on_clock_jump(self) -> None:
         """Forget the stamps of the time before the jump; torques continue."""
         super().on_clock_jump()
         self._took_over = self._now()
-        self.controller.resume(None, self.watch.torque)
+        self.controller.resume(None, self.messages.of_all(self.watch.torque))
 
     def stop(self) -> None:
         """Ignore further states; command zeros if the guard commands."""

@@ -6,6 +6,7 @@ from typing import Any
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import terms
+from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
 
@@ -37,6 +38,8 @@ class AppliedTorque:
     def __init__(self, robot: Robot, values: Mapping[str, Any],
                  reject: Callable[[str, str], None]) -> None:
         self._robot, self._reject, self._zero = robot, reject, np.zeros(robot.n)
+        self._actuated = list(commanded_joints(robot, robot.speed_names)) if (
+            robot.constraint_names) else None
         self.measured = False
         robot.compile('torque_terms')
         self.update(values)
@@ -50,7 +53,11 @@ class AppliedTorque:
                                     for name in TORQUE_TERMS], dtype=np.float64)
 
     def torque(self, cycle: Cycle) -> Array | None:
-        """Return the torque that acts on the joints, (n,) N m or N; None if it is unknown."""
+        """
+        Return the torque that acts on the joints, (n,) N m or N; None if it is unknown.
+
+        With closed loops it is the generalized force of the independent joints.
+        """
         state = cycle.state
         if not state.has_velocity:
             self._reject('no velocity', 'joint states without velocities; the observer needs them')
@@ -61,7 +68,17 @@ class AppliedTorque:
                          "observer.torque is 'effort'")
             return None
         torque = state.effort if self.measured else cycle.tau
+        if self._actuated is not None:
+            torque = self._generalized(torque, state.q)
         if not self.measured and self._arm_terms.any():
             torque = torque + self._arm_terms @ self._robot.torque_terms(state.q, state.u,
                                                                          self._zero)
         return torque if cycle.external is None else torque + cycle.external
+
+    def _generalized(self, torque: Array, q: Array) -> Array:
+        """Return the generalized force, (n,), of all torques or of those of the actuators."""
+        whole = torque
+        if self.measured:
+            whole = np.zeros(len(q))
+            whole[self._actuated] = torque
+        return self._robot.generalized_force(whole, q)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
 from kane_dynamics.control.momentum_observer import MomentumObserver, OBSERVED
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import KaneError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
@@ -37,9 +37,10 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     Raise InputError if a list has the wrong length, or a joint has neither a threshold
     nor an effort limit.
     """
-    joints = robot.joint_names
+    joints = robot.speed_names  # all joints, or with closed loops the independent ones
     limits = np.minimum(np.array(robot.limits.effort),
-                        per_joint(values, 'limits.effort', joints, np.inf))
+                        per_joint(values, 'limits.effort', robot.joint_names, np.inf))
+    limits = limits[[robot.joint_names.index(name) for name in joints]]
     threshold = per_joint_of_effort(values, 'observer.threshold', joints, limits,
                                     DEFAULT_THRESHOLD)
     return {'gain': per_joint(values, 'observer.gain', joints, 0.0), 'threshold': threshold,
@@ -57,7 +58,8 @@ class ContactMonitor:
     """
     Estimates external torques, detects collisions, and publishes both.
 
-    Wrenches on `~/wrench` are known and not part of the estimate.
+    Wrenches on `~/wrench` are known and not part of the estimate. With closed loops the torques
+    are the generalized forces of the independent joints.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ class ContactMonitor:
                  reject: Callable[[str, str], None]) -> None:
         self._robot, self._publishers, self._log, self._reject = robot, publishers, log, reject
         self.collisions: Counter[str] = Counter()  # by joint
-        joints, given = robot.joint_names, observer_settings(values, robot)
+        joints, given = robot.speed_names, observer_settings(values, robot)
         robot.compile(*OBSERVED)
         self._applied_torque = AppliedTorque(robot, values, reject)
         self._observer = MomentumObserver(robot, gain=given.pop('gain'))
@@ -132,7 +134,7 @@ class ContactMonitor:
         t = (cycle.stamp - self._origin) / NANO
         try:
             torque = self._observer.update(t, state.q, state.u, applied)
-        except InputError as error:  # overflow from finite numbers
+        except KaneError as error:  # overflow from finite numbers, or a singular loop
             self._reject('not finite', str(error))
             return
         if self.detector.update(t, torque):
@@ -148,7 +150,7 @@ class ContactMonitor:
             self._log.info('collision ended')
             return
         self.collisions[self.detector.joint] += 1
-        joints: Sequence[str] = self._robot.joint_names
+        joints: Sequence[str] = self._robot.speed_names
         words = ', '.join(
             f"'{name}' {torque[k]:.3g} (threshold {self._thresholds[k]:.3g})"
             for k, name in enumerate(joints) if name in self.detector.beyond)

@@ -74,7 +74,14 @@ SPECS = (
     Spec('joints', 'names', [], 'joints that move, in the order of `commands`; all other joints '
          'are locked; empty: all joints, parents first'),
     Spec('constraints', 'text', '', 'path of a YAML file with loop closures and other '
-         'constraints; the node then serves requests but publishes no commands; empty: none'),
+         'constraints; joint states then need the joints of its key `independent`, and `commands` '
+         'are of its `actuated` joints; empty: none'),
+    live('closure.tolerance', 'number', 0.02, 'largest deviation of further measured joints from '
+         'the closed loops, rad or m; beyond it the node commands zeros', positive=True, low=0.0,
+         high=1.0),
+    live('closure.max_conditioning', 'number', 200.0, 'largest conditioning figure of the closed '
+         'loops, about one over the distance from a singular configuration in rad; beyond it the '
+         'node commands zeros', low=1.0, high=1e4),
     Spec('prefix', 'text', '', 'prefix of the names of joints and frames in messages, for two '
          'arms with the same URDF; parameters and the supplement use the names of the URDF'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
@@ -197,6 +204,8 @@ SPECS = (
     Spec('simulation.integrator', 'text', 'rk4', 'integrator of simulations; implicit for '
          'friction, springs and beams that need very short steps with rk4',
          choices=tuple(INTEGRATORS)),
+    live('simulation.stops', 'flag', False, 'put rigid, inelastic stops at the position limits in '
+         'simulations'),
     live('simulation.max_waiting', 'count', 8, 'largest number of queued simulations; further '
          'requests are answered as busy', low=1.0, high=1000.0),
     Spec('realtime.priority', 'count', 0, 'real-time priority (SCHED_FIFO) of the threads that '

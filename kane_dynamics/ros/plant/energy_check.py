@@ -3,6 +3,7 @@
 from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import EnergyBalance
+from kane_dynamics.simulation.step_kernels import state_names
 import numpy as np
 
 BLOCK = 2000  # steps that are kept and checked together
@@ -30,7 +31,7 @@ class EnergyCheck:
     def __init__(self, robot: Robot, step: float, integrator: str) -> None:
         self._arguments = robot, step
         self._integrator = integrator
-        self._states = np.zeros((1, BLOCK + 1, 2 * robot.n))
+        self._states = np.zeros((1, BLOCK + 1, len(state_names(robot))))
         self._torques = np.zeros((1, BLOCK, robot.n))
         self.warning = ''
         self.restart(self._states[0, 0])

@@ -10,7 +10,8 @@ from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.commanders import CommanderCount, several_commanders
-from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
+from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
+                                                          robot_options)
 from kane_dynamics.ros.common.conversion import NANO, vector
 from kane_dynamics.ros.common.qos import RELIABLE, WRENCHES
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -21,7 +22,9 @@ from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, STAMP, write_joint_state
+from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.wrench_input import wrench_array
+import numpy as np
 from rclpy.clock import Clock as RosClock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -95,13 +98,19 @@ class PlantNode(Node):
         if not source:
             raise InputError("URDF: none; expected parameter 'robot_description' or 'urdf'")
         model = load_model(source, values, self.get_logger().warning)
-        return Robot(model, payload_frame=values['payload.frame'] or None,
-                     wrench_frames=values['wrench.frames'])
+        return Robot(model, **robot_options(values))
 
     def _set_up_messages(self) -> None:
         """Build the layout of the joint state; each tick writes only its numbers."""
-        names = self.plant.arm.joint_names
-        n = len(names)
+        arm = self.plant.arm
+        names = self.values['measured'] or arm.joint_names
+        if unknown := [name for name in names if name not in arm.joint_names]:
+            raise InputError(f"parameter 'measured': {', '.join(unknown)}; expected joints of "
+                             f'{", ".join(arm.joint_names)}')
+        self._measured = [arm.joint_names.index(name) for name in names]
+        robot, n = self.plant.robot, len(names)
+        self._commanded = list(commanded_joints(
+            robot, robot.speed_names))[:len(arm.joint_names)]
         writer, offsets = write_joint_state(names, '', (n, n, n))
         self._message = PreparedMessage(writer, offsets[0], n)
         self._columns = [self._message.doubles(offset, n) for offset in offsets]
@@ -135,7 +144,7 @@ class PlantNode(Node):
         for measurement in arrived:
             self._message.stamp(*divmod(measurement.stamp, NANO))
             for column, numbers in zip(self._columns, measurement[1:], strict=True):
-                column[:] = numbers
+                column[:] = numbers[self._measured]
             self._states.publish(self._message.serialized())
 
     def _publish_time(self, stamp: int) -> None:
@@ -145,11 +154,13 @@ class PlantNode(Node):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         try:
-            tau = vector(message.data, None, len(self.plant.arm.joint_names), 'commands')
+            given = vector(message.data, None, len(self._commanded), 'commands')
         except InputError as error:
             self._reject('commands', error)
             return
         self.received += 1
+        tau = np.zeros(len(self.plant.arm.joint_names))
+        tau[self._commanded] = given
         self.plant.command(tau)
 
     def _on_wrench(self, message: WrenchStamped) -> None:

@@ -13,7 +13,11 @@ def _shared(*names: str) -> tuple[Spec, ...]:
 SPECS = (
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf`'),
     Spec('urdf', 'text', '', 'path of the URDF file'),
-    *_shared('supplement', 'base', 'tip', 'joints', 'prefix', 'gravity', 'payload.frame'),
+    *_shared('supplement', 'base', 'tip', 'joints'),
+    replace(BY_NAME['constraints'], description='path of a YAML file with loop closures and other '
+            'constraints; `commands` are then of its `actuated` joints; empty: none'),
+    Spec('measured', 'names', [], 'joints in joint_states; empty: all'),
+    *_shared('prefix', 'gravity', 'payload.frame'),
     replace(BY_NAME['payload.mass'], description='mass of the payload, kg; the dynamics node may '
             'assume another one'),
     *_shared('payload.com', 'payload.inertia', 'payload.max_mass', 'payload.max_distance'),
@@ -30,7 +34,8 @@ SPECS = (
     live('reset_clock', 'flag', False, 'let ~/reset set simulated time back to 1 s'),
     Spec('start_paused', 'flag', False, 'start paused; ~/pause resumes'),
     live('initial.position', 'per_joint', [], 'initial positions, at rest, at the start and after '
-         '~/reset, rad or m; empty: 0, or the limit nearest to it'),
+         '~/reset, rad or m; empty: 0, or the limit nearest to it; with closed loops those of the '
+         'independent joints count, and empty is the configuration of the constraints file'),
     live('hold_until_command', 'flag', True, 'hold the arm with brakes until the first command; '
          'false: the arm moves freely from the start'),
     live('command_timeout', 'number', 0.1, "age, s of the plant's time, above which the last "

@@ -110,7 +110,8 @@ class PlantState:
         """Put the arm at rest at its initial position; keep the time."""
         arm = self.arm
         initial = per_joint(self._values, 'initial.position', arm.joint_names, 0.0)
-        arm.reset(np.clip(initial, arm.lower, arm.upper))
+        given = self._values['initial.position'].shape != (0,) or not self.robot.constraint_names
+        arm.reset(np.clip(initial, arm.lower, arm.upper) if given else None)
         self._wrench_until.clear()
         self._torque = self._zero
         self._last_command: int | None = None

@@ -2,18 +2,21 @@
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.conditioning import described
 from kane_dynamics.mechanics.joint_stops import stopped_state
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.plant.energy_check import EnergyCheck
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_kernels import state_names, step_kernel
 from kane_dynamics.simulation.step_size import step_warning
+from kane_dynamics.simulation.stops.joint_stops import JointStops
 import numpy as np
 
 
 def joint_count(robot: Robot) -> int:
     """Return the number of joint coordinates, which precede those of flexible modes."""
-    return robot.n - len(robot.model.modal_coordinates)
+    return robot.n_q - len(robot.model.modal_coordinates)
 
 
 class SimulatedArm:
@@ -22,6 +25,9 @@ class SimulatedArm:
 
     Motors, sensors and stops act on the joints, which come first among the coordinates. Flexible
     modes are simulated, but neither actuated nor measured.
+
+    With closed loops the state is that of the independent speeds; the loops are closed again in
+    every step, and the motors act through `Robot.generalized_force`.
 
     The native step uses fixed memory. The stops are at the position limits; velocity limits are
     not enforced.
@@ -40,7 +46,7 @@ class SimulatedArm:
     joint_names : tuple of str
         Names of the n joints.
     q, u : (n,) arrays
-        State of the joints, rad or m, and s; views of fixed memory.
+        Positions and rates of the joints, rad or m, and s; in fixed memory.
     effort : (n,) array
         Effort of the motors in the last step, N m or N.
     limit : (n,) array
@@ -62,14 +68,14 @@ class SimulatedArm:
     def __init__(self, robot: Robot, step: float, integrator: str = 'rk4') -> None:
         """Compile the kernels of a step."""
         self._integrator = integrator
-        whole = robot.n
-        n = joint_count(robot)
+        n, n_q = joint_count(robot), robot.n_q
         self.robot, self.joint_names = robot, robot.joint_names[:n]
-        self._bending = QuasiStatic(robot) if n < whole else None
-        self._state, self._next = np.zeros((2, 2 * whole))
-        self._total = np.zeros((1, whole))
-        self._q, self._u = np.split(self._state, 2)
-        self.q, self.u = self._q[:n], self._u[:n]
+        self._constrained = bool(robot.constraint_names)
+        self._bending = QuasiStatic(robot) if n < n_q else None
+        self._state, self._next = np.zeros((2, len(state_names(robot))))
+        self._total = np.zeros((1, robot.n))
+        self._q, self._u = self._state[:n_q], self._state[n_q:n_q + robot.n]
+        self.q, self.u = self._q[:n], np.zeros(n) if self._constrained else self._u[:n]
         self.effort = np.zeros(n)
         self.limit = robot.limits.effort[:n].copy()
         self.wrenches: dict[str, Array] = {}
@@ -79,11 +85,16 @@ class SimulatedArm:
         kernel = step_kernel(robot, False, integrator)
         self._constants = kernel.parameters
         self._constants[0] = step
+        if self._constrained:
+            self._state[:n_q] = self._next[:n_q] = self._closed(None)
+            self._stops = JointStops(robot, self._state[None, :], step, 0.0)
         self.energy = EnergyCheck(robot, step, integrator)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
-        inverse_mass = robot.kernels.quantity('inverse_mass_matrix')
-        self._inverse_mass = inverse_mass.bind([self._q], np.zeros(inverse_mass.shape), 'M^-1.')
+        if not self._constrained:
+            inverse_mass = robot.kernels.quantity('inverse_mass_matrix')
+            self._inverse_mass = inverse_mass.bind([self._q], np.zeros(inverse_mass.shape),
+                                                   'M^-1.')
         self.frames = WrenchFrames(robot)
         robot.compile('external_force')
 
@@ -104,13 +115,30 @@ class SimulatedArm:
         self.energy.restart(self._state)
         self._constants[1:] = self.robot.parameters.block
 
-    def reset(self, q: Array) -> None:
-        """Put the arm at rest at q, (n,), without torque and wrenches."""
-        self.q[:], self._u[:], self.effort[:] = q, 0.0, 0.0
+    def reset(self, q: Array | None) -> None:
+        """
+        Put the arm at rest at q, (n,), without torque and wrenches.
+
+        With closed loops the independent joints are at q; None is the configuration of the robot.
+        """
+        self.u[:], self._u[:], self.effort[:] = 0.0, 0.0, 0.0
+        if self._constrained:
+            self._q[:] = self._closed(q)
+        else:
+            self.q[:] = 0.0 if q is None else q
         if self._bending is not None:
-            self._q[len(self.q):] = self._bending.modes(q, self.u, self.u)
+            self._q[len(self.q):] = self._bending.modes(self.q, self.u, self.u)
         self.wrenches.clear()
         self.energy.restart(self._state)
+
+    def _closed(self, q: Array | None) -> Array:
+        """Return the closed configuration whose independent joints are at q."""
+        robot = self.robot
+        if q is not None:
+            return robot.closed_posture(q, fixed=robot.speed_names)
+        if robot.configuration is not None:
+            return robot.closed_posture(robot.configuration)
+        return robot.neutral()
 
     def step(self, torque: Array) -> None:
         """
@@ -124,21 +152,31 @@ class SimulatedArm:
         Raises
         ------
         InputError
-            The motion diverged (non-finite state); the state is unchanged.
+            The motion diverged (non-finite state), or the loops are near a singular
+            configuration; the state is unchanged.
 
         """
         np.clip(torque, -self.limit, self.limit, out=self.effort)
         if (self.effort != torque).any():
             self.clamped += 1
-        self._total[0, :len(self.effort)] = self.effort
-        self._total[0, len(self.effort):] = 0.0
+        if self._constrained:
+            self._total[0] = self.robot.generalized_force(self.effort, self._q)
+        else:
+            self._total[0, :len(self.effort)] = self.effort
+            self._total[0, len(self.effort):] = 0.0
         if self.wrenches:
             self._total[0] += self._external()
         self._advance()
+        if self._constrained and not self._next[-1] > 0.0:
+            raise InputError('closed loops: near a singular configuration at '
+                             f'{described(self.robot.mechanism, self._q)}; expected a motion '
+                             'away from it')
         self._state[:] = self._next
         self.energy.add(self._total[0], self._state)
         if (self.q < self.lower).any() or (self.q > self.upper).any():
             self._apply_stops()
+        if self._constrained:
+            self.u[:] = self.robot.joint_rates(self._q, self._u)
 
     def _external(self) -> Array:
         """Return the generalized force of the wrenches at the present configuration."""
@@ -149,7 +187,8 @@ class SimulatedArm:
     def _apply_stops(self) -> None:
         """Move joints back to their stops and remove their speed into the stops."""
         self.energy.close()
-        self._q[:], self._u[:] = stopped_state(self._q, self._u, self._inverse_mass(),
-                                               self._lower, self._upper)
+        self._q[:], self._u[:] = self._stops.admissible(
+            self.robot, self._q.copy(), self._u.copy(), 0.0) if self._constrained else (
+            stopped_state(self._q, self._u, self._inverse_mass(), self._lower, self._upper))
         self.energy.restart(self._state)
         self.stop_contacts += 1

@@ -11,6 +11,10 @@ from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 
 
+RIGID = 'flexible links treated as rigid'
+QUASI_STATIC = 'effort with the quasi-static deflection of flexible links, reactions without'
+
+
 @dataclass(frozen=True)
 class ServedRobot:
     """
@@ -27,7 +31,8 @@ class ServedRobot:
     frames : WrenchFrames
         Frames of `robot` at which a request may apply wrenches.
     bending : QuasiStatic, optional
-        The flexible arm of which `robot` is the rigid model, for filled trajectories.
+        The flexible arm of which `robot` is the rigid model, for filled trajectories and inverse
+        dynamics.
     measured : callable
         Returns the measured positions, (n,), or None.
 

@@ -6,7 +6,7 @@ from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.common.conversion import as_wrench, doubles, Index, vector
 from kane_dynamics.ros.services.explanation_message import explanation_message
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
-from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID, ServedRobot
 from kane_dynamics.ros.torque_path.wrench_input import wrenches_of_request
 import numpy as np
 
@@ -40,8 +40,12 @@ def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     robot = served.robot
     order, q, u, udot = _state(robot, request, 'velocity', 'acceleration')
     tau = robot.inverse_dynamics(q, u, udot)
+    torques = robot.joint_torques(tau, q)
+    if served.bending is not None:
+        torques = served.bending.inverse_dynamics(q, u, udot)
+        response.message = QUASI_STATIC
     names = response.joint_names = order.joint_names
-    response.effort = doubles(_reordered(robot.joint_torques(tau, q), order.joints))
+    response.effort = doubles(_reordered(torques, order.joints))
     joints = [body.joint.name for body in robot.model.bodies]
     reactions = robot.joint_reactions(q, u, udot)
     response.joint_reactions = [as_wrench(reactions[joints.index(name)]) for name in names]
@@ -51,6 +55,7 @@ def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
 def forward_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     """Fill in the accelerations that torques cause, and the constraint forces."""
     robot = served.robot
+    response.message = RIGID * (served.bending is not None)
     order, q, u, tau = _state(robot, request, 'velocity', 'effort')
     response.joint_names = order.speed_names
     response.acceleration = doubles(_reordered(robot.forward_dynamics(q, u, tau), order.speeds))
@@ -60,6 +65,7 @@ def forward_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
 def get_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     """Fill in mass matrix, bias, gravity and friction forces, and energies."""
     robot = served.robot
+    response.message = RIGID * (served.bending is not None)
     order, q, u = _state(robot, request, 'velocity')
     response.joint_names = order.speed_names
     response.mass_matrix = doubles(_reordered(robot.mass_matrix(q), order.speeds))
@@ -75,6 +81,7 @@ def get_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
 def explain(served: ServedRobot, request: Any, response: Any) -> None:
     """Fill in the torque breakdown of a motion, by source and by body, and the power."""
     robot = served.robot
+    response.message = RIGID * (served.bending is not None)
     order, q, u, udot = _state(robot, request, 'velocity', 'acceleration')
     wrench = wrenches_of_request(served.frames, q, request.wrenches)
     response.explanation = explanation_message(robot, (q, u, udot), wrench,

@@ -8,20 +8,21 @@ from typing import Any
 
 from kane_dynamics._util.checks import positive_time
 from kane_dynamics.control.computed_torque import ComputedTorque
+from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index, motion_from_message,
                                                  trajectory_message, vector)
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
-from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.simulation.simulate import simulate
 from kane_dynamics.simulation.step_size import step_warning
 import numpy as np
 
 DEFAULT_STEP = 1e-3   # s
-MOST_CHANGES = 20     # of independent speeds, told in an answer
+MOST_CHANGES = 20     # of independent speeds, and impacts on stops, in an answer
 DEFAULT_POINTS = 100  # approximate number of points of a trajectory
 
 
@@ -39,6 +40,8 @@ class SimulationRequest:
     sample: float
     torque: Array | ComputedTorque | None
     integrator: str
+    stops: bool
+    assumption: str
 
     @classmethod
     def from_request(cls, request: Any, served: ServedRobot) -> 'SimulationRequest':
@@ -51,14 +54,13 @@ class SimulationRequest:
         if request.torque_source == request.TABLE:
             torque = _torque_table(request, index, n, duration, step)
         elif request.torque_source == request.COMPUTED_TORQUE:
-            if robot.constraint_names:
-                raise InputError('torque_source: COMPUTED_TORQUE, for an arm with constraints; '
-                                 'expected ZERO or TABLE')
-            motion = motion_from_message(request.reference, robot.joint_names,
+            follow = list(joints_that_follow(robot))
+            motion = motion_from_message(request.reference,
+                                         [robot.joint_names[k] for k in follow],
                                          values['trajectory.max_points'])
             torque = ComputedTorque(served.simulated, motion, *(
                 vector(getattr(request, name), index, n, name,
-                       per_joint(values, f'gains.{name}', robot.joint_names, 0.0))
+                       per_joint(values, f'gains.{name}', robot.joint_names, 0.0)[follow])
                 for name in ('kp', 'kd')))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source: {request.torque_source}; expected ZERO '
@@ -67,7 +69,8 @@ class SimulationRequest:
         q0 = vector(request.position, names.joints, robot.n_q, 'position')
         return cls(served.simulated, served.loads, names, close_loops(robot, q0),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
-                   torque, values['simulation.integrator'])
+                   torque, values['simulation.integrator'], values['simulation.stops'],
+                   RIGID * (served.bending is not None))
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """Simulate and fill in the response; end early when `proceed(t)` returns False."""
@@ -76,13 +79,15 @@ class SimulationRequest:
         try:
             trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
                                   torque=self.torque, sample=self.sample, progress=proceed,
-                                  integrator=self.integrator)
+                                  integrator=self.integrator, stops=self.stops)
         except InputError as error:
             warning = step_warning(self.robot, self.q0, self.step, self.integrator)
             raise error if warning is None else InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
-        changes = map(str, trajectory.speed_changes[:MOST_CHANGES])
-        response.message = '\n'.join([*trajectory.warnings, *changes])
+        changes = map(str, [*trajectory.speed_changes[:MOST_CHANGES],
+                            *trajectory.stop_events[:MOST_CHANGES]])
+        response.message = '\n'.join([*filter(None, [self.assumption]), *trajectory.warnings,
+                                      *changes])
         response.wall_time = wall_time
         response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)

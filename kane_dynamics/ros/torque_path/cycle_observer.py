@@ -1,4 +1,4 @@
-"""The interface of observers, which the torque path calls after each command."""
+"""Interfaces that the torque path calls: observers of cycles, and the arbiter of `commands`."""
 
 from typing import NamedTuple, Protocol
 
@@ -50,3 +50,22 @@ class CycleObserver(Protocol):
 
     def stop(self) -> None:
         """Stop, because the torque path stops."""
+
+
+class Arbiter(Protocol):
+    """Decides which of two processes publishes on `commands`; times are of `perf_counter`."""
+
+    def start(self) -> None:
+        """Start, with the torque path."""
+
+    def may_command(self, now: float) -> bool:
+        """Return whether this process may command; called once for each valid state."""
+
+    def may_stop(self, now: float) -> bool:
+        """Return whether this process may command zeros because states are stale."""
+
+    def note_zeros(self) -> None:
+        """Note that this process commanded zeros."""
+
+    def confirm(self, now: float) -> bool:
+        """Return whether this process may still command, immediately before it does."""

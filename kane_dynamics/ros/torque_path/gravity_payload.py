@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from kane_dynamics.control.controller import Controller
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.model import Model
@@ -25,6 +26,12 @@ class GravityAndPayload:
         robot.parameters.gravity = self.gravity
         if robot.equations.payload_frame is not None:
             robot.parameters.payload = self.payload
+
+    def apply_to(self, controller: Controller) -> None:
+        """Set the parameters of the robots of a controller."""
+        self.apply(controller.robot)
+        if controller.bending is not None:
+            self.apply(controller.bending.robot)
 
 
 def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: float,

@@ -5,8 +5,9 @@ import math
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.conversion import Array, Index, NANO
-from kane_dynamics.ros.torque_path.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
-                                               TooShortError, write_joint_state)
+from kane_dynamics.ros.torque_path.cdr import STAMP, STAMP_AT, TooShortError
+from kane_dynamics.ros.torque_path.joint_state_layout import (JointStateLayout, NO_OTHERS,
+                                                              OtherJoints)
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -46,57 +47,6 @@ def time_fault(stamp: int, now: int, last: int, timeout: int,
     return None
 
 
-class JointStateLayout:
-    """
-    The layout of the messages of one publisher: the constant bytes, and the offsets of numbers.
-
-    Two messages have the same layout if encapsulation, frame, names and counts are equal. Numbers,
-    stamp, padding and trailing bytes may differ.
-
-    Parameters
-    ----------
-    data : bytes
-        A message of this layout.
-
-    Raises
-    ------
-    InputError
-        The message is big endian, lacks a position for a name, or is not valid CDR.
-
-    """
-
-    def __init__(self, data: bytes) -> None:
-        reader = Reader(data)
-        reader.pair()
-        frame_id, names = reader.text(), reader.texts()
-        counts = [len(reader.doubles()) for _ in range(3)]
-        if reader.order != '<' or counts[0] != len(names):
-            raise InputError('message: big endian or positions missing; expected little endian '
-                             'and a position for each name')
-        writer, (positions, velocities, efforts) = write_joint_state(names, frame_id, counts)
-        full, _ = write_joint_state(names, frame_id, counts, fill=0xff)
-        # Comparing whole messages as masked integers is the fastest comparison in Python.
-        self.expected = int.from_bytes(writer.data, 'little')
-        self.mask = int.from_bytes(b'\xff' * len(full.data), 'little') & ~(
-            self.expected ^ int.from_bytes(full.data, 'little'))
-        block = MessageBuffer(len(data))
-        self.buffer = memoryview(block.bytes)
-        self.has_velocity = counts[1] == len(names)
-        self.efforts = block.doubles(efforts, len(names)) if counts[2] == len(names) else None
-        # One view covers positions and velocities, so that one gather reads both.
-        self.velocity_offset = (velocities - positions) // 8
-        self.numbers = block.doubles(positions, self.velocity_offset + len(names)
-                                     if self.has_velocity else len(names))
-        self.entry: Index = np.zeros(0, dtype=np.intp)
-        self.index = self.entry
-
-    def select(self, index: Index) -> None:
-        """Gather the joints with these indices: positions, then velocities."""
-        self.entry = index
-        self.index = (np.concatenate([index, index + self.velocity_offset])
-                      if self.has_velocity else index)
-
-
 class JointStateReader:
     """
     Reads serialized joint states into the arrays `q` and `u`, in the order of `joints`.
@@ -104,13 +54,26 @@ class JointStateReader:
     A message with a cached layout needs one comparison and two gathers. Any other message is
     deserialized by rclpy, with the same result, and its layout is cached.
 
+    Parameters
+    ----------
+    joints : sequence of n str
+        The joints that every message must have.
+    optional : sequence of str
+        Joints whose positions are read from messages that have them.
+    actuated : sequence of str, optional
+        Joints of the efforts; default: `joints`.
+
     Attributes
     ----------
     q, u : (n,) arrays
         The latest state; undefined after `read` returned a reason.
+    others : tuple of int
+        Indices of the optional joints that the latest message has.
+    positions : array
+        Their positions.
     sec, nanosec : int
         Stamp of the latest state.
-    effort : (n,) array
+    effort : array
         The efforts of the latest state, N m or N, if `has_effort`.
     has_effort : bool
         Whether the latest state has a finite effort for each joint.
@@ -127,13 +90,19 @@ class JointStateReader:
 
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        self.joints = tuple(joints)
+    def __init__(self, joints: Sequence[str], optional: Sequence[str] = (),
+                 actuated: Sequence[str] | None = None) -> None:
+        self.joints, self.optional = tuple(joints), tuple(optional)
+        self._actuated = None if actuated is None else tuple(actuated)
         self.need_effort, self.has_velocity = False, False
         self.foreign_joints: set[tuple[str, ...]] = set()
         self._state = np.zeros(2 * len(self.joints))
-        self.q, self.u = np.split(self._state, 2)
-        self.effort, self.has_effort = np.zeros(len(self.joints)), False
+        self._q, self._u = np.split(self._state, 2)
+        self.q, self.u = self._q, self._u
+        self.others: tuple[int, ...] = ()
+        self.positions = np.zeros(0)
+        self.effort = np.zeros(len(self.joints if actuated is None else actuated))
+        self.has_effort = False
         self.sec = self.nanosec = 0
         self.detail = ''
         self.full_parses = 0
@@ -156,11 +125,19 @@ class JointStateReader:
         if layout.has_velocity:
             layout.numbers.take(layout.index, out=self._state, mode='clip')
         else:
-            layout.numbers.take(layout.index, out=self.q, mode='clip')
-            self.u.fill(0.0)
+            layout.numbers.take(layout.index, out=self._q, mode='clip')
+            self._u.fill(0.0)
+        if self.optional:
+            self.others = layout.others.places
+            self.positions = layout.numbers[layout.others.entries]
         if self.need_effort:
-            self._gather_effort(layout.efforts, layout.entry)
+            self._gather_effort(layout.efforts, layout.entry if self._actuated is None else
+                                layout.others.efforts)
         return self._finite()
+
+    def complete(self) -> str | None:
+        """Compute what an accepted state lacks; return None, or the reason to refuse it."""
+        return None
 
     def _parse(self, data: bytes, need_velocity: bool) -> str | None:
         """Deserialize a message with rclpy; cache its layout if it is valid."""
@@ -183,36 +160,50 @@ class JointStateReader:
         index = self._index(message.name)
         if isinstance(index, str):
             return index
-        fault = self._gather(message, index, need_velocity)
+        others = self._other_joints(message.name)
+        fault = self._gather(message, index, others, need_velocity)
         if fault is None and layout is not None:
-            layout.select(index)
+            layout.select(index, others)
             self._cache_layout(data, layout)
         return fault
 
-    def _gather(self, message: JointState, index: Index, need_velocity: bool) -> str | None:
+    def _other_joints(self, names: list[str]) -> OtherJoints:
+        """Return the optional joints among `names`, and the places of the efforts."""
+        if not self.optional:
+            return NO_OTHERS
+        places = tuple(k for k, name in enumerate(self.optional) if name in names)
+        actuated = self._actuated or ()
+        return OtherJoints(places, _entries(names, [self.optional[k] for k in places]),
+                           _entries(names, actuated) if set(actuated) <= set(names) else None)
+
+    def _gather(self, message: JointState, index: Index, others: OtherJoints,
+                need_velocity: bool) -> str | None:
         count = len(message.name)
         if len(message.position) != count:
             self.detail = f'{len(message.position)} positions for {count} names'
             return SHORT
-        np.frombuffer(message.position).take(index, out=self.q, mode='clip')
+        positions = np.frombuffer(message.position)
+        positions.take(index, out=self._q, mode='clip')
+        self.others, self.positions = others.places, positions[others.entries]
         speeds = len(message.velocity)
         self.has_velocity = speeds == count
         if self.has_velocity:
-            np.frombuffer(message.velocity).take(index, out=self.u, mode='clip')
+            np.frombuffer(message.velocity).take(index, out=self._u, mode='clip')
         elif need_velocity:
             self.detail = f'{speeds} velocities for {count} names'
             return SHORT if speeds else NO_VELOCITY
         else:
-            self.u.fill(0.0)
+            self._u.fill(0.0)
         if self.need_effort:
             complete = len(message.effort) == count
-            self._gather_effort(np.frombuffer(message.effort) if complete else None, index)
+            self._gather_effort(np.frombuffer(message.effort) if complete else None,
+                                index if self._actuated is None else others.efforts)
         return self._finite()
 
-    def _gather_effort(self, efforts: Array | None, index: Index) -> None:
+    def _gather_effort(self, efforts: Array | None, index: Index | None) -> None:
         """Gather efforts; a driver may omit them or send NaN."""
-        self.has_effort = efforts is not None
-        if efforts is not None:
+        self.has_effort = efforts is not None and index is not None
+        if efforts is not None and index is not None:
             efforts.take(index, out=self.effort, mode='clip')
             self.has_effort = math.isfinite(sum(self.effort.tolist()))
 
@@ -225,7 +216,7 @@ class JointStateReader:
             if len(self.foreign_joints) < MAX_LAYOUTS:
                 self.foreign_joints.add(tuple(names))
             return FOREIGN
-        twice = [joint for joint in self.joints if names.count(joint) > 1]
+        twice = [joint for joint in (*self.joints, *self.optional) if names.count(joint) > 1]
         if missing or twice:
             self.detail = ', '.join(missing or twice)
             return MISSING if missing else TWICE
@@ -233,12 +224,16 @@ class JointStateReader:
 
     def _finite(self) -> str | None:
         """Return None if the state is finite, else the reason to drop it."""
-        if math.isfinite(sum(self._state.tolist())):  # faster than numpy for short rows
+        # Sums of lists are faster than numpy for short rows.
+        if math.isfinite(sum(self._state.tolist())) and (
+                not self.others or math.isfinite(sum(self.positions.tolist()))):
             return None
-        bad = ~(np.isfinite(self.q) & np.isfinite(self.u))
-        if not bad.any():  # only the sum overflowed
+        bad = [*np.compress(~(np.isfinite(self._q) & np.isfinite(self._u)), self.joints),
+               *(self.optional[k] for k, x in zip(self.others, self.positions)
+                 if not math.isfinite(x))]
+        if not bad:  # only the sum overflowed
             return None
-        self.detail = ', '.join(self.joints[i] for i in np.flatnonzero(bad))
+        self.detail = ', '.join(bad)
         return NOT_FINITE
 
     def _cache_layout(self, data: bytes, layout: JointStateLayout) -> None:
@@ -247,3 +242,8 @@ class JointStateReader:
         if len(self._layouts) >= MAX_LAYOUTS:
             del self._layouts[next(iter(self._layouts))]
         self._layouts[len(data)] = layout
+
+
+def _entries(names: Sequence[str], joints: Sequence[str]) -> Index:
+    """Return the index of each joint in `names`."""
+    return np.array([names.index(joint) for joint in joints], dtype=np.intp)

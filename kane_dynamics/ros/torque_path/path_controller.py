@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from kane_dynamics.control.constrained_law import followed_joints
+from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.model.flexible_model import stiffened
@@ -34,5 +34,5 @@ def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
 def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """Return the settings of the controller; the gains are those of the joints that follow."""
     settings = controller_settings(values, robot.joint_names)
-    follow = list(followed_joints(robot))
+    follow = list(joints_that_follow(robot))
     return settings | {name: settings[name][follow] for name in ('kp', 'kd')}

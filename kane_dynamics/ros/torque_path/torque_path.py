@@ -1,8 +1,7 @@
 """
 The torque path: publishes one command for each joint state, and zeros when states stop.
 
-It runs in the main thread only and works on serialized messages: the layout of its own messages is
-built once, and each cycle writes numbers and stamp.
+It runs in the main thread only and works on serialized messages.
 """
 
 from collections.abc import Callable
@@ -10,22 +9,22 @@ import time
 
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.torque_limiter import Command
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.torque_path.active_motion import ActiveMotion
-from kane_dynamics.ros.torque_path.arbiter import Arbiter
-from kane_dynamics.ros.torque_path.cdr import (float64_multi_array, joint_command,
-                                               joint_state_of_efforts)
-from kane_dynamics.ros.torque_path.cycle_observer import Cycle, CycleObserver
+from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
+                                                              commanded_joints)
+from kane_dynamics.ros.torque_path.command_messages import CommandMessages
+from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader, MISSING,
                                                               NO_CLOCK, time_fault)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
-NO_TORQUE = 'no finite torque'
+NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
 
 
 class TorquePath:
@@ -46,24 +45,26 @@ class TorquePath:
         Called with the reason and the details of each dropped state.
     stamped : Publisher, optional
         Publisher of JointCommand, for commands with the stamp of their state.
+    loops : ClosedLoopReader, optional
+        Reads the states of an arm with closed loops.
 
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], timeout: float, statistics: Statistics,
-                 warn: Callable[[str, str], None], stamped: Publisher | None = None) -> None:
-        joints = controller.robot.joint_names
-        self.controller, self.statistics = controller, statistics
+                 warn: Callable[[str, str], None], stamped: Publisher | None = None,
+                 loops: ClosedLoopReader | None = None) -> None:
+        robot, self.controller, self.statistics = controller.robot, controller, statistics
         self.running = False
         self.commanding = False  # whether the last command may be non-zero
         self.timed_out = False
         self.last_update = 0.0  # time of the last command, s of `perf_counter`; 0: none yet
         self.active_motion = ActiveMotion()
-        self._commands, self._torques, self._now, self._warn = commands, torques, now, warn
-        self._reader = JointStateReader(joints)
-        self._command_message = float64_multi_array(len(joints))
-        self._torque_message = joint_state_of_efforts(joints)
-        self._stamped, self._stamped_message = stamped, joint_command(joints, 'effort')
+        self._now, self._warn = now, warn
+        self._reader, self.loops = loops or JointStateReader(robot.joint_names), loops
+        commanded = commanded_joints(robot, controller.followed)
+        self.messages = CommandMessages(robot.joint_names, commanded, commands, torques, stamped)
+        self._follow = [robot.joint_names.index(name) for name in controller.followed]
         self.wrenches: WrenchInput | None = None
         self.arbiter: Arbiter | None = None
         self._waiting = b''  # the last state, if the arbiter denied a command
@@ -87,7 +88,7 @@ class TorquePath:
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update:
             pose = self.controller.pose
-            q = (self._reader.q if pose is None else pose).copy()
+            q = self._reader.q[self._follow] if pose is None else pose.copy()
             state = q, 0.0 * q, 0.0 * q
         return state
 
@@ -112,6 +113,8 @@ class TorquePath:
         self._last_now = self._last_good = self._now()
         self._last_stamp = 0
         self.controller.stop()
+        if self.loops is not None:
+            self.loops.restart()
         if self.wrenches is not None:
             self.wrenches.clear()
         for observer in self._observers:
@@ -167,7 +170,7 @@ class TorquePath:
     @property
     def state_age(self) -> float:
         """Return the time since the last valid state, or since the start, s."""
-        return (self._now() - self._last_good) / NANO
+        return (self.now - self._last_good) / NANO
 
     def on_state(self, data: bytes) -> None:
         """Compute and publish the command for one serialized JointState, at its stamp."""
@@ -184,13 +187,15 @@ class TorquePath:
         # Between two cycles, so that each command is computed with consistent loads.
         if self._loads is not self._applied_loads:
             self._apply_loads()
-        reader = self._reader
-        motion, moment = self.active_motion.at(stamp)
+        reader, (motion, moment) = self._reader, self.active_motion.at(stamp)
         try:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
             command = self._command(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
             self._drop(NO_TORQUE, str(error))
+            return
+        except ConstraintError as error:
+            self._refuse(REFUSED, str(error))
             return
         self._last_good, self._last_stamp = min(now, stamp), stamp
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
@@ -228,49 +233,40 @@ class TorquePath:
         if stamp_fault is not None:
             self._drop(*stamp_fault)
             return None
+        if (fault := reader.complete()) is not None:
+            self._refuse(fault, reader.detail)
+            return None
         return stamp
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
         """Return the command at the latest state."""
-        reader = self._reader
-        return self.controller.command_checked(stamp / NANO, reader.q, reader.u, motion, moment,
-                                               external)
+        return self.controller.command_checked(stamp / NANO, self._reader.q, self._reader.u,
+                                               motion, moment, external)
 
     def resume(self, tau: Array) -> bool:
         """
-        Continue from torques, (n,), of another process; return whether a motion was dropped.
+        Continue from commands of another process; return whether a motion was dropped.
 
         As after a pause of the joint states, the desired motion is dropped if the last command is
         older than the timeout. The first change of torque is that of one period of the states.
         """
         self._last_good, self.commanding = self._now(), True
-        self.controller.resume(self._last_stamp / NANO if self._last_stamp else None, tau)
+        self.controller.resume(self._last_stamp / NANO if self._last_stamp else None,
+                               self.messages.of_all(tau))
         silent = time.perf_counter() - self.last_update if self.last_update else 0.0
         return silent > self._timeout / NANO and self.active_motion.clear()
 
     def _apply_loads(self) -> None:
         """Set gravity and payload as parameters of the kernels."""
-        loads = self._loads
-        if loads is not None:
-            loads.apply(self.controller.robot)
-            if self.controller.bending is not None:
-                loads.apply(self.controller.bending.robot)
-        self._applied_loads = loads
+        if self._loads is not None:
+            self._loads.apply_to(self.controller)
+        self._applied_loads = self._loads
         for observer in self._observers:
             observer.on_loads_changed()
 
     def _publish(self, tau: Array, sec: int, nanosec: int) -> None:
-        """Publish the messages, first the command."""
-        self._command_message.numbers[:] = tau
-        self._commands.publish(self._command_message.serialized())
-        if self._stamped is not None:
-            self._stamped_message.stamp(sec, nanosec)
-            self._stamped_message.numbers[:] = tau
-            self._stamped.publish(self._stamped_message.serialized())
-        self._torque_message.stamp(sec, nanosec)
-        self._torque_message.numbers[:] = tau
-        self._torques.publish(self._torque_message.serialized())
+        self.messages.publish(tau, sec, nanosec)
 
     def _clock(self) -> int:
         """Return the node's time, ns; handle a backward jump."""
@@ -294,3 +290,11 @@ class TorquePath:
         """Count a dropped state and warn."""
         self.statistics.dropped[reason] += 1
         self._warn(reason, detail)
+
+    def _refuse(self, reason: str, detail: str) -> None:
+        """Drop a state that no torque follows from, and command zeros."""
+        dropped = self.active_motion.clear()
+        self._drop(reason, detail + '; commanding zeros' + ', desired motion dropped' * dropped)
+        if self.commanding and (self.arbiter is None or self.arbiter.may_stop(
+                time.perf_counter())):
+            self.command_zeros()

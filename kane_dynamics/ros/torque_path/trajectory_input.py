@@ -125,7 +125,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     if not now:
         raise InputError('use_sim_time: true without a message on /clock; expected simulated time')
     start = nanoseconds(message.header.stamp) or now
-    motion = motion_from_message(message, path.controller.robot.joint_names,
+    motion = motion_from_message(message, path.controller.followed,
                                  values['trajectory.max_points'], path.desired(start))
     if start != now and start + motion.duration * NANO < now:
         raise InputError(f'end of the motion: {(now - start) / NANO - motion.duration:.3f} s ago; '
@@ -133,7 +133,9 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     if not active_motion.follow(motion, start, now, generation):
         raise InputError('joint_trajectory: received while the node was stopped, ended its '
                          'motion, timed out, or changed clock or mode; expected a later one')
-    limits = path.controller.robot.limits
-    outside = (motion.positions < limits.lower) | (motion.positions > limits.upper)
+    robot = path.controller.robot
+    places, limits = [robot.joint_names.index(x) for x in motion.joint_names], robot.limits
+    outside = (motion.positions < limits.lower[places]) | (
+        motion.positions > limits.upper[places])
     beyond = [name for name, points in zip(motion.joint_names, outside.T) if points.any()]
     return 'exceeds the position limits of ' + ', '.join(beyond) if beyond else ''

@@ -164,7 +164,7 @@ class JointStops:
         after, qdot = state.copy(), self._rates(robot, q, u, t)
         side, away = nearest_stops(q, self._lower, self._upper)
         if self._constrained:
-            after[:n_q], after[n_q:n_q + n] = self._admissible(robot, q, u, t)
+            after[:n_q], after[n_q:n_q + n] = self.admissible(robot, q, u, t)
         else:
             after[:n_q], after[n_q:n_q + n] = stopped_state(
                 q, u, robot.inverse_mass_matrix(q), self._lower, self._upper)
@@ -181,7 +181,7 @@ class JointStops:
         """Return q', (..., n_q)."""
         return robot.joint_rates(q, u, **({'t': t} if robot.equations.timed else {}))
 
-    def _admissible(self, robot: Robot, q: Array, u: Array, t: float) -> tuple[Array, Array]:
+    def admissible(self, robot: Robot, q: Array, u: Array, t: float) -> tuple[Array, Array]:
         """Return q and u after impulses in the space of the admissible motions."""
         at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
         contact: Any = None  # indices of the joints that end at their stops

@@ -3,6 +3,7 @@
 from kane_dynamics import (Closure, ConstraintError, Coupling, knife_edge, load_constraints,
                            ModelBuilder, PointVelocity, Robot, rod, Rolling)
 import numpy as np
+from palletizer import CONSTRAINTS, DRIVEN, palletizer
 import pytest
 
 WHOLE = """
@@ -97,3 +98,20 @@ def test_a_slip_is_told_by_name(tmp_path, text, words):
 def test_a_file_that_is_not_there_is_named():
     with pytest.raises(ConstraintError, match=r'nowhere\.yaml'):
         load_constraints('/nowhere.yaml')
+
+
+def test_a_file_names_actuators_and_the_assembly_mode():
+    robot = palletizer()
+    assert [robot.joint_names[k] for k in robot.equations.actuated] == sorted(
+        DRIVEN, key=robot.joint_names.index)
+    np.testing.assert_array_equal(robot.configuration, np.zeros(robot.n_q))
+    given = load_constraints({**CONSTRAINTS, 'actuated': {'swivel': 2}, 'configuration': {
+        'shoulder': 0.1}}, prefix='left_')
+    assert given['actuated'] == {'left_swivel': 2.0}
+    assert given['configuration'] == {'left_shoulder': 0.1}
+    with pytest.raises(ConstraintError, match=r"configuration: joint 'left_shoulder'; expected"):
+        Robot(robot.model, constraints=robot.mechanism.constraints,
+              configuration=given['configuration'])
+    for key, value in (('actuated', 'swivel'), ('configuration', {'shoulder': 'up'})):
+        with pytest.raises(ConstraintError, match=rf'constraints file: {key}'):
+            load_constraints({**CONSTRAINTS, key: value})

@@ -22,13 +22,13 @@ from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I1
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array, write_joint_state  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.torque_path.guard_messages import (loads_from_numbers,  # noqa: E402
                                                           loads_to_numbers)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402

@@ -306,7 +306,7 @@ def test_the_rate_limits_the_messages_but_not_the_flag():
 
 def test_default_thresholds_need_effort_limits():
     rig = Rig()
-    robot = SimpleNamespace(joint_names=('a', 'b'), limits=SimpleNamespace(
+    robot = SimpleNamespace(joint_names=('a', 'b'), speed_names=('a', 'b'), limits=SimpleNamespace(
         effort=np.array([100.0, math.inf])))
     with pytest.raises(InputError, match="joint 'b' has no effort limit; expected one number"):
         observer_settings(rig.values, robot)

@@ -1,0 +1,270 @@
+"""
+Loop closure from measured joints, cycle by cycle, in native code.
+
+As many joints as there are degrees of freedom determine the others near a configuration. From the
+last closed configuration q, Newton's method solves
+
+    [ E ]        [ measured - E q ]
+    [ J ] dq  =  [   - residual   ],
+
+where E selects the measured joints and J has the rows of the constraints. The columns of the
+inverse that belong to E are T, the rates of all joints per rate of each measured joint, which also
+predict the configuration of the next cycle. The Frobenius
+norm of the inverse (`conditioning.squared_figure`) grows as one over the distance from a singular
+configuration; no step is longer than a part of that distance, so that the mechanism cannot change
+its assembly mode unnoticed.
+"""
+
+from collections.abc import Sequence
+import math
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.kinematics.loop_kernel import tracking_kernel
+from kane_dynamics.mechanics.constraints.conditioning import ROUNDED
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+CALLS = 5  # of the kernel for one step, at most
+CLOSED = 1e-10  # m and rad: residual of the independent rows
+ROUNDING = 1e-6  # rad, or lengths: motion that is no jump
+STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
+SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
+MOST_STEPS = 1000  # from the last configuration to the measured one
+TIMED = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
+LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
+SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
+    'closed loop near a singular configuration', 'closed loop on a lost branch',
+    'measured joints contradict the closed loop', 'assembly mode unknown')
+
+
+class LoopError(ConstraintError):
+    """
+    The configuration does not follow from the measured joints.
+
+    Attributes
+    ----------
+    reason : str
+        `SINGULAR`, `BRANCH`, `CONTRADICTION` or `UNKNOWN`.
+
+    """
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f'{reason}: {detail}')
+        self.reason, self.detail = reason, detail
+
+
+class LoopTracker:
+    """
+    Tracks the configuration of a mechanism with closed loops by its measured joints.
+
+    Between two measurements the mechanism is assumed to keep its assembly mode. After one next to
+    a singular configuration, where it may change, the mode is unknown until all joints are
+    measured or `restart` is called.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    measured : sequence of n str
+        The joints that determine the others, as many as independent speeds.
+    tolerance : float
+        Largest deviation of further measured joints from the closed loop, rad or m.
+    max_figure : float
+        Largest conditioning figure: about one over the distance from a singular configuration,
+        rad or lengths of the mechanism.
+
+    Attributes
+    ----------
+    q, u : (n_q,), (n,) arrays
+        The last closed configuration and its independent speeds; overwritten by `update`.
+    figure, residual : float
+        Conditioning figure and largest constraint residual there (m or rad).
+    deviation : float
+        Largest deviation of further measured joints there, rad or m.
+    known : bool
+        Whether the assembly mode is known.
+    path_rows : tuple of str
+        Rows of constraints on velocities: with these the measured joints determine the rates, but
+        not the configuration, which depends on the path.
+
+    Raises
+    ------
+    InputError
+        The robot has no constraints, or the joints do not fit it.
+
+    """
+
+    def __init__(self, robot: Robot, measured: Sequence[str], *, tolerance: float = 0.02,
+                 max_figure: float = 200.0) -> None:
+        equations, names = robot.equations, robot.coordinate_names
+        if not isinstance(equations, ConstrainedEquations):
+            raise InputError('robot: without constraints; expected closed loops')
+        rows = equations.mechanism.rows(equations.mechanism.state(np.zeros(robot.n_q)))
+        self.path_rows = tuple(equations.mechanism.labels[k] for k in equations.mechanism.kept
+                               if rows.residual[k] is None)
+        if len(set(measured)) != robot.n or not set(measured) <= set(names) or (
+                len(measured) != robot.n):
+            raise InputError(f'measured: {list(measured)}; expected {robot.n} of the joints '
+                             f'{list(names)}, as many as degrees of freedom')
+        self.robot, self.measured = robot, tuple(measured)
+        self.tolerance, self.max_figure = tolerance, max_figure
+        self.places = [names.index(name) for name in measured]
+        self._units = equations.mechanism.units
+        self._per_unit = 1.0 / self._units[self.places]
+        self._closed = CLOSED + ROUNDED * equations.mechanism.rank_tolerance
+        self._turning = np.array([name not in robot.model.sliding for name in names])
+        n_q, n = robot.n_q, robot.n
+        both = n_q + n_q * n
+        self._from, self._begin = np.zeros((2, both))  # q and T
+        self._last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
+        self._target, self._rates, self._result = np.zeros(n), np.zeros(n), np.zeros(both + n + 4)
+        self._next, self.u, self._figures = np.split(self._result, [both, both + n])
+        self.q = self._next[:n_q]
+        self._time = np.zeros(())
+        given = [self._last, T, self._target, self._rates, *[self._time] * equations.timed]
+        self._step = tracking_kernel(robot, self.places).bind(given, self._result,
+                                                              'Close the loops.')
+        self._reference = None if robot.configuration is None else robot.closed_posture(
+            robot.configuration)
+        self.figure = self.residual = self.deviation = self._figure = 0.0
+        self.restart()
+
+    def restart(self, start: ArrayLike | None = None, t: float = 0.0) -> None:
+        """
+        Continue from a closed configuration, (n_q,), at time t, s.
+
+        The default is that of the robot, if one was given; else a first state of all joints.
+        """
+        given = self._reference if start is None else np.asarray(start, dtype=np.float64)
+        self.known = given is not None
+        self._why = ('no `configuration` of the robot; expected one, or a first state of all '
+                     'joints')
+        if given is not None:
+            self._from.fill(0.0)
+            self._last[:] = given
+            self._target[:], self._time[...] = self._last[self.places], t
+            for _ in range(CALLS):
+                missed, _ = self._evaluate()
+                self._from[:] = self._next
+                if missed <= CLOSED:
+                    break
+            self._figure = self.figure
+
+    @property
+    def before(self) -> tuple[Array, Array]:
+        """Return the last configuration, (n_q,), and its T, (n_q, n): where `update` begins."""
+        q, T = np.split(self._from, [self.robot.n_q])
+        return q.copy(), T.reshape(len(q), -1).copy()
+
+    def update(self, measured: Array, rates: Array, others: Sequence[int] = (),
+               values: Array | None = None, t: float = 0.0) -> None:
+        """
+        Move `q` and `u` to a measurement; both stay valid until the next one.
+
+        Parameters
+        ----------
+        measured, rates : (n,) arrays
+            Positions and rates of the measured joints; rad or m, and s.
+        others : sequence of int
+            Indices of further measured joints.
+        values : array
+            Their positions, rad or m.
+        t : float
+            Time, s, for constraints that depend on it.
+
+        Raises
+        ------
+        LoopError
+            The configuration does not follow from the measurement. The next update continues from
+            the last valid one.
+
+        """
+        if not self.known:
+            if values is None or len(others) + len(measured) < len(self._last):
+                raise LoopError(UNKNOWN, self._why)
+            self._from.fill(0.0)
+            self._last[self.places], self._last[others] = measured, values
+            self.figure = 0.0
+        self._begin[:], self._rates[:], self._time[...] = self._from, rates, t
+        try:
+            self._move(measured)
+            self._compare(others, values)
+        except LoopError as error:
+            near = (np.abs(measured - self._begin[self.places])
+                    <= STRIDE * self._units[self.places]).all()
+            self._from[:] = self._begin
+            if error.reason != CONTRADICTION and near:
+                self.known = False
+                self._why = ('since the loops came near a singular configuration, where it may '
+                             'change; expected a state of all joints, or a restart')
+            elif self.known:
+                self.figure = self._figure
+            raise
+        self.known, self._figure = True, self.figure
+        self._from[:] = self._next
+
+    def _move(self, measured: Array) -> None:
+        """Move from the last configuration to the measured joints, in steps if they are far."""
+        for _ in range(MOST_STEPS):
+            change = measured - self._last[self.places]
+            way = max(map(abs, (change * self._per_unit).tolist()), default=0.0)
+            longest = min(STRIDE, SHARE / self.figure) if self.figure else STRIDE
+            if way <= longest:
+                self._target[:] = measured
+                self._close(way)
+                return
+            np.add(self._last[self.places], change * (longest / way), out=self._target)
+            self._close(longest)
+            self._from[:] = self._next
+        raise LoopError(BRANCH, f'measured joints {dict(zip(self.measured, measured.tolist()))}, '
+                        'too far from the last configuration')
+
+    def _close(self, way: float) -> None:
+        """Close the loops at the target, `way` from the last configuration; raise LoopError."""
+        whole = 0.0
+        for _ in range(CALLS):
+            missed, moved = self._evaluate()
+            whole += moved
+            if missed <= CLOSED:
+                break
+            self._from[:] = self._next
+        if not self.figure <= self.max_figure:
+            raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
+                            f'{self.max_figure:g}')
+        if not (missed <= CLOSED and self.residual <= self._closed):
+            raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
+                            'which the loops close')
+        if self.known and whole > (TIMED if self.robot.equations.timed else
+                                   LEAP * self.figure * max(way, ROUNDING)):
+            raise LoopError(BRANCH, f'the joints moved by {whole:.3g} rad or lengths in one step; '
+                            'expected a continuous motion')
+
+    def _evaluate(self) -> tuple[float, float]:
+        """Call the kernel once; return the residual of the independent rows, and the motion."""
+        try:
+            self._step()
+        except InputError:
+            self.figure = self.residual = math.inf
+            raise LoopError(SINGULAR, 'no finite configuration') from None
+        moved, missed, self.residual, self.figure = map(math.sqrt, self._figures.tolist())
+        return missed, moved
+
+    def _compare(self, others: Sequence[int], values: Array | None) -> None:
+        """Raise LoopError if further measured joints deviate from the closed loop."""
+        self.deviation = 0.0
+        if values is None or not len(others):
+            return
+        away = values - self.q[others]
+        turning = self._turning[others]
+        away = np.abs(np.where(turning, np.remainder(away + math.pi, 2.0 * math.pi) - math.pi,
+                               away))
+        self.deviation = float(away.max())
+        if self.deviation > self.tolerance:
+            k = int(np.argmax(away))
+            name = self.robot.coordinate_names[others[k]]
+            raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the loops close "
+                            f'at {self.q[others[k]]:.6g} rad or m; expected a deviation of at '
+                            f'most {self.tolerance:g}')

@@ -1,0 +1,100 @@
+"""Joint states of an arm with closed loops: the joints that are not measured follow from them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from kane_dynamics.control.controller import Controller
+from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
+
+
+def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
+    """Return the indices of the joints in `commands`: those with actuators, in their order."""
+    equations, names = robot.equations, robot.joint_names
+    if not isinstance(equations, ConstrainedEquations):
+        return tuple(range(len(names)))
+    if equations.actuated is not None:
+        return tuple(equations.actuated)
+    return tuple(sorted(names.index(name) for name in followed))
+
+
+def command_fault(controller: Controller) -> str:
+    """Return why an arm with closed loops cannot be commanded; empty if it can."""
+    robot = controller.robot
+    if not robot.constraint_names:
+        return ''
+    rows = LoopTracker(robot, controller.followed).path_rows
+    if rows:
+        return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected constraints "
+                'on positions, because joint states do not determine the configuration otherwise')
+    return '' if robot.speeds_are_given else (
+        "parameter 'constraints': no key `independent` in the file; expected it to name the "
+        'joints that are measured and follow motions')
+
+
+def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
+                       ) -> 'ClosedLoopReader | None':
+    """Return the reader of an arm with closed loops; None for other arms."""
+    return ClosedLoopReader(controller, values) if controller.robot.constraint_names else None
+
+
+class ClosedLoopReader(JointStateReader):
+    """
+    Reads the measured joints and closes the loops from them.
+
+    A message must have the joints that follow motions, as many as there are degrees of freedom; it
+    may have further joints, whose positions are compared with the closed loops. `q` and `u` are
+    the positions of all joints and the independent speeds.
+
+    Parameters
+    ----------
+    controller : Controller
+        Its robot, and the joints that follow motions.
+    values : mapping
+        The node's parameters; closure.* are used.
+
+    """
+
+    def __init__(self, controller: Controller, values: Mapping[str, Any]) -> None:
+        robot, followed = controller.robot, controller.followed
+        names = robot.joint_names
+        others = [name for name in names if name not in followed]
+        super().__init__(followed, others,
+                         [names[k] for k in commanded_joints(robot, followed)])
+        self._places = [names.index(name) for name in others]
+        self.tracker = LoopTracker(robot, followed)
+        self.q, self.u = self.tracker.q, self.tracker.u
+        self.update(values)
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next state on."""
+        self.tracker.tolerance = values['closure.tolerance']
+        self.tracker.max_figure = values['closure.max_conditioning']
+
+    def restart(self) -> None:
+        """Begin with the assembly mode of the constraints file, or of the first state."""
+        self.tracker.restart()
+
+    @property
+    def lost(self) -> bool:
+        """Return whether the assembly mode is unknown."""
+        return not self.tracker.known
+
+    def complete(self) -> str | None:
+        """Close the loops at the accepted state; return None, or the reason to refuse it."""
+        try:
+            self.tracker.update(self._q, self._u, [self._places[k] for k in self.others],
+                                self.positions)
+        except LoopError as error:
+            self.detail = error.detail
+            return error.reason
+        return None
+
+    def figures(self) -> dict[str, str]:
+        """Return the entries for the diagnostics."""
+        tracker = self.tracker
+        return {'closed loops: residual': f'{tracker.residual:.1e} m or rad',
+                'closed loops: conditioning': f'{tracker.figure:.1f}',
+                'closed loops: deviation of measured joints': f'{tracker.deviation:.4f} m or rad'}

@@ -1,0 +1,76 @@
+"""Answers of the services about beams and stops, without a ROS graph."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import load_urdf, QuasiStatic, Robot, stiffened  # noqa: E402, I100
+from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.services.served_robot import (QUASI_STATIC, RIGID,  # noqa: E402
+                                                     ServedRobot)
+from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,  # noqa: E402
+                                                      get_dynamics, inverse_dynamics)
+from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames  # noqa: E402
+from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,  # noqa: E402
+                                          InverseDynamics, Simulate)
+
+URDF = resource_path('urdf', 'two_link.urdf')
+STATE = {'position': [0.4, 0.3], 'velocity': [0.5, -0.2]}
+
+
+@cache
+def served(bending=True, **changes):
+    model = load_urdf(URDF, supplement=resource_path('urdf', 'two_link.bending.yaml'))
+    robot = Robot(stiffened(model))
+    values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
+        name.replace('__', '.'): value for name, value in changes.items()}
+    return ServedRobot(robot, robot, GravityAndPayload(robot.parameters.gravity), values,
+                       WrenchFrames(robot), QuasiStatic(Robot(model)) if bending else None)
+
+
+def test_inverse_dynamics_includes_the_deflection_and_says_so():
+    answers = []
+    for bending in (True, False):
+        response = InverseDynamics.Response()
+        inverse_dynamics(served(bending), InverseDynamics.Request(
+            **STATE, acceleration=[1.0, 2.0]), response)
+        answers.append(response)
+    flexible, rigid = answers
+    assert (flexible.message, rigid.message) == (QUASI_STATIC, '')
+    q, u = (np.array(x) for x in STATE.values())
+    expected = served().bending.inverse_dynamics(q, u, np.array([1.0, 2.0]))
+    np.testing.assert_allclose(flexible.effort, expected, rtol=1e-12)
+    assert np.abs(np.subtract(flexible.effort, rigid.effort)).max() > 1e-3
+
+
+@pytest.mark.parametrize(('call', 'kind', 'more'), [
+    (forward_dynamics, ForwardDynamics, {'effort': [1.0, 1.0]}), (get_dynamics, GetDynamics, {}),
+    (explain, Explain, {'acceleration': [1.0, 2.0]})])
+def test_other_answers_say_that_beams_are_rigid(call, kind, more):
+    for bending, expected in ((True, RIGID), (False, '')):
+        response = kind.Response()
+        call(served(bending), kind.Request(**STATE, **more), response)
+        assert response.message == expected
+
+
+@pytest.mark.parametrize('stops', [False, True])
+def test_simulations_have_stops_if_the_parameter_says_so(stops):
+    request = Simulate.Request(position=[0.1, 0.1], duration=1.0, sample_period=0.01,
+                               torque_source=Simulate.Request.TABLE, torque_period=1.0,
+                               torques=[200.0, 0.0])
+    response = SimpleNamespace()
+    simulation = SimulationRequest.from_request(request, served(simulation__stops=stops))
+    simulation.run(response, lambda t: True)
+    limits = served().robot.limits
+    largest = max(point.positions[0] for point in response.trajectory.points)
+    assert RIGID in response.message
+    assert (largest <= limits.upper[0] + 1e-9) == stops
+    assert ('hits its upper stop' in response.message) == stops

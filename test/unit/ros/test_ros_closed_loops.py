@@ -1,0 +1,383 @@
+"""The torque path of an arm with closed loops, without a ROS graph."""
+
+from functools import cache
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import Controller, Motion, simulate  # noqa: E402, I100
+from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION,  # noqa: E402
+                                                   SINGULAR, UNKNOWN)
+from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
+from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState  # noqa: E402
+from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
+                                                        ContactPublishers)
+from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
+from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noqa: E402
+from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
+from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
+                                                              NOT_FINITE, STALE, TWICE)
+from kane_dynamics.ros.torque_path.torque_path import REFUSED, TorquePath  # noqa: E402
+from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+NANO = 10**9
+VALUES = {'closure.tolerance': 0.02, 'closure.max_conditioning': 200.0}
+POSE = (0.2, 0.3, -0.1, 0.5)  # of the driven joints
+MOTION = Motion.from_points([0.0, 2.0], [POSE, (0.5, 0.1, 0.2, -0.5)], joint_names=DRIVEN)
+
+
+class Publisher:
+    """Keeps the published messages."""
+
+    def __init__(self, kind):
+        self.sent, self.kind, self.last = [], kind, b''
+
+    def publish(self, message):
+        self.last = message
+        self.sent.append(deserialize_message(message, self.kind))
+
+
+class Rig:
+    """A torque path of the palletizer with a manual clock."""
+
+    def __init__(self, robot=None, **settings):
+        self.time, self.robot = 100 * NANO, robot or palletizer()
+        self.commands, self.torques = Publisher(Float64MultiArray), Publisher(JointState)
+        self.statistics, self.details = Statistics(), []
+        controller = Controller(self.robot, **settings)
+        self.path = TorquePath(controller, self.commands, self.torques, lambda: self.time, 0.1,
+                               self.statistics, lambda *words: self.details.append(words),
+                               loops=ClosedLoopReader(controller, VALUES))
+        self.path.start()
+
+    def state(self, driven=POSE, rates=(0.0,) * 4, others=None, age=0.0,
+              efforts=None):
+        """Pass a state of the driven joints, and of others; return the new commands."""
+        self.time += NANO // 500
+        joints = dict(zip(DRIVEN, driven)) | (others or {})
+        speeds = dict.fromkeys(joints, 0.0) | dict(zip(DRIVEN, rates))
+        message = JointState(name=list(joints), position=list(joints.values()),
+                             velocity=list(speeds.values()))
+        if efforts is not None:
+            message.effort = [efforts.get(name, 0.0) for name in joints]
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time - round(age * NANO), NANO)
+        before = len(self.commands.sent)
+        self.path.on_state(serialize_message(message))
+        return [np.array(each.data) for each in self.commands.sent[before:]]
+
+    def complete(self, driven=POSE, **changes):
+        """Return the other joints of a closed configuration."""
+        q = dict(zip(self.robot.joint_names, positions(self.robot, *driven)))
+        return {name: x for name, x in (q | changes).items() if name not in DRIVEN}
+
+    def follow(self, motion=MOTION):
+        active = self.path.active_motion
+        assert active.follow(motion, self.time, self.time, active.generation)
+
+
+@cache
+def of_driven():
+    return [palletizer().joint_names.index(name) for name in DRIVEN]
+
+
+def gravity(driven=POSE):
+    robot = palletizer()
+    q = positions(robot, *driven)
+    return robot.joint_torques(robot.gravity_force(q), q)[sorted(of_driven())]
+
+
+def in_order(values):
+    """Return values of DRIVEN in the order of the commands: that of the joints."""
+    return np.array(values)[np.argsort(of_driven())]
+
+
+@pytest.mark.parametrize('complete', [False, True])
+def test_commands_are_the_torques_of_the_actuated_joints(complete):
+    rig = Rig()
+    command, = rig.state(others=rig.complete() if complete else None)
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    torques = rig.torques.sent[-1]
+    assert torques.name == [rig.robot.joint_names[k] for k in sorted(of_driven())]
+    assert list(torques.effort) == list(command)
+
+
+def test_feedforward_follows_the_motion_of_the_measured_joints():
+    rig = Rig()
+    rig.state()
+    rig.follow()
+    robot = rig.robot
+    for k in range(1, 400):
+        q_d, u_d, a_d = MOTION.sample(k * 0.002)
+        command, = rig.state(q_d, u_d)
+        if k % 80 == 0:  # u are the rates of the driven joints
+            q = positions(robot, *q_d)
+            u, a = (dict(zip(DRIVEN, x)) for x in (u_d, a_d))
+            tau = robot.inverse_dynamics(q, *([x[name] for name in robot.speed_names]
+                                              for x in (u, a)))
+            expected = robot.joint_torques(tau, q)[sorted(of_driven())]
+            np.testing.assert_allclose(command, expected, rtol=1e-8, atol=1e-8)
+    assert not rig.statistics.dropped
+
+
+def test_computed_torque_holds_the_first_pose():
+    rig = Rig(mode='computed_torque', kp=100.0, kd=20.0)
+    first, = rig.state()
+    np.testing.assert_allclose(first, gravity(), rtol=1e-9, atol=1e-9)
+    near = np.array(POSE) + [0.0, 0.01, 0.0, 0.0]
+    second, = rig.state(near)
+    M = rig.robot.mass_matrix(positions(rig.robot, *near))
+    expected = gravity(near) - 100.0 * 0.01 * in_order(M[1])
+    np.testing.assert_allclose(second, expected, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque', 'gravity_compensation'])
+def test_contradictory_joints_command_zeros_once_and_the_next_state_is_accepted(mode):
+    rig = Rig(mode=mode)
+    rig.state()
+    if mode != 'gravity_compensation':
+        rig.follow()
+    away = rig.complete(elbow=rig.complete()['elbow'] + 0.03)
+    zeros, = rig.state(others=away)
+    assert not zeros.any() and len(zeros) == 4
+    assert rig.state(others=away) == []  # zeros already
+    assert rig.statistics.dropped == {CONTRADICTION: 2}
+    assert "'elbow' at" in rig.details[0][1]
+    assert rig.path.active_motion.desired(rig.time) is None
+    near = rig.complete(elbow=rig.complete()['elbow'] + 0.01)
+    command, = rig.state(others=near)
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rig.path.loops.tracker.deviation, 0.01, rtol=1e-6)
+
+
+def test_a_false_state_far_away_does_not_change_the_branch():
+    rig = Rig()
+    rig.state()
+    zeros, = rig.state((0.2, SINGULAR_SHOULDER - 0.5, -0.1, 0.5))
+    assert not zeros.any()
+    assert set(rig.statistics.dropped) == {SINGULAR}
+    command, = rig.state()
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+
+
+def test_past_a_singular_configuration_the_assembly_mode_is_unknown():
+    rig = Rig()
+    rig.state()
+    path = np.arange(0.3, SINGULAR_SHOULDER - 0.1, -0.004)
+    for shoulder in [*path, *path[::-1]]:
+        rig.state((0.2, shoulder, -0.1, 0.5))
+    assert set(rig.statistics.dropped) == {SINGULAR, UNKNOWN}
+    assert rig.statistics.dropped[SINGULAR] == 1
+    assert not rig.commands.sent[-1].data[1] and rig.state() == []
+    command, = rig.state(others=rig.complete())  # all joints show the mode
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    assert len(rig.state()) == 1
+
+
+def test_without_a_given_assembly_mode_the_first_state_needs_all_joints():
+    robot, names = palletizer(configuration=None), palletizer().joint_names
+    start = positions(robot, *POSE)
+    start[names.index('triangle_pin')] -= 2.5  # the other intersection of two circles
+    start[names.index('rod_1_pin')] += 0.7
+    flipped = closed_posture(robot.mechanism, start, fixed=DRIVEN)
+    assert np.abs(flipped - positions(robot, *POSE)).max() > 0.1
+    mode = {name: x for name, x in zip(names, flipped) if name not in DRIVEN}
+    rig = Rig(robot)
+    assert rig.state() == [] and rig.statistics.dropped == {UNKNOWN: 1}
+    for command, in (rig.state(others=mode), rig.state()):
+        expected = robot.joint_torques(robot.gravity_force(flipped), flipped)
+        np.testing.assert_allclose(command, expected[sorted(of_driven())], rtol=1e-9, atol=1e-9)
+    given = Rig()  # the file states another mode
+    assert given.state(others=mode) == [] and given.statistics.dropped == {CONTRADICTION: 1}
+
+
+def test_lost_and_late_states_are_named_and_give_no_torque():
+    rig = Rig()
+    rig.state()
+    assert rig.state(age=0.2) == []
+    message = JointState(name=list(DRIVEN[:3]), position=[0.0] * 3, velocity=[0.0] * 3)
+    rig.path.on_state(serialize_message(message))
+    assert rig.state(others=rig.complete(elbow=np.nan)) == []
+    assert rig.statistics.dropped == {STALE: 1, MISSING: 1, NOT_FINITE: 1}
+    rig.time += NANO // 5
+    rig.path.check_timeout()
+    assert not np.array(rig.commands.sent[-1].data).any()
+    command, = rig.state((0.4, 0.1, 0.2, 0.0))  # it moved meanwhile
+    np.testing.assert_allclose(command, gravity((0.4, 0.1, 0.2, 0.0)), rtol=1e-9, atol=1e-9)
+
+
+def test_a_motion_into_a_singular_configuration_commands_zeros():
+    rig = Rig()
+    rig.state()
+    end = (0.2, SINGULAR_SHOULDER - 0.2, -0.1, 0.5)
+    rig.follow(Motion.from_points([0.0, 1.0], [POSE, end], joint_names=DRIVEN))
+    for _ in range(500):
+        rig.state()
+        if rig.statistics.dropped:
+            break
+    assert rig.statistics.dropped == {REFUSED: 1}
+    assert not np.array(rig.commands.sent[-1].data).any()
+    assert rig.path.active_motion.desired(rig.time) is None
+
+
+def test_reasons_are_different_words():
+    assert len({BRANCH, CONTRADICTION, SINGULAR, UNKNOWN, REFUSED}) == 5
+
+
+def all_values(**changes):
+    return {spec.name: read(spec, spec.default) for spec in SPECS} | changes
+
+
+def test_the_guard_holds_an_arm_with_closed_loops(monkeypatch):
+    rig = Rig()
+    monkeypatch.setattr(time, 'perf_counter', lambda: rig.time / NANO)
+    held, = rig.state()
+    values = all_values(**{'guard.ramp': 0.0})
+    controller = Controller(palletizer())
+    guard = GuardPath(controller, rig.commands, rig.torques, lambda: rig.time, values,
+                      Statistics(), lambda *words: None, lambda words: None)
+    guard.start()
+    guard.on_torques(rig.torques.last)
+    guard.watch.known, rig.path = True, guard
+    commands = [command for _ in range(12) for command in rig.state()]
+    assert 3 <= len(commands) <= 6  # after the lease
+    np.testing.assert_allclose(commands, [held] * len(commands), rtol=1e-9, atol=1e-9)
+    moving, = rig.state(rates=(0.0, 0.1, 0.0, 0.0))
+    robot, q = palletizer(), positions(palletizer(), *POSE)
+    u = np.array([0.0, 0.1, 0.0, 0.0])  # of DRIVEN, which are the independent speeds in order
+    tau = robot.bias_force(q, u) - robot.mass_matrix(q) @ (20.0 * u)
+    friction = robot.torque_terms(q, u, 0.0 * u)[TORQUE_TERMS.index('friction')]
+    expected = robot.joint_torques(tau - friction, q)[sorted(of_driven())]
+    np.testing.assert_allclose(moving, expected, rtol=1e-9, atol=1e-9)
+    zeros, = rig.state(others=rig.complete(elbow=1.0))
+    assert not zeros.any()
+
+
+class Broken:
+    """Collects the messages of a monitor, serialized or not."""
+
+    def __init__(self):
+        self.sent = []
+
+    def publish(self, message):
+        self.sent.append(message)
+
+
+@pytest.mark.parametrize('measured', [False, True])
+def test_the_observer_estimates_the_external_torque_of_the_independent_joints(measured):
+    rig, topics = Rig(), ContactPublishers(Broken(), Broken(), Broken())
+    values = all_values(**{'observer.threshold': np.array(30.0), 'observer.frame': 'tool'})
+    rejected = []
+    monitor = ContactMonitor(rig.robot, values, topics,
+                             SimpleNamespace(warning=rejected.append, info=rejected.append),
+                             lambda *words: rejected.append(words))
+    rig.path.add_observer(monitor, need_effort=True)
+    rig.path.stop()
+    rig.path.start()
+    external = np.array([0.0, 50.0, 0.0, 0.0])
+    names = rig.robot.joint_names
+    torque = dict(zip([names[k] for k in sorted(of_driven())], gravity()))
+    torque['shoulder'] -= 50.0 * measured  # at rest, so something else holds the rest
+    for _ in range(200):
+        rig.state(efforts=torque if measured else None)
+    assert not [words for words in rejected if not isinstance(words, str)]
+    np.testing.assert_allclose(monitor._observer.torque, external * measured, atol=1e-3)
+    assert monitor.detector.joint == ('shoulder' if measured else None)
+    published = deserialize_message(topics.torques.sent[-1], JointState)
+    assert tuple(published.name) == rig.robot.speed_names
+    assert len(topics.wrench.sent) == len(topics.torques.sent)
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
+def test_the_explanation_is_of_the_torque_of_the_motion(mode):
+    rig, topic = Rig(mode=mode), Broken()
+    robot = palletizer().copy()
+    server = SimpleNamespace(create_timer=lambda *_, **__: None, served=SimpleNamespace(
+        robot=robot, loads=GravityAndPayload(robot.parameters.gravity)))
+    explainer = TorqueBreakdownTopic(server, topic, 5.0, rig.path.controller, None,
+                                     lambda *words: pytest.fail(str(words)))
+    rig.path.add_observer(explainer, need_effort=False)
+    rig.state()
+    rig.follow()
+    rig.time += NANO
+    q_d, u_d, _ = MOTION.sample(1.0 + 0.002)
+    command, = rig.state(q_d, u_d)
+    explainer._publish()
+    message = topic.sent[-1]
+    whole = np.reshape(message.by_source, (len(message.sources), -1)).sum(axis=0)
+    assert tuple(message.joint_names) == robot.speed_names == DRIVEN
+    np.testing.assert_allclose(in_order(whole), command, rtol=1e-8)
+    assert abs(message.power_residual) < 1e-6
+
+
+def test_the_doctor_examines_the_joints_that_are_needed():
+    robot, q = palletizer(), positions(palletizer(), *POSE)
+    complete = dict(zip(robot.joint_names, q))
+
+    def found(joints):
+        message = JointState(name=list(joints), position=list(joints.values()),
+                             velocity=[0.0] * len(joints))
+        message.header.stamp.sec = 1000
+        received = [ReceivedState(k * 10_000_000, 1000 * NANO, message) for k in range(100)]
+        return [(each.level, each.words) for each in examine_states(robot, received, 1.0)]
+    driven = {name: complete[name] for name in DRIVEN}
+    for joints in (driven, complete):
+        assert {level for level, _ in found(joints)} == {'fine'}
+        assert any(words.startswith('closed loops: residual') for _, words in found(joints))
+    assert any("'elbow' at" in words for level, words in found(
+        complete | {'elbow': 1.0}) if level == 'problem')
+    (level, words), = found({'swivel': 0.0})
+    assert level == 'problem'
+    assert words.startswith('joint states: shoulder, lever_drive, turn missing among swivel')
+
+
+def test_a_passive_joint_that_is_named_twice_drops_the_state():
+    rig = Rig()
+    names = [*DRIVEN, 'elbow', 'elbow']
+    rig.path.on_state(serialize_message(JointState(
+        name=names, position=[*POSE, -0.4, -0.4], velocity=[0.0] * 6)))
+    assert rig.statistics.dropped == {TWICE: 1}
+
+
+def test_the_plant_moves_as_simulated_and_stays_closed_at_its_stops():
+    robot = palletizer()
+    values = {spec.name: read(spec, spec.default) for spec in PLANT_SPECS}
+    arm = PlantState(robot, values).arm
+    np.testing.assert_allclose(arm.q, positions(robot, 0.0, 0.0, 0.0, 0.0), atol=1e-10)
+    start = positions(robot, *POSE)
+    arm.reset(start)
+    torques = robot.joint_torques(robot.gravity_force(start), start)
+    torques[of_driven()] += [50.0, 40.0, -30.0, 5.0]
+    run = simulate(robot, start, np.zeros(4), 0.2, step=1e-3,
+                   torque=lambda t, q, u: robot.generalized_force(torques, q))
+    for _ in range(200):
+        arm.step(torques)
+    np.testing.assert_allclose(arm.q, run.q[-1], atol=1e-5)  # simulate varies T in a step
+    np.testing.assert_allclose(arm.u, robot.joint_rates(run.q[-1], run.u[-1]), atol=1e-4)
+    for _ in range(1500):  # it falls onto its stops
+        arm.step(0.0 * torques)
+    assert arm.at_stops and arm.stop_contacts and arm.energy.warning == ''
+    assert np.abs(robot.constraint_residual(arm.q)).max() < 1e-9
+    assert (arm.q >= arm.lower - 1e-9).all() and (arm.q <= arm.upper + 1e-9).all()
+
+
+def test_an_estimate_of_the_payload_is_refused_with_the_reason():
+    values = all_values(**{'estimator.enabled': True, 'payload.frame': 'tool'})
+    with pytest.raises(InputError, match='payload of an arm with closed loops is not estimated'):
+        check_optional_topics(values, palletizer())
