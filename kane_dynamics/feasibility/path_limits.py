@@ -1,0 +1,120 @@
+"""
+Limits of a robot along a path as linear limits on s'^2 and s'' at its vertices.
+
+Along q(s) the torque is a s'' + b s'^2 + c + friction(q_s s'), with a = M q_s, b = M q_ss + the
+Coriolis forces at speeds q_s, and c = gravity, springs and the offset of friction. Friction is not
+linear in x = s'^2. It is replaced with its tangent at a profile x, which the next profile refines
+(sequential linear programming); the profile to which this converges satisfies the exact limits.
+A limit P of the power bounds the torque by P / |q_s s'|, which is replaced likewise.
+"""
+
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.path_geometry import Section
+from kane_dynamics.feasibility.reachability import Limits
+from kane_dynamics.feasibility.time_scale import HIGHEST
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+DOMINANT = 4.0  # least ratio of the coefficients of v and x where the middle of an interval counts
+
+
+class Bounds(NamedTuple):
+    """Limits of the joints, (n,) arrays; infinite for none."""
+
+    effort: Array
+    velocity: Array
+    power: Array
+    acceleration: Array
+
+
+class PathLimits:
+    """The limits of a robot at the vertices of a section of a path."""
+
+    def __init__(self, robot: Robot, section: Section, bounds: Bounds) -> None:
+        """Compute the coefficients of the torque."""
+        q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
+        self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
+        self.second, count, zero = second, len(q), np.zeros_like(q)
+        tau = robot.inverse_dynamics(np.concatenate([q, q, q]), np.concatenate([zero, zero, first]),
+                                     np.concatenate([zero, first, second]))
+        self.constant = tau[:count]
+        self.inertia = tau[count:2 * count] - self.constant
+        offset, _ = friction(robot, zero[:1])
+        self.square = tau[2 * count:] - self.constant - (friction(robot, first)[0] - offset)
+        self.offset = offset
+        with np.errstate(divide='ignore', invalid='ignore'):
+            speed = np.where(first == 0.0, np.inf, bounds.velocity / np.abs(first))
+        self.free = (HIGHEST / section.span)**2  # x beyond which nothing bounds the path
+        self.most = np.minimum(speed.min(axis=1)**2, self.free)
+        #: factors by which limits are tightened at the vertices where they are exceeded between
+        self.tight = np.ones((4, count, robot.n))
+
+    @property
+    def linear(self) -> bool:
+        """Return whether the limits are linear in x: no friction, and no limit of power."""
+        robot = self.robot
+        return not np.isfinite(self.bounds.power).any() and not (robot.friction and any(
+            body.joint.damping or body.joint.friction for body in robot.model.bodies))
+
+    def at(self, x: Array | None) -> Limits:
+        """Return the limits, exact at a profile x, (N + 1,); without friction for None."""
+        given, x = x, np.maximum(1.0 if x is None else x, 1e-12 * self.free) * np.ones(
+            (len(self.constant)))
+        x = x[:, None]
+        root, bounds, first = np.sqrt(x), self.bounds, self.first
+        force, slope = (self.offset, 0.0) if given is None else friction(self.robot, root * first)
+        change = slope * first / (2.0 * root)
+        alpha = self.inertia / (2.0 * self.section.step)
+        beta, gamma = self.square + change, self.constant + force - self.offset - change * x
+        rows, none = [], np.zeros_like(alpha)
+        for name, lines in (('effort', (alpha, beta, gamma)), ('power', (alpha, beta, gamma)),
+                            ('acceleration', (first / (2.0 * self.section.step), self.second,
+                                              none))):
+            limit = getattr(bounds, name)
+            used = np.isfinite(limit)
+            if not used.any():
+                continue
+            width, drop = self.tight[Bounds._fields.index(name)] * limit, none
+            if name == 'power':
+                with np.errstate(divide='ignore'):
+                    width = np.minimum(width / np.abs(root * first), 1e30)
+                drop = none if given is None else -0.5 * width / x
+                width = np.full_like(none, 1e30) if given is None else 1.5 * width
+            rows.append(np.stack([*lines, width, drop], axis=1)[:, :, used])
+        tight = self.tight[1].min(axis=1)
+        most = np.minimum(self.most * tight**2, self.free)
+        data = np.concatenate(rows, axis=2) if rows else np.zeros((len(x), 5, 1)) + [
+            [0.0], [0.0], [0.0], [1.0], [0.0]]
+        return Limits(_in_intervals(data, np.diff(x, axis=0)), most)
+
+
+def _in_intervals(rows: Array, increase: Array) -> Array:
+    """
+    Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
+
+    Where the coefficient of v dominates, it is the mean of the limits at both ends, which is that
+    at the middle. Elsewhere, where a limit bounds x rather than v, both ends count: a limit at the
+    middle alone would let x oscillate around the bound (Pham and Pham 2018).
+    """
+    begin, end = rows[:-1], rows[1:].copy()
+    end[:, 0] += end[:, 1]
+    end[:, 3] += end[:, 4] * increase
+    size = np.abs(rows[:, 0]) > DOMINANT * np.abs(rows[:, 1])
+    smooth = size[:-1] & size[1:] & (rows[:-1, 0] * rows[1:, 0] > 0.0)
+    middle = 0.5 * (begin + end)
+    return np.concatenate([np.where(smooth[:, None], middle, each) for each in (begin, end)],
+                          axis=2)
+
+
+def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:
+    """Return the friction torques at joint rates, (N, n), with their slopes."""
+    torque, slope = np.zeros_like(rates), np.zeros_like(rates)
+    for body in robot.model.bodies if robot.friction else ():
+        joint, k = body.joint, body.joint.coordinate
+        rate = joint.multiplier * rates[:, k]
+        torque[:, k] += joint.multiplier * friction_torque(joint, rate)
+        slope[:, k] += joint.multiplier**2 * friction_slope(joint, rate)
+    return torque, slope
