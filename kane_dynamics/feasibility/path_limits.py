@@ -78,11 +78,13 @@ class PathLimits:
             if not used.any():
                 continue
             width, drop = self.tight[Bounds._fields.index(name)] * limit, none
-            if name == 'power':
+            if name == 'power':  # not where the joint stands
+                moving = np.abs(root * first) if given is not None else none
                 with np.errstate(divide='ignore'):
-                    width = np.minimum(width / np.abs(root * first), 1e30)
-                drop = none if given is None else -0.5 * width / x
-                width = np.full_like(none, 1e30) if given is None else 1.5 * width
+                    width = np.where(moving > 0.0, width / moving, 0.0)
+                drop = -0.5 * width / x
+                width, lines = np.where(moving > 0.0, 1.5 * width, 1.0), [
+                    np.where(moving > 0.0, line, 0.0) for line in lines]
             rows.append(np.stack([*lines, width, drop], axis=1)[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)

@@ -31,8 +31,9 @@ from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, trace_program
 import numpy as np
 
-NEWTON_STEPS = (5, 40)  # of one linear program; the second number where the first is too small
+NEWTON_STEPS = (6, 20)  # of one linear program; the second number where the first is too small
 SMALLEST = 1e-13  # replaces a coefficient of v that is smaller, relative to those of its row
+EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
 
 Line = tuple[Any, Any]  # value at x = 0, and slope
@@ -178,10 +179,12 @@ def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
         _run(_kernel('controllable', rows.shape[2], steps),
              [sets[-1:], rows[-1:], most[-2:], sets[-2:]], count, True)
         slack = ROUNDING * sets[:, 1]
-        empty = ~((sets[:, 2] <= slack) & (sets[:, 0] <= sets[:, 1] + slack))
-        if not empty.any():
+        bad = np.flatnonzero(~((sets[:, 2] <= slack) & (sets[:, 0] <= sets[:, 1] + slack)))
+        if not bad.size:
             return sets
-    raise Infeasible(int(np.flatnonzero(empty)[-1]))
+        if not sets[bad[-1], 2] < EMPTY:
+            break
+    raise Infeasible(int(bad[-1]))
 
 
 def fastest_profile(limits: Limits, sets: Array, first: float) -> Array:
