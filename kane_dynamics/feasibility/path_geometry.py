@@ -11,6 +11,7 @@ is a cubic spline in s, through positions of the motion.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from kane_dynamics._util.checks import finite_row
@@ -86,6 +87,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
     Parameters
     ----------
     motion : Motion
+        The motion.
     points : int
         Intervals between vertices of all sections together, about.
     order : int
@@ -106,7 +108,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
         knots[-1] - knots[0] or 1.0)
     still[[0, -1]] = True
     cuts = knots[still]
-    parts = [_Part(motion, *cut) for cut in zip(cuts[:-1], cuts[1:])]
+    parts = [_Part(motion, *cut) for cut in pairwise(cuts)]
     total = sum(part.length for part in parts)
     parts = [part for part in parts if part.length > 1e-12 * total]
     if not parts:

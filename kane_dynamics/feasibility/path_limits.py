@@ -18,7 +18,10 @@ from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-DOMINANT = 4.0  # least ratio of the coefficients of v and x where the middle of an interval counts
+# Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
+STIFF, STIFFEST = 4.0, 0.5
+TINY = 1e-300
+IRRELEVANT = 3.0  # torque of a limit of power at which it does not count, in limits of effort
 
 
 class Bounds(NamedTuple):
@@ -38,8 +41,8 @@ class PathLimits:
         q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count, zero = second, len(q), np.zeros_like(q)
-        tau = robot.inverse_dynamics(np.concatenate([q, q, q]), np.concatenate([zero, zero, first]),
-                                     np.concatenate([zero, first, second]))
+        tau = robot.inverse_dynamics(*(np.concatenate(rows) for rows in (
+            (q, q, q), (zero, zero, first), (zero, first, second))))
         self.constant = tau[:count]
         self.inertia = tau[count:2 * count] - self.constant
         offset, _ = friction(robot, zero[:1])
@@ -49,20 +52,25 @@ class PathLimits:
             speed = np.where(first == 0.0, np.inf, bounds.velocity / np.abs(first))
         self.free = (HIGHEST / section.span)**2  # x beyond which nothing bounds the path
         self.most = np.minimum(speed.min(axis=1)**2, self.free)
-        #: factors by which limits are tightened at the vertices where they are exceeded between
-        self.tight = np.ones((4, count, robot.n))
+        # Factors of the limits of `Bounds`, less than 1 where a motion exceeds them in between.
+        self.tight = np.ones((len(bounds), count, robot.n))
+
+    @property
+    def powered(self) -> bool:
+        """Return whether there is a limit of power."""
+        return bool(np.isfinite(self.bounds.power).any())
 
     @property
     def linear(self) -> bool:
         """Return whether the limits are linear in x: no friction, and no limit of power."""
         robot = self.robot
-        return not np.isfinite(self.bounds.power).any() and not (robot.friction and any(
+        return not self.powered and not (robot.friction and any(
             body.joint.damping or body.joint.friction for body in robot.model.bodies))
 
     def at(self, x: Array | None) -> Limits:
         """Return the limits, exact at a profile x, (N + 1,); without friction for None."""
         given, x = x, np.maximum(1.0 if x is None else x, 1e-12 * self.free) * np.ones(
-            (len(self.constant)))
+            len(self.constant))
         x = x[:, None]
         root, bounds, first = np.sqrt(x), self.bounds, self.first
         force, slope = (self.offset, 0.0) if given is None else friction(self.robot, root * first)
@@ -78,37 +86,64 @@ class PathLimits:
             if not used.any():
                 continue
             width, drop = self.tight[Bounds._fields.index(name)] * limit, none
-            if name == 'power':  # not where the joint stands
-                moving = np.abs(root * first) if given is not None else none
-                with np.errstate(divide='ignore'):
-                    width = np.where(moving > 0.0, width / moving, 0.0)
-                drop = -0.5 * width / x
-                width, lines = np.where(moving > 0.0, 1.5 * width, 1.0), [
-                    np.where(moving > 0.0, line, 0.0) for line in lines]
+            if name == 'power':
+                width, drop = self._torque_of_power(width, none if given is None else x)
             rows.append(np.stack([*lines, width, drop], axis=1)[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)
         data = np.concatenate(rows, axis=2) if rows else np.zeros((len(x), 5, 1)) + [
             [0.0], [0.0], [0.0], [1.0], [0.0]]
-        return Limits(_in_intervals(data, np.diff(x, axis=0)), most)
+        ratio = np.abs(data[:, 0]) / (np.abs(data[:, 1]) + np.abs(data[:, 4]) + TINY)
+        return Limits(_in_intervals(data, ratio < STIFF, np.diff(x, axis=0)),
+                      np.minimum(most, _steady(data, ratio < STIFFEST)))
+
+    def _torque_of_power(self, power: Array, x: Array) -> tuple[Array, Array]:
+        """
+        Return the tangent at x of the torque P / (|q_s| sqrt(x)), as its value at 0 and slope.
+
+        The torque is convex in x, so a profile that satisfies the tangents satisfies the limit.
+        It is irrelevant where x is so small that the limit of effort is lower; the tangent at
+        the largest such x is irrelevant there too.
+        """
+        with np.errstate(divide='ignore', invalid='ignore'):
+            speed = np.abs(self.first)
+            x = np.maximum(x, (power / (IRRELEVANT * self.bounds.effort * speed))**2)
+            torque = power / (speed * np.sqrt(x))
+        matters = np.isfinite(torque) & np.isfinite(x)
+        return (np.where(matters, 1.5 * torque, 1e6 * np.abs(self.constant).max() + 1e6),
+                np.where(matters, -0.5 * torque / x, 0.0))
 
 
-def _in_intervals(rows: Array, increase: Array) -> Array:
+def _in_intervals(rows: Array, stiff: Array, increase: Array) -> Array:
     """
     Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
 
-    Where the coefficient of v dominates, it is the mean of the limits at both ends, which is that
-    at the middle. Elsewhere, where a limit bounds x rather than v, both ends count: a limit at the
-    middle alone would let x oscillate around the bound (Pham and Pham 2018).
+    It is the mean of the limits at both ends, which is that at the middle. Of a stiff limit, which
+    bounds x rather than v, both ends count: a limit at the middle alone would let x oscillate
+    around the bound (Pham and Pham 2018).
     """
     begin, end = rows[:-1], rows[1:].copy()
     end[:, 0] += end[:, 1]
     end[:, 3] += end[:, 4] * increase
-    size = np.abs(rows[:, 0]) > DOMINANT * np.abs(rows[:, 1])
-    smooth = size[:-1] & size[1:] & (rows[:-1, 0] * rows[1:, 0] > 0.0)
+    smooth = ~stiff[:-1] & ~stiff[1:] & (rows[:-1, 0] * rows[1:, 0] > 0.0)
     middle = 0.5 * (begin + end)
     return np.concatenate([np.where(smooth[:, None], middle, each) for each in (begin, end)],
                           axis=2)
+
+
+def _steady(rows: Array, stiff: Array) -> Array:
+    """
+    Return the largest x at which the stiff limits of a vertex hold for v = 0, (N + 1,).
+
+    A larger x would need a v that changes x by much of its size, back and forth between vertices.
+    """
+    _, beta, gamma, width, slope = np.moveaxis(rows, 1, 0)
+    most = np.full(rows.shape[::2], np.inf)
+    for sign in (1.0, -1.0):
+        rate, room = sign * beta - slope, width - sign * gamma
+        bound = stiff & (rate > 0.0) & (room > 0.0)
+        most = np.where(bound, np.minimum(most, room / np.where(bound, rate, 1.0)), most)
+    return np.asarray(most.min(axis=1))
 
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:

@@ -7,11 +7,11 @@ length h. Every limit in an interval is, with x at its start,
 
     |alpha v + beta x + gamma| <= width + slope x.
 
-A pass from the end to the start
-of the path computes the controllable sets, intervals of x from which the end can be reached within
-all limits: the least and the largest x of a linear program in (x, v). A pass from the start to the
-end then chooses the largest v that leads into the next set (Pham and Pham, TOPP-RA, IEEE Trans.
-Robotics 34 (2018)). Each pass is a traced program of one interval, repeated natively.
+A pass from the end to the start of the path computes the controllable sets, intervals of x from
+which the end can be reached within all limits: the least and the largest x of a linear program in
+(x, v). A pass from the start to the end then chooses the largest v that leads into the next set
+(Pham and Pham, TOPP-RA, IEEE Trans. Robotics 34 (2018)). Each pass is a traced program of one
+interval, repeated natively.
 
 The linear program has two unknowns. For fixed x the limits bound v from both sides, and the
 difference of the least upper and the largest lower bound is a concave, piecewise linear function
@@ -162,6 +162,7 @@ def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
     Parameters
     ----------
     limits : Limits
+        Limits of the path.
     last : (float, float)
         Least and largest x at the end of the path.
 

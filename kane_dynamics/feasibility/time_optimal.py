@@ -29,7 +29,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 POINTS, FINEST = 1000, 16_000  # intervals of the grid
-CONVERGED, PROGRAMS = 1e-5, 30  # relative change of the last profile, and most profiles
+CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
+SMALLEST = 1e-14  # x relative to the largest
+SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 EXCESS = 5e-4  # relative, of a limit between points, that is accepted
 ROUNDS = 6  # in which limits are tightened
@@ -196,7 +198,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
             slower += 1
             if limits.linear or slower > SLOWER:
                 raise InputError(_reason(limits, error.vertex, start, end)) from None
-            x = limits.most * 1e-3 if x is None else 0.25 * x
+            x = SLOW * limits.most if x is None else 0.25 * x
             continue
         first = float(sets[0, 1]) if ends[0] is None else ends[0]
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
@@ -205,11 +207,11 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                              f'{scale * math.sqrt(max(sets[0, 0], 0.0)):.6g} to '
                              f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
                              'followed')
-        new = fastest_profile(limited, sets, first)
-        done = limits.linear or (
-            x is not None and bool((np.abs(new - x) <= CONVERGED * new).all()))
-        x = new
-        import os; os.environ.get('DBG') and print('   program', _)
+        new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.free)
+        done = limits.linear or (x is not None and abs(
+            (1.0 / np.sqrt(new)).sum() / (1.0 / np.sqrt(x)).sum() - 1.0) <= CONVERGED)
+        # From a slow profile, which satisfies limits of power, the profiles grow monotonically.
+        x = SLOW * new if x is None and limits.powered else new
         if done:
             break
     if (x >= 0.5 * limits.free).any():
