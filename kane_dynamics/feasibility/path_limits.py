@@ -21,6 +21,7 @@ import numpy as np
 # Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
 STIFF, STIFFEST = 4.0, 0.5
 TINY = 1e-300
+MARGIN = 5e-4  # of all limits, for the motion between the points
 IRRELEVANT = 3.0  # torque of a limit of power at which it does not count, in limits of effort
 
 
@@ -52,8 +53,8 @@ class PathLimits:
             speed = np.where(first == 0.0, np.inf, bounds.velocity / np.abs(first))
         self.free = (HIGHEST / section.span)**2  # x beyond which nothing bounds the path
         self.most = np.minimum(speed.min(axis=1)**2, self.free)
-        # Factors of the limits of `Bounds`, less than 1 where a motion exceeds them in between.
-        self.tight = np.ones((len(bounds), count, robot.n))
+        # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
+        self.tight = np.full((len(bounds), count, robot.n), 1.0 - MARGIN)
 
     @property
     def powered(self) -> bool:

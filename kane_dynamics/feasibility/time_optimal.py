@@ -16,7 +16,7 @@ from kane_dynamics._util.checks import integer, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
-from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
+from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
                                                     Infeasible)
@@ -33,7 +33,6 @@ CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of
 SMALLEST = 1e-14  # x relative to the largest
 SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
-EXCESS = 5e-4  # relative, of a limit between points, that is accepted
 ROUNDS = 6  # in which limits are tightened
 ACTIVE = 0.99  # least share of a limit that is active
 
@@ -177,10 +176,10 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
         worst = found.uses.max(axis=1)
-        if (worst <= 1.0 + EXCESS).all():
+        if (worst <= 1.0).all():
             return found, True
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
-        limits.tight /= np.where(worst > 1.0 + 0.5 * EXCESS, worst, 1.0)
+        limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
     return found, False
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
+from kane_dynamics.cli.commands.timing_command import time_path
 from kane_dynamics.cli.shared import load, print_json, warn_degrees
 from kane_dynamics.cli.tables import read_motion, write_states
 from kane_dynamics.errors import InputError
@@ -28,6 +29,8 @@ def feasible(options: Namespace) -> int:
     given: dict[str, Any] = {
         'step': options.step, 'power': options.power[0] if len(options.power) == 1
         else options.power}
+    if options.time_optimal:
+        return time_path(options, robot, motion, plot, given['power'])
     asked = demand(robot, motion, speed=options.speed, **given)
     scale = fastest(robot, motion, **given)
     data = {**as_data(asked), 'speed': options.speed, 'fastest': scale and vars(scale),

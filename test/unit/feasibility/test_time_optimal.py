@@ -165,13 +165,13 @@ def test_timing_without_friction_and_payload_overloads_the_arm_that_has_them():
 
 def two_link(damping=2.0, friction=3.0, effort=(40.0, 18.0)):
     """Return an arm of two rods in a vertical plane, with much friction."""
-    builder = ModelBuilder()
+    builder = ModelBuilder('two links')
     for k, on in enumerate(('world', 'rod0')):
         builder.body(f'rod{k}', on, axis=(0.0, 1.0, 0.0), at=(0.0, 0.0, -float(k)),
                      matter=rod(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), joint=f'joint{k}',
                      damping=damping, friction=friction, friction_speed=0.1,
                      limits=Limits(effort=effort[k], velocity=20.0))
-    return Robot(Model.of(builder))
+    return Robot(builder.model())
 
 
 def least_duration(robot, motion, count=150, levels=900):
