@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.reachability import Limits
+from kane_dynamics.feasibility.reachability import compile_passes, Limits
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.robot.robot import Robot
@@ -113,6 +113,11 @@ class PathLimits:
         matters = np.isfinite(torque) & np.isfinite(x)
         return (np.where(matters, 1.5 * torque, 1e6 * np.abs(self.constant).max() + 1e6),
                 np.where(matters, -0.5 * torque / x, 0.0))
+
+
+def compile_timing(robot: Robot) -> None:
+    """Compile what `time_optimal` needs for limits of effort and velocity."""
+    compile_passes(2 * int(np.isfinite(robot.limits.effort).sum()) or 2)
 
 
 def _in_intervals(rows: Array, stiff: Array, increase: Array) -> Array:

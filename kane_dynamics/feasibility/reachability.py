@@ -140,6 +140,12 @@ def _kernel(name: str, m: int, steps: int) -> Kernel:
                   np.zeros(inputs[-1][1]), (3,) if back else ())
 
 
+def compile_passes(m: int) -> None:
+    """Compile the passes for m limits in each interval, so that no request waits for them."""
+    _kernel('controllable', m, NEWTON_STEPS[0])
+    _kernel('reached', m, 0)
+
+
 def _run(kernel: Kernel, rows: Sequence[Array], count: int, backward: bool) -> None:
     """Repeat a kernel along arrays with one row per step; `rows` begin at the first step."""
     addresses = [row.ctypes.data for row in rows]

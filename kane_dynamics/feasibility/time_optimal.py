@@ -203,7 +203,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
             scale = start / math.sqrt(first)
             raise InputError(f'start_speed: {start:g}; expected '
-                             f'{scale * math.sqrt(max(sets[0, 0], 0.0)):.6g} to '
+                             f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
                              f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
                              'followed')
         new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.free)

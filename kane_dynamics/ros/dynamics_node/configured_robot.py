@@ -10,6 +10,7 @@ from typing import Any
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.path_limits import compile_timing
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
@@ -90,6 +91,7 @@ class ConfiguredRobot:
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
         check_optional_topics(values, self.robot)
+        compile_timing(self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
         if not self.robot.constraint_names:  # for filled trajectories
