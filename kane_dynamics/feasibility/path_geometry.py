@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 AT_REST = 1e-9  # speed relative to the mean one of the section
-MESH = 500  # intervals on which the parameter is computed
+MESH = 200  # intervals on which the parameter is computed
 FEWEST = 50  # intervals of a section
 
 

@@ -128,13 +128,16 @@ def _in_intervals(rows: Array, stiff: Array, increase: Array) -> Array:
     bounds x rather than v, both ends count: a limit at the middle alone would let x oscillate
     around the bound (Pham and Pham 2018).
     """
-    begin, end = rows[:-1], rows[1:].copy()
+    m = rows.shape[2]
+    end = rows[1:].copy()
     end[:, 0] += end[:, 1]
     end[:, 3] += end[:, 4] * increase
-    smooth = ~stiff[:-1] & ~stiff[1:] & (rows[:-1, 0] * rows[1:, 0] > 0.0)
-    middle = 0.5 * (begin + end)
-    return np.concatenate([np.where(smooth[:, None], middle, each) for each in (begin, end)],
-                          axis=2)
+    out = np.empty((len(end), 5, 2 * m))
+    out[:, :, m:] = 0.5 * (rows[:-1] + end)
+    out[:, :, :m] = out[:, :, m:]
+    k, j = np.nonzero(stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0))
+    out[k, :, j], out[k, :, m + j] = rows[k, :, j], end[k, :, j]
+    return out
 
 
 def _steady(rows: Array, stiff: Array) -> Array:
@@ -143,13 +146,14 @@ def _steady(rows: Array, stiff: Array) -> Array:
 
     A larger x would need a v that changes x by much of its size, back and forth between vertices.
     """
-    _, beta, gamma, width, slope = np.moveaxis(rows, 1, 0)
-    most = np.full(rows.shape[::2], np.inf)
+    most = np.full(len(rows), np.inf)
+    k, j = np.nonzero(stiff)
+    _, beta, gamma, width, slope = rows[k, :, j].T
     for sign in (1.0, -1.0):
         rate, room = sign * beta - slope, width - sign * gamma
-        bound = stiff & (rate > 0.0) & (room > 0.0)
-        most = np.where(bound, np.minimum(most, room / np.where(bound, rate, 1.0)), most)
-    return np.asarray(most.min(axis=1))
+        bound = (rate > 0.0) & (room > 0.0)
+        np.minimum.at(most, k[bound], room[bound] / rate[bound])
+    return most
 
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:

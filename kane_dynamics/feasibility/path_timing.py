@@ -12,7 +12,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s between two sections, in which the acceleration changes
-INSIDE = np.array([0.0, 0.25, 0.5, 0.75])  # of a segment: where limits are checked
+INSIDE = np.array([0.0, 0.5])  # of a segment: where limits are checked
 # Gauss-Legendre quadrature with four points on [0, 1].
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 NODES, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
@@ -28,7 +28,7 @@ class Checked(NamedTuple):
         The N + 2 points.
     tau : (N + 2, n) array
         Torques at the points.
-    uses : (4, 5, N + 1, n) array
+    uses : (4, 3, N + 1, n) array
         Shares of `Bounds`, at the fractions `INSIDE` of the segments and at their ends.
 
     """

@@ -91,10 +91,10 @@ class ConfiguredRobot:
             values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
         ) if values['imu.topic'] else None
         check_optional_topics(values, self.robot)
-        compile_timing(self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
-        if not self.robot.constraint_names:  # for filled trajectories
+        if not self.robot.constraint_names:  # for filled and timed trajectories
+            compile_timing(self.robot)
             for robot in (self.robot, *([bending.robot] if bending else [])):
                 robot.compile('inverse_dynamics', 'torque_terms', batches=True)
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
