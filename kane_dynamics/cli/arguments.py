@@ -176,7 +176,8 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--step', type=float, default=FINE, metavar='S',
                      help='time between samples in s; default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
-                     help='write the motion at the highest feasible speed, or with its fastest timing')
+                     help='write the motion at the highest feasible speed, or with its fastest '
+                     'timing')
     add_plot(sub, 'torque, speed and power')
 
 

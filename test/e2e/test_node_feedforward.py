@@ -120,7 +120,8 @@ def test_the_service_times_a_path_as_the_library_does(filler, robot):
     assert answer.success, answer.message
     expected = time_optimal(robot, POINTS, acceleration=5.0)
     assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(), rel=1e-9)
-    for got, rows in ((answer.positions, expected.motion.positions), (answer.effort, expected.tau)):
+    for got, rows in ((answer.positions, expected.motion.positions),
+                      (answer.effort, expected.tau)):
         np.testing.assert_allclose(got, rows[:, order].ravel(), rtol=0, atol=1e-9)
     answer = filler.client.call(TimeOptimal, 'time_optimal', positions=[0.0] * 6)
     assert not answer.success and 'expected at least 2' in answer.message

@@ -39,7 +39,8 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     q, u, udot = (None if rows is None else rows[:, order] for rows in columns)
     assert q is not None  # `table` raises
     if not len(times) and (u is not None or udot is not None):
-        raise InputError('time_from_start: empty; expected times with velocities and accelerations')
+        raise InputError('time_from_start: empty; expected the times of points with velocities or '
+                         'accelerations')
     path = Motion.from_points(times, q, u, udot, joint_names=joints) if len(times) else q
     limits = {what: _per_joint(getattr(request, f'max_{what}'), what, n, order)
               for what in ('acceleration', 'power')}
