@@ -17,7 +17,9 @@ from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.robot.robot import Robot
 import numpy as np
+from numpy.typing import NDArray
 
+Flags = NDArray[np.bool_]
 # Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
 STIFF, STIFFEST = 4.0, 0.5
 TINY = 1e-300
@@ -120,7 +122,7 @@ def compile_timing(robot: Robot) -> None:
     compile_passes(2 * int(np.isfinite(robot.limits.effort).sum()) or 2)
 
 
-def _in_intervals(rows: Array, stiff: Array, increase: Array) -> Array:
+def _in_intervals(rows: Array, stiff: Flags, increase: Array) -> Array:
     """
     Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
 
@@ -140,7 +142,7 @@ def _in_intervals(rows: Array, stiff: Array, increase: Array) -> Array:
     return out
 
 
-def _steady(rows: Array, stiff: Array) -> Array:
+def _steady(rows: Array, stiff: Flags) -> Array:
     """
     Return the largest x at which the stiff limits of a vertex hold for v = 0, (N + 1,).
 

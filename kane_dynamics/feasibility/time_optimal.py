@@ -144,10 +144,12 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         solved = [_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
                          speeds[1] if k == len(parts) - 1 else 0.0)
                   for k, part in enumerate(parts)]
-        if all(fits for _, fits in solved) or points >= FINEST:
-            break
+        if all(fits for _, fits in solved):
+            return _result(robot, bounds, [part for part, _ in solved])
+        if points >= FINEST:
+            raise InputError(f'path: a limit is exceeded between {points} points; expected a path '
+                             'without sharp corners')
         points *= 2
-    return _result(robot, bounds, [part for part, _ in solved])
 
 
 def _speed(value: float, what: str) -> float:
@@ -213,6 +215,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         x = SLOW * new if x is None and limits.powered else new
         if done:
             break
+    assert x is not None
     if (x >= 0.5 * limits.free).any():
         raise InputError('robot: no limit bounds the motion; expected limits of effort or '
                          'acceleration, which bound it everywhere')
