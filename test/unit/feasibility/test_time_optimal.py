@@ -175,14 +175,14 @@ def two_link(damping=2.0, friction=3.0, effort=(40.0, 18.0)):
     return Robot(builder.model())
 
 
-def least_duration(robot, motion, count=150, levels=900):
+def least_duration(robot, motion, count=50, levels=1500):
     """Return the least duration over a grid of path velocities, by dynamic programming."""
     v, h = np.linspace(0.0, 8.0, levels), motion.duration / count
     best = np.where(v == 0.0, 0.0, np.inf)
     begin, end = v[:, None], v[None, :]
     speed, rate = np.sqrt(0.5 * (begin**2 + end**2)), (end**2 - begin**2) / (2.0 * h)
     for k in range(count - 1, -1, -1):
-        near = np.abs(end - begin) < 1.2  # a larger step exceeds every torque
+        near = np.abs(end - begin) < 1.6  # a larger step exceeds every torque
         q, first, second = motion.sample((k + 0.5) * h)
         u = speed[near][:, None] * first
         udot = rate[near][:, None] * first + speed[near][:, None]**2 * second
@@ -207,8 +207,8 @@ def bent_path(robot):
 def test_duration_with_friction_is_the_least_of_dynamic_programming():
     robot = two_link()
     path = bent_path(robot)
-    assert time_optimal(robot, path).duration == pytest.approx(least_duration(robot, path),
-                                                               rel=1e-2)
+    ratio = time_optimal(robot, path).duration / least_duration(robot, path)
+    assert 0.97 < ratio < 1.005  # on a grid of velocities no motion is faster than the best one
 
 
 def test_each_limit_is_active_where_it_is_reached():
