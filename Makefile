@@ -133,8 +133,8 @@ $(VENV)/.bench: $(VENV)/.dependencies
 
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
-  benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/node_latency.py \
-  benchmarks/state_rates.py
+  benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/time_optimal.py \
+  benchmarks/node_latency.py benchmarks/state_rates.py
 BENCH_ARGS ?=
 
 bench: install $(VENV)/.bench $(VENV)/.torch

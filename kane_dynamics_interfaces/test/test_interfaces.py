@@ -4,14 +4,14 @@ from geometry_msgs.msg import Inertia, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.msg import TorqueExplanation
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                                          InverseDynamics, SetPayload, Simulate)
+                                          InverseDynamics, SetPayload, Simulate, TimeOptimal)
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 PARTS = [part for service in (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                              InverseDynamics, SetPayload, Simulate)
+                              InverseDynamics, SetPayload, Simulate, TimeOptimal)
          for part in (service.Request, service.Response)]
 PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation]
 

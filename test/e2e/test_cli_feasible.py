@@ -84,3 +84,22 @@ def test_motion_that_fits_at_no_speed_says_why(trajectory, capsys):
     assert main(['feasible', str(URDF), '--trajectory', trajectory, '--gravity', '0', '0', '-100',
                  '--out', 'none.csv']) == 2
     assert 'no feasible speed' in capsys.readouterr().err
+
+
+def test_fastest_timing_is_written_and_satisfies_the_limits(trajectory, tmp_path, capsys):
+    out, picture = str(tmp_path / 'fastest.csv'), str(tmp_path / 'timing.png')
+    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--out', out,
+                        '--plot', picture)
+    assert code == 0 and data['files'] == [out, picture]
+    assert data['active'] and {active['joint'] for active in data['active']} <= set(NAMES)
+    code, checked = answer(capsys, '--trajectory', out)
+    assert code == 0 and checked['fits']
+    assert checked['duration'] == pytest.approx(data['duration'], rel=1e-9)
+    _, scaled = answer(capsys, '--trajectory', trajectory)
+    assert data['duration'] < 0.9 * 1.5 / scaled['fastest']['speed']
+
+
+def test_fastest_timing_refuses_a_speed(trajectory, capsys):
+    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--speed',
+                 '2']) != 0
+    assert '--speed: given with --time-optimal; expected one of them' in capsys.readouterr().err

@@ -12,7 +12,8 @@ import time
 from graph import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
-from kane_dynamics_interfaces.srv import FillTrajectory
+from kane_dynamics.feasibility import time_optimal
+from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
 from message_package import build_message
 import numpy as np
 import pytest
@@ -109,6 +110,21 @@ def test_the_topic_and_the_service_fill_in_what_the_library_does(filler, robot):
     assert answer.inserted == expected.inserted > 0
     np.testing.assert_allclose(answer.effort, expected.efforts.ravel(), rtol=0, atol=1e-12)
     assert max(answer.effort_error) <= 0.05
+
+
+def test_the_service_times_a_path_as_the_library_does(filler, robot):
+    order = [2, 0, 1]
+    answer = filler.client.call(
+        TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
+        positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0])
+    assert answer.success, answer.message
+    expected = time_optimal(robot, POINTS, acceleration=5.0)
+    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(), rel=1e-9)
+    for got, rows in ((answer.positions, expected.motion.positions),
+                      (answer.effort, expected.tau)):
+        np.testing.assert_allclose(got, rows[:, order].ravel(), rtol=0, atol=1e-9)
+    answer = filler.client.call(TimeOptimal, 'time_optimal', positions=[0.0] * 6)
+    assert not answer.success and 'expected at least 2' in answer.message
 
 
 def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(filler, robot):

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from kane_dynamics import (ComputedTorque, Controller, fill_trajectory,
                            MomentumObserver, Motion, natural_vibration, simulate)
-from kane_dynamics.feasibility import demand, fastest
+from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.verification import without_rotors
@@ -395,6 +395,20 @@ def scaled(case):
     share = max((np.abs(tau) / case.robot.limits.effort).max(),
                 np.abs(found.speed * u / case.robot.limits.velocity).max())
     near(share, 1.0, 1e-6)
+
+
+def timed(case):
+    """Reach some limit at most times, and exceed none, by Kane's definition."""
+    motion, _, _ = driven(case)
+    found = time_optimal(case.robot, motion, acceleration=2.0, points=100)
+    times = found.motion.times
+    states = found.motion.sample(0.5 * (times[10:-10:7] + times[11:-9:7]))
+    tau = np.array([kane.inverse_dynamics(case.robot.model, *row) for row in zip(*states)])
+    limits = case.robot.limits
+    uses = [np.abs(values / bound).max(axis=1) for values, bound in (
+        (tau, limits.effort), (states[1], limits.velocity), (states[2], 2.0))]
+    near(np.median(np.max(uses, axis=0)), 1.0, 1e-2)
+    assert np.max(uses) <= 1.001
 
 
 def filled(case):

@@ -127,6 +127,12 @@ ROWS = (
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS}),
+    Row('`time_optimal`', check.timed, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: NO_SHAPE,
+        TIME: NO_SCALE,
+        BEAM: BENDS}),
     Row('`fill_trajectory`', check.filled, {
         SPEEDS: MISSING,
         LOOP: MISSING,

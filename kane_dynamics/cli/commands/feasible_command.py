@@ -1,4 +1,4 @@
-"""The command `feasible`: torque, speed and power of a motion, and its highest speed."""
+"""The command `feasible`: torque, speed and power of a motion, its highest speed and timing."""
 
 from argparse import Namespace
 import math
@@ -10,7 +10,8 @@ from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import load, print_json, warn_degrees
 from kane_dynamics.cli.tables import read_motion, write_states
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility import Demand, demand, fastest, largest_payload
+from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload, time_optimal,
+                                       TimeOptimal)
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LOWEST, TimeScale
 from kane_dynamics.feasibility.torque_demand import demand_at
@@ -28,6 +29,8 @@ def feasible(options: Namespace) -> int:
     given: dict[str, Any] = {
         'step': options.step, 'power': options.power[0] if len(options.power) == 1
         else options.power}
+    if options.time_optimal:
+        return time_path(options, robot, motion, plot, given['power'])
     asked = demand(robot, motion, speed=options.speed, **given)
     scale = fastest(robot, motion, **given)
     data = {**as_data(asked), 'speed': options.speed, 'fastest': scale and vars(scale),
@@ -132,3 +135,53 @@ def _bound_in_words(found: dict[str, Any], name: str, unit: str) -> str:
     by = '' if found['joint'] is None else (
         f", bounded by the {found['limit']} limit of '{found['joint']}' at {found['t']:.4g} s")
     return f'{found[name]:.6g}{unit}{by}'
+
+
+def time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any, power: Any) -> int:
+    """Compute the fastest timing of the path of a motion; write, plot and print it."""
+    for name, given in (('--speed', options.speed != 1.0),
+                        ('--payload-frame', options.payload_frame is not None)):
+        if given:
+            raise InputError(f'{name}: given with --time-optimal; expected one of them')
+    timing = time_optimal(robot, motion, power=power, acceleration=options.acceleration[0] if len(
+        options.acceleration) == 1 else options.acceleration)
+    data = timing_data(timing, motion)
+    if options.out:
+        write_timing(options.out, timing)
+        data['files'].append(options.out)
+    if plot is not None:
+        plot.plot_timing(timing, options.plot,
+                         title=f'{robot.model.name}: use of the limits by the fastest timing')
+        data['files'].append(options.plot)
+    (print_json if options.json else print_timing)(data)
+    return 0
+
+
+def write_timing(path: str, timing: TimeOptimal) -> None:
+    """Write the points of a timing as a table of states."""
+    motion = timing.motion
+    at = motion.times.copy()
+    at[-1] = np.nextafter(at[-1], -np.inf)  # at its very end a motion is at rest
+    q, u, udot = motion.sample(at)
+    with open(path, 'w', encoding='utf-8', newline='') as stream:
+        write_states(stream, motion.times, {'q': q, 'u': u, 'udot': udot, 'tau': timing.tau},
+                     motion.joint_names)
+
+
+def timing_data(timing: TimeOptimal, motion: Motion) -> dict[str, Any]:
+    """Return a timing as plain data."""
+    return {'joint_names': list(timing.motion.joint_names), 'duration': timing.duration,
+            'points': len(timing.motion.times), 'given_duration': motion.duration,
+            'uses': {name: use.max(axis=0) for name, use in timing.uses.items()},
+            'active': [active._asdict() for active in timing.active], 'files': []}
+
+
+def print_timing(data: dict[str, Any]) -> None:
+    """Print the result of `feasible --time-optimal`."""
+    print(f'fastest timing {data["duration"]:.6g} s, of a path given in '
+          f'{data["given_duration"]:.6g} s; {data["points"]} points')
+    inspect_command.print_table(['from, s', 'to, s', 'limit reached', 'joint'], [
+        [f'{active["start"]:.4f}', f'{active["end"]:.4f}', active['limit'], active['joint']]
+        for active in data['active']])
+    for path in data['files']:
+        print(f'wrote {path}')

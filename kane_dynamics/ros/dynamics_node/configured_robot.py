@@ -11,6 +11,7 @@ from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.path_limits import compile_timing
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
@@ -103,6 +104,7 @@ class ConfiguredRobot:
             step_kernel(self.robot, True, values['simulation.integrator'], None,
                         joints_that_follow(self.robot))
         else:  # for filled trajectories
+            compile_timing(self.robot)
             for robot in (self.robot, *([bending.robot] if bending else [])):
                 robot.compile('inverse_dynamics', 'torque_terms', batches=True)
         self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()

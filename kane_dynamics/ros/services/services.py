@@ -11,6 +11,7 @@ from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
+from kane_dynamics.ros.services.path_timing import timing_request
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics, get_dynamics,
                                                       inverse_dynamics)
@@ -20,7 +21,7 @@ from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_table
 from kane_dynamics.ros.services.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                                          InverseDynamics, SetPayload, Simulate)
+                                          InverseDynamics, SetPayload, Simulate, TimeOptimal)
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -73,6 +74,8 @@ class Services(Node):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
                                 self._answering(call), qos_profile=SERVICES)
         self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate,
+                            qos_profile=SERVICES, callback_group=waiting)
+        self.create_service(TimeOptimal, front.resolve_service_name('~/time_optimal'), self._time,
                             qos_profile=SERVICES, callback_group=waiting)
         self.create_subscription(
             JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
@@ -150,6 +153,17 @@ class Services(Node):
                 lambda: simulation.run(response, lambda t: not self.worker.stopping),
                 self.max_waiting)
             response.success = not self.worker.stopping
+        except Exception as error:
+            return self._failed(response, error)
+        return response
+
+    async def _time(self, request: TimeOptimal.Request,
+                    response: TimeOptimal.Response) -> TimeOptimal.Response:
+        """Serve ~/time_optimal; other requests are served while this one is queued."""
+        try:
+            compute = timing_request(self._require(), request)
+            await self.worker.submit(lambda: compute(response), self.max_waiting)
+            response.success = True
         except Exception as error:
             return self._failed(response, error)
         return response

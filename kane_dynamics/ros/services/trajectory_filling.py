@@ -72,7 +72,7 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
     names = list(request.joint_names) or list(served.robot.joint_names)
     times = np.array(request.time_from_start)
     check_points(len(times), served.values['trajectory.max_points'])
-    columns = [_table(request, field, len(times), len(names)) for field in FIELDS]
+    columns = [table(request, field, len(times), len(names)) for field in FIELDS]
     tolerance = np.array(request.tolerance)
     filled = _filled(served, names, (times, *columns), (
         tolerance[0] if len(tolerance) == 1 else tolerance) if len(tolerance) else None)
@@ -127,7 +127,7 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         max_points=served.values['trajectory.max_points'], bending=served.bending)
 
 
-def _table(request: Any, field: str, points: int, joints: int) -> Array | None:
+def table(request: Any, field: str, points: int, joints: int) -> Array | None:
     """Return a table of a request, (K, m); None if it is empty."""
     values = np.array(getattr(request, field))
     if not values.size and field != 'positions':

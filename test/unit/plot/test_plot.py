@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
 from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions, plot_replay,
-                                plot_torque_by_source, plot_tracking, plot_trajectory)
+                                plot_timing, plot_torque_by_source, plot_tracking, plot_trajectory)
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.simulation.trajectory import Trajectory
 import matplotlib
@@ -45,7 +45,11 @@ DEMAND = SimpleNamespace(t=T, u=Q, tau=3.0 * Q, power=3.0 * Q * Q, joint_names=N
                          limits=SimpleNamespace(effort=np.array([2.0, np.inf, 5.0]),
                                                 velocity=np.full(3, 2.0)),
                          power_limit=np.full(3, np.inf))
+TIMING = SimpleNamespace(
+    motion=SimpleNamespace(times=T, joint_names=NAMES), uses={'effort': np.abs(np.sin(Q))},
+    active=(SimpleNamespace(joint=NAMES[0], limit='effort', start=T[1], end=T[4]),))
 DRAWINGS = {
+    'timing': lambda path=None: plot_timing(TIMING, path),
     'demand': lambda path=None: plot_demand(DEMAND, path, prismatic={'slide'}),
     'trajectory': lambda path=None: plot_trajectory(TRAJECTORY, path, prismatic={'slide'}),
     'tracking': lambda path=None: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},

@@ -1,0 +1,191 @@
+"""
+Geometric paths q(s) with derivatives, on the uniform grid on which they are timed.
+
+A path is that of a motion, without its timing. It is cut where the motion rests, since the
+direction may change there, and at dwells, which are left out. The parameter s of a section is a
+mean of the time and of the length of the motion, so that both slow and fast parts have their share
+of the grid. At an end where the path is to rest s is chosen such that q(s) - q(end) begins with
+the power `order` of s: with the second power, a motion from rest with finite acceleration has a
+positive, finite s' there, and with the third one with finite jerk. Between the samples the path
+is a cubic spline in s, through positions of the motion.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.spline import spline_velocities
+from kane_dynamics.motion.motion import Motion
+import numpy as np
+from numpy.typing import ArrayLike
+
+AT_REST = 1e-9  # speed relative to the mean one of the section
+MESH = 200  # intervals on which the parameter is computed
+FEWEST = 50  # intervals of a section
+
+
+class Section(NamedTuple):
+    """
+    A path q(s) from s = 0 to 1, at 2 N + 1 samples: the N + 1 vertices and the middles between.
+
+    Attributes
+    ----------
+    q, first, second : (2 N + 1, n) arrays
+        Positions and their derivatives with respect to s.
+    span : float
+        Duration of the section in the motion, s.
+
+    """
+
+    q: Array
+    first: Array
+    second: Array
+    span: float
+
+    @property
+    def step(self) -> float:
+        """Return the difference of s between vertices."""
+        return 2.0 / (len(self.q) - 1)
+
+
+def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
+    """
+    Return a motion along a path: the motion itself, or the spline through waypoints.
+
+    The spline has the distance of the waypoints as its time, and rests at both ends.
+
+    Raises
+    ------
+    InputError
+        If the waypoints are invalid; the message names the waypoint and the joint.
+
+    """
+    if isinstance(path, Motion):
+        if path.joint_names != tuple(names):
+            raise InputError(f'path: joints {list(path.joint_names)}; expected {list(names)}')
+        return path
+    try:
+        rows = list(path)  # type: ignore[arg-type]
+    except TypeError:
+        raise InputError(f'path: a {type(path).__name__}; expected a Motion or (K, n) waypoints'
+                         ) from None
+    points = [finite_row(row, f'waypoint {k}', names) for k, row in enumerate(rows)]
+    q = np.array([row for k, row in enumerate(points) if not k or (row != points[k - 1]).any()])
+    if len(q) < 2:
+        raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
+    times = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    return Motion.from_points(times, q, joint_names=names)
+
+
+def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -> list[Section]:
+    """
+    Return the sections of a motion between rests, without dwells.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    points : int
+        Intervals between vertices of all sections together, about.
+    order : int
+        Power of s with which a section begins and ends at rest, 2 or 3.
+    ends : (bool, bool)
+        Whether the path begins and ends at rest.
+
+    Raises
+    ------
+    InputError
+        If the motion does not move.
+
+    """
+    knots = motion.times
+    speed = np.linalg.norm(np.vstack([motion.sample(knots[:-1])[1], np.zeros((1, motion.n))]),
+                           axis=1)
+    still = speed <= AT_REST * np.abs(np.diff(motion.positions, axis=0)).sum() / (
+        knots[-1] - knots[0] or 1.0)
+    still[[0, -1]] = True
+    cuts = knots[still]
+    parts = [_Part(motion, *cut) for cut in pairwise(cuts)]
+    total = sum(part.length for part in parts)
+    parts = [part for part in parts if part.length > 1e-12 * total]
+    if not parts:
+        raise InputError(f'path: rests at {motion.positions[0].tolist()}; expected a path that '
+                         'moves')
+    return [part.sampled(max(FEWEST, round(points * part.length / total)),
+                         order if k or ends[0] else 1,
+                         order if k < len(parts) - 1 or ends[1] else 1)
+            for k, part in enumerate(parts)]
+
+
+class _Part:
+    """The part of a motion between two rests."""
+
+    def __init__(self, motion: Motion, begin: float, end: float) -> None:
+        self.motion, self.begin, self.end = motion, begin, end
+        self.mesh = begin + (end - begin) * np.linspace(0.0, 1.0, 2 * MESH + 1)
+        self.mesh[-1] = np.nextafter(end, -np.inf)
+        state = motion.sample(self.mesh)
+        speed = np.linalg.norm(state[1], axis=1)
+        self.ends = [np.array([x[place] for x in state]) for place in (0, -1)]
+        step = (end - begin) / MESH
+        pieces = step / 6.0 * (speed[:-2:2] + 4.0 * speed[1:-1:2] + speed[2::2])
+        self.length = float(pieces.sum())
+        self.mesh, self.speed = self.mesh[::2], speed[::2]
+        self.arc = np.concatenate([[0.0], np.cumsum(pieces)])
+
+    def _power(self, state: Array) -> int:
+        """Return the power of the time with which the path leaves an end."""
+        span = self.end - self.begin
+        if np.abs(state[1]).max() * span > AT_REST * self.length:
+            return 1
+        return 2 if np.abs(state[2]).max() * span**2 > 1e-6 * self.length else 3
+
+    def sampled(self, intervals: int, first: int, last: int) -> Section:
+        """Return the section with orders `first` and `last` at its ends."""
+        span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
+        alpha, beta = (order / self._power(state)
+                       for order, state in zip((first, last), self.ends))
+        left, right = s**alpha, (1.0 - s)**beta
+        share = left / (left + right)
+        mean = 0.5 * ((self.mesh - self.begin) / span + self.arc / self.length)
+        rate = 0.5 * (1.0 / span + self.speed / self.length)
+        t = _hermite(share, mean, self.mesh, 1.0 / rate)
+        t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
+        q = self.motion.sample(t)[0]
+        slopes = [np.zeros(q.shape[1])] * 2
+        for place, order in ((0, first), (-1, last)):
+            if order == 1:
+                slopes[place] = self._slope(q, t, place, s)
+        # The spline of the positions minus a line has slope 0 at the end, as the solver needs.
+        line = np.outer(s, slopes[-1])
+        first_slope = spline_velocities(s, q - line, slopes[0] - slopes[-1]) + slopes[-1]
+        return Section(q, first_slope, _second(s, q, first_slope), span)
+
+    def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
+        """Return dq/ds at an end at which the path moves, by differences of third order."""
+        k = np.array([0, 1, 2, 3]) if place == 0 else np.array([-1, -2, -3, -4])
+        weights = np.array([-11.0, 18.0, -9.0, 2.0]) / 6.0
+        return np.asarray(weights @ q[k] / (s[k[1]] - s[k[0]]))
+
+
+def _hermite(x: Array, at: Array, values: Array, slopes: Array) -> Array:
+    """Return the piecewise cubic with values and slopes at increasing places."""
+    k = np.clip(np.searchsorted(at, x, side='right') - 1, 0, len(at) - 2)
+    h = np.diff(at)[k]
+    z = (x - at[k]) / h
+    rise = (values[k + 1] - values[k]) / h
+    a, b = slopes[k], slopes[k + 1]
+    return np.asarray(values[k] + h * z * (a + z * ((3.0 * rise - 2.0 * a - b)
+                                                    + z * (a + b - 2.0 * rise))))
+
+
+def _second(s: Array, q: Array, first: Array) -> Array:
+    """Return the second derivatives of a cubic spline at its points, (K, n)."""
+    h = np.diff(s)[:, None]
+    rise = np.diff(q, axis=0) / h
+    begin = (6.0 * rise - 4.0 * first[:-1] - 2.0 * first[1:]) / h
+    end = (2.0 * first[-2:-1] + 4.0 * first[-1:] - 6.0 * rise[-1:]) / h[-1:]
+    return np.concatenate([begin, end])

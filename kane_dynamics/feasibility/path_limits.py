@@ -1,0 +1,169 @@
+"""
+Limits of a robot along a path as linear limits on s'^2 and s'' at its vertices.
+
+Along q(s) the torque is a s'' + b s'^2 + c + friction(q_s s'), with a = M q_s, b = M q_ss + the
+Coriolis forces at speeds q_s, and c = gravity, springs and the offset of friction. Friction is not
+linear in x = s'^2. It is replaced with its tangent at a profile x, which the next profile refines
+(sequential linear programming); the profile to which this converges satisfies the exact limits.
+A limit P of the power bounds the torque by P / |q_s s'|, which is replaced likewise.
+"""
+
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.path_geometry import Section
+from kane_dynamics.feasibility.reachability import compile_passes, Limits
+from kane_dynamics.feasibility.time_scale import HIGHEST
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import NDArray
+
+Flags = NDArray[np.bool_]
+# Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
+STIFF, STIFFEST = 4.0, 0.5
+TINY = 1e-300
+MARGIN = 5e-4  # of all limits, for the motion between the points
+IRRELEVANT = 3.0  # torque of a limit of power at which it does not count, in limits of effort
+
+
+class Bounds(NamedTuple):
+    """Limits of the joints, (n,) arrays; infinite for none."""
+
+    effort: Array
+    velocity: Array
+    power: Array
+    acceleration: Array
+
+
+class PathLimits:
+    """The limits of a robot at the vertices of a section of a path."""
+
+    def __init__(self, robot: Robot, section: Section, bounds: Bounds) -> None:
+        """Compute the coefficients of the torque."""
+        q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
+        self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
+        self.second, count, zero = second, len(q), np.zeros_like(q)
+        tau = robot.inverse_dynamics(*(np.concatenate(rows) for rows in (
+            (q, q, q), (zero, zero, first), (zero, first, second))))
+        self.constant = tau[:count]
+        self.inertia = tau[count:2 * count] - self.constant
+        offset, _ = friction(robot, zero[:1])
+        self.square = tau[2 * count:] - self.constant - (friction(robot, first)[0] - offset)
+        self.offset = offset
+        with np.errstate(divide='ignore', invalid='ignore'):
+            speed = np.where(first == 0.0, np.inf, bounds.velocity / np.abs(first))
+        self.free = (HIGHEST / section.span)**2  # x beyond which nothing bounds the path
+        self.most = np.minimum(speed.min(axis=1)**2, self.free)
+        # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
+        self.tight = np.full((len(bounds), count, robot.n), 1.0 - MARGIN)
+
+    @property
+    def powered(self) -> bool:
+        """Return whether there is a limit of power."""
+        return bool(np.isfinite(self.bounds.power).any())
+
+    @property
+    def linear(self) -> bool:
+        """Return whether the limits are linear in x: no friction, and no limit of power."""
+        robot = self.robot
+        return not self.powered and not (robot.friction and any(
+            body.joint.damping or body.joint.friction for body in robot.model.bodies))
+
+    def at(self, x: Array | None) -> Limits:
+        """Return the limits, exact at a profile x, (N + 1,); without friction for None."""
+        given, x = x, np.maximum(1.0 if x is None else x, 1e-12 * self.free) * np.ones(
+            len(self.constant))
+        x = x[:, None]
+        root, bounds, first = np.sqrt(x), self.bounds, self.first
+        force, slope = (self.offset, 0.0) if given is None else friction(self.robot, root * first)
+        change = slope * first / (2.0 * root)
+        alpha = self.inertia / (2.0 * self.section.step)
+        beta, gamma = self.square + change, self.constant + force - self.offset - change * x
+        rows, none = [], np.zeros_like(alpha)
+        for name, lines in (('effort', (alpha, beta, gamma)), ('power', (alpha, beta, gamma)),
+                            ('acceleration', (first / (2.0 * self.section.step), self.second,
+                                              none))):
+            limit = getattr(bounds, name)
+            used = np.isfinite(limit)
+            if not used.any():
+                continue
+            width, drop = self.tight[Bounds._fields.index(name)] * limit, none
+            if name == 'power':
+                width, drop = self._torque_of_power(width, none if given is None else x)
+            rows.append(np.stack([*lines, width, drop], axis=1)[:, :, used])
+        tight = self.tight[1].min(axis=1)
+        most = np.minimum(self.most * tight**2, self.free)
+        data = np.concatenate(rows, axis=2) if rows else np.zeros((len(x), 5, 1)) + [
+            [0.0], [0.0], [0.0], [1.0], [0.0]]
+        ratio = np.abs(data[:, 0]) / (np.abs(data[:, 1]) + np.abs(data[:, 4]) + TINY)
+        return Limits(_in_intervals(data, ratio < STIFF, np.diff(x, axis=0)),
+                      np.minimum(most, _steady(data, ratio < STIFFEST)))
+
+    def _torque_of_power(self, power: Array, x: Array) -> tuple[Array, Array]:
+        """
+        Return the tangent at x of the torque P / (|q_s| sqrt(x)), as its value at 0 and slope.
+
+        The torque is convex in x, so a profile that satisfies the tangents satisfies the limit.
+        It is irrelevant where x is so small that the limit of effort is lower; the tangent at
+        the largest such x is irrelevant there too.
+        """
+        with np.errstate(divide='ignore', invalid='ignore'):
+            speed = np.abs(self.first)
+            x = np.maximum(x, (power / (IRRELEVANT * self.bounds.effort * speed))**2)
+            torque = power / (speed * np.sqrt(x))
+        matters = np.isfinite(torque) & np.isfinite(x)
+        return (np.where(matters, 1.5 * torque, 1e6 * np.abs(self.constant).max() + 1e6),
+                np.where(matters, -0.5 * torque / x, 0.0))
+
+
+def compile_timing(robot: Robot) -> None:
+    """Compile what `time_optimal` needs for limits of effort and velocity."""
+    compile_passes(2 * int(np.isfinite(robot.limits.effort).sum()) or 2)
+
+
+def _in_intervals(rows: Array, stiff: Flags, increase: Array) -> Array:
+    """
+    Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
+
+    It is the mean of the limits at both ends, which is that at the middle. Of a stiff limit, which
+    bounds x rather than v, both ends count: a limit at the middle alone would let x oscillate
+    around the bound (Pham and Pham 2018).
+    """
+    m = rows.shape[2]
+    end = rows[1:].copy()
+    end[:, 0] += end[:, 1]
+    end[:, 3] += end[:, 4] * increase
+    out = np.empty((len(end), 5, 2 * m))
+    out[:, :, m:] = 0.5 * (rows[:-1] + end)
+    out[:, :, :m] = out[:, :, m:]
+    k, j = np.nonzero(stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0))
+    out[k, :, j], out[k, :, m + j] = rows[k, :, j], end[k, :, j]
+    return out
+
+
+def _steady(rows: Array, stiff: Flags) -> Array:
+    """
+    Return the largest x at which the stiff limits of a vertex hold for v = 0, (N + 1,).
+
+    A larger x would need a v that changes x by much of its size, back and forth between vertices.
+    """
+    most = np.full(len(rows), np.inf)
+    k, j = np.nonzero(stiff)
+    _, beta, gamma, width, slope = rows[k, :, j].T
+    for sign in (1.0, -1.0):
+        rate, room = sign * beta - slope, width - sign * gamma
+        bound = (rate > 0.0) & (room > 0.0)
+        np.minimum.at(most, k[bound], room[bound] / rate[bound])
+    return most
+
+
+def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:
+    """Return the friction torques at joint rates, (N, n), with their slopes."""
+    torque, slope = np.zeros_like(rates), np.zeros_like(rates)
+    for body in robot.model.bodies if robot.friction else ():
+        joint, k = body.joint, body.joint.coordinate
+        rate = joint.multiplier * rates[:, k]
+        torque[:, k] += joint.multiplier * friction_torque(joint, rate)
+        slope[:, k] += joint.multiplier**2 * friction_slope(joint, rate)
+    return torque, slope

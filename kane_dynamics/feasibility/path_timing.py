@@ -1,0 +1,87 @@
+"""The motion along a path with given squared path velocities, and its use of the limits."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.path_geometry import Section
+from kane_dynamics.feasibility.path_limits import Bounds
+from kane_dynamics.feasibility.torque_demand import share
+from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+PAUSE = 1e-6  # s between two sections, in which the acceleration changes
+INSIDE = np.array([0.0, 0.5])  # of a segment: where limits are checked
+# Gauss-Legendre quadrature with four points on [0, 1].
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
+NODES, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
+
+
+class Checked(NamedTuple):
+    """
+    The points of a section, and the uses of the limits at points and between them.
+
+    Attributes
+    ----------
+    points : ControllerPoints
+        The N + 2 points.
+    tau : (N + 2, n) array
+        Torques at the points.
+    uses : (4, 3, N + 1, n) array
+        Shares of `Bounds`, at the fractions `INSIDE` of the segments and at their ends.
+
+    """
+
+    points: ControllerPoints
+    tau: Array
+    uses: Array
+
+
+def timed(section: Section, x: Array) -> ControllerPoints:
+    """
+    Return points of the motion along a section with squared path velocities x at its vertices.
+
+    The points are both ends and the middles between vertices. There x and its slope are those of
+    the polygon through the vertices, so x(s) is a quadratic spline, which rounds the corners of
+    the polygon, and the acceleration is continuous.
+    """
+    h, places = section.step, np.r_[0, 1:len(section.q):2, len(section.q) - 1]
+    s2 = np.diff(x) / (2.0 * h)  # s'' between the vertices
+    s2 = np.concatenate([s2[:1], s2, s2[-1:]])
+    at = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+    steps = np.full(len(at) - 1, h)
+    steps[[0, -1]] = 0.5 * h
+    begin, end = s2[:-1, None], s2[1:, None]
+    inside = at[:-1, None] + steps[:, None] * NODES * (2.0 * begin + (end - begin) * NODES)
+    durations = steps * (WEIGHTS / np.sqrt(inside)).sum(axis=1)
+    first, second = section.first[places], section.second[places]
+    return ControllerPoints(
+        np.concatenate([[0.0], np.cumsum(durations)]), section.q[places],
+        first * np.sqrt(at)[:, None], second * at[:, None] + first * s2[:, None])
+
+
+def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
+    """Return the uses of the limits along the quintics between points."""
+    q, u, udot = (np.concatenate([inside.reshape(-1, robot.n), last[-1:]]) for inside, last in zip(
+        points.inside(np.arange(len(points.t) - 1), INSIDE), points[1:]))
+    tau = robot.inverse_dynamics(q, u, udot)
+    uses = np.zeros((len(bounds), *q.shape))
+    for use, values, bound in zip(uses, (tau, u, tau * u, udot), bounds):
+        if np.isfinite(bound).any():
+            use[:] = share(np.abs(values), bound)
+    segments = len(points.t) - 1
+    inside = uses[:, :-1].reshape(len(uses), len(INSIDE), segments, robot.n)
+    ends = np.concatenate([inside[:, 0, 1:], uses[:, -1:]], axis=1)
+    return Checked(points, np.concatenate([tau[:segments], tau[-1:]]),
+                   np.concatenate([inside, ends[:, None]], axis=1))
+
+
+def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:
+    """Return the points of all sections, one after the other."""
+    begin, times = 0.0, []
+    for part in parts:
+        times.append(begin + part.t)
+        begin = times[-1][-1] + PAUSE
+    return ControllerPoints(np.concatenate(times), *(
+        np.concatenate(rows) for rows in list(zip(*parts))[1:]))

@@ -1,0 +1,252 @@
+"""
+Fastest motion along a path within limits of torque, power, speed and acceleration.
+
+The path is timed on a grid by reachability analysis (`reachability`), for limits that are linear
+in the squared path velocity (`path_limits`); friction and power limits are made linear at the
+previous profile. The motion between the grid points is then checked, and limits are tightened
+where it exceeds them, as at the corners of the profile.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from kane_dynamics._util.checks import integer, per_joint
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
+from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
+from kane_dynamics.feasibility.path_timing import Checked, checked, joined, timed
+from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
+                                                    Infeasible)
+from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING, STEP
+from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+POINTS, FINEST = 1000, 16_000  # intervals of the grid
+CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
+SMALLEST = 1e-14  # x relative to the largest
+SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
+SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
+ROUNDS = 6  # in which limits are tightened
+ACTIVE = 0.99  # least share of a limit that is active
+
+
+class ActiveLimit(NamedTuple):
+    """An interval of time in which one limit of a joint is used most, to at least 99 %."""
+
+    start: float
+    end: float
+    joint: str
+    limit: str  # 'effort', 'velocity', 'power' or 'acceleration'
+
+
+@dataclass(frozen=True, eq=False)
+class TimeOptimal:
+    """
+    Fastest motion along a path.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion, with continuous accelerations between rests.
+    tau : (K, n) array
+        Torques at the points of the motion, N m or N.
+    uses : dict of (K, n) arrays
+        Shares of the limits at the points of the motion: effort, velocity, power, acceleration.
+    demand : Demand
+        Torque, speed and power along the motion, densely sampled.
+
+    """
+
+    motion: Motion
+    tau: Array
+    uses: dict[str, Array]
+    _robot: Robot
+    _power: Array
+
+    @property
+    def duration(self) -> float:
+        """Return the duration, s."""
+        return self.motion.duration
+
+    @property
+    def demand(self) -> Demand:
+        """Return torque, speed and power of the motion, with the limits."""
+        return demand(self._robot, self.motion, step=STEP, power=self._power)
+
+    @property
+    def active(self) -> tuple[ActiveLimit, ...]:
+        """Return the limits that bound the motion, in order of time."""
+        names, limits = self.motion.joint_names, tuple(self.uses)
+        uses = np.stack([self.uses[name] for name in limits], axis=1).reshape(
+            len(self.tau), -1)
+        found = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
+        starts = np.flatnonzero(np.diff(found, prepend=-2))
+        ends = np.append(starts[1:], len(found)) - 1
+        return tuple(ActiveLimit(
+            float(self.motion.times[i]), float(self.motion.times[j]),
+            names[found[i] % len(names)], limits[found[i] // len(names)])
+            for i, j in zip(starts.tolist(), ends.tolist()) if found[i] >= 0)
+
+
+def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
+                 acceleration: ArrayLike = math.inf, start_speed: float = 0.0,
+                 end_speed: float = 0.0, points: int = POINTS) -> TimeOptimal:
+    """
+    Return the fastest motion along a path within the joint limits of a robot.
+
+    Torques include friction and the payload. The path is followed exactly at the points of the
+    result, and to rounding between them.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with joint rates as speeds, without beams.
+    path : Motion or (K, n) array_like
+        A motion, whose timing is ignored, or waypoints, rad or m, through which a cubic spline
+        is drawn. The result rests where the motion rests between its ends, without dwells.
+    power : float or (n,) array_like
+        Limit on the absolute mechanical power of each joint, W.
+    acceleration : float or (n,) array_like
+        Limit on the absolute acceleration of each joint, rad/s^2 or m/s^2.
+    start_speed, end_speed : float
+        Euclidean norm of the joint velocities at the ends of the path, rad/s or m/s.
+    points : int
+        Intervals of the grid, about; more where they are needed.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, the path exceeds a position limit, the motors cannot hold the
+        robot on the path, or nothing bounds the motion; the message names joint and place.
+
+    """
+    if isinstance(robot.equations, ConstrainedEquations) or robot.model.flexible:
+        raise InputError('robot: chosen speeds, constraints or beams; expected a rigid robot with '
+                         'joint rates as speeds and no constraints')
+    names, limits = robot.joint_names, robot.limits
+    bounds = Bounds(limits.effort, limits.velocity, *(
+        per_joint(value, what, names, finite=False)
+        for value, what in ((power, 'power'), (acceleration, 'acceleration'))))
+    speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
+    points = integer(points, 'points', 10, MOST_SAMPLES)
+    motion = path_of(path, names)
+    while True:
+        parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
+        for part in parts:
+            _check_positions(robot, part)
+        solved = [_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
+                         speeds[1] if k == len(parts) - 1 else 0.0)
+                  for k, part in enumerate(parts)]
+        if all(fits for _, fits in solved):
+            return _result(robot, bounds, [part for part, _ in solved])
+        if points >= FINEST:
+            raise InputError(f'path: a limit is exceeded between {points} points; expected a path '
+                             'without sharp corners')
+        points *= 2
+
+
+def _speed(value: float, what: str) -> float:
+    if not (isinstance(value, float | int) and 0.0 <= value < math.inf):
+        raise InputError(f'{what}: {value!r}; expected a finite number >= 0')
+    return float(value)
+
+
+def _check_positions(robot: Robot, section: Section) -> None:
+    """Raise InputError if a path exceeds a position limit."""
+    for what, bound, sign in (('lower', robot.limits.lower, -1.0),
+                              ('upper', robot.limits.upper, 1.0)):
+        excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
+        k, j = np.unravel_index(int(excess.argmax()), excess.shape)
+        if excess[k, j] > 0.0:
+            raise InputError(f"path: joint '{robot.joint_names[int(j)]}': position "
+                             f'{section.q[k, j]:.6g}; expected within its {what} limit '
+                             f'{bound[j]:.6g}')
+
+
+def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: float
+           ) -> tuple[Checked, bool]:
+    """Return a section with its fastest timing, and whether that satisfies the limits."""
+    limits, x = PathLimits(robot, section, bounds), None
+    for _ in range(ROUNDS):
+        x = _profile(limits, start, end, x)
+        found = checked(robot, timed(section, x), bounds)
+        worst = found.uses.max(axis=1)
+        if (worst <= 1.0).all():
+            return found, True
+        worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
+        limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
+    return found, False
+
+
+def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
+    """Return the fastest profile, from a first guess x; None for that without friction."""
+    ends = [speed**2 / float(limits.first[k] @ limits.first[k]) if speed else None
+            for speed, k in ((start, 0), (end, -1))]
+    slower = 0
+    for _ in range(PROGRAMS):
+        limited = limits.at(x)
+        try:
+            last = (0.0, float(limited.most[-1])) if ends[1] is None else (ends[1], ends[1])
+            sets = controllable_sets(limited, last)
+        except Infeasible as error:
+            slower += 1
+            if limits.linear or slower > SLOWER:
+                raise InputError(_reason(limits, error.vertex, start, end)) from None
+            x = SLOW * limits.most if x is None else 0.25 * x
+            continue
+        first = float(sets[0, 1]) if ends[0] is None else ends[0]
+        if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
+            scale = start / math.sqrt(first)
+            raise InputError(f'start_speed: {start:g}; expected '
+                             f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
+                             f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
+                             'followed')
+        new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.free)
+        done = limits.linear or (x is not None and abs(
+            (1.0 / np.sqrt(new)).sum() / (1.0 / np.sqrt(x)).sum() - 1.0) <= CONVERGED)
+        # From a slow profile, which satisfies limits of power, the profiles grow monotonically.
+        x = SLOW * new if x is None and limits.powered else new
+        if done:
+            break
+    assert x is not None
+    if (x >= 0.5 * limits.free).any():
+        raise InputError('robot: no limit bounds the motion; expected limits of effort or '
+                         'acceleration, which bound it everywhere')
+    return np.asarray(x)
+
+
+def _reason(limits: PathLimits, vertex: int, start: float, end: float) -> str:
+    """Return the reason why no timing satisfies the limits, as text."""
+    names, bound = limits.robot.joint_names, limits.bounds.effort
+    with np.errstate(divide='ignore', invalid='ignore'):
+        uses = np.nan_to_num(np.abs(limits.constant) / bound, posinf=math.inf)
+    k, j = np.unravel_index(int(uses.argmax()), uses.shape)
+    count = len(limits.constant) - 1
+    if uses[k, j] > 1.0:
+        q = limits.section.q[2 * k].round(4).tolist()
+        return (f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at rest "
+                f'at {k / count:.3g} of the path, {q}; expected at most its effort limit '
+                f'{bound[j]:.6g}')
+    q = limits.section.q[2 * vertex].round(4).tolist()
+    return (f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
+            f'with start_speed {start:g} and end_speed {end:g}; expected a path that the motors '
+            'can follow')
+
+
+def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
+    """Return the motion along all sections."""
+    points = joined([part.points for part in parts])
+    at_points = np.concatenate([np.concatenate([part.uses[:, 0], part.uses[:, -1, -1:]], axis=1)
+                                for part in parts], axis=1)
+    uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
+            if np.isfinite(bound).any()}
+    motion = Motion.from_points(*points, joint_names=robot.joint_names)
+    return TimeOptimal(motion, np.concatenate([part.tau for part in parts]), uses, robot,
+                       bounds.power)

@@ -1,0 +1,42 @@
+"""Plot of a time-optimal timing: the use of the limits over time, and the active limit."""
+
+from typing import TYPE_CHECKING
+
+from kane_dynamics.plot.style import BLUE, Path, RED, styled, time_axis
+from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from kane_dynamics.feasibility import TimeOptimal
+
+
+def plot_timing(timing: 'TimeOptimal', path: Path | None = None, *,
+                title: str = 'Use of the limits by the fastest timing') -> Figure:
+    """
+    Plot the use of each limit of each joint over time; red where it is the active limit.
+
+    Parameters
+    ----------
+    timing : TimeOptimal
+        Result of `feasibility.time_optimal`.
+    path, title
+        See `kane_dynamics.plot`.
+
+    """
+    motion = timing.motion
+    names, limits = motion.joint_names, list(timing.uses)
+    with styled(12.0, 1.3 + 1.2 * len(names), title, path) as figure:
+        panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True, squeeze=False)
+        for row, j in zip(panels, range(len(names)), strict=True):
+            for axes, limit in zip(row, limits, strict=True):
+                use = 100.0 * timing.uses[limit][:, j]
+                axes.plot(motion.times, use, color=BLUE)
+                for active in timing.active:
+                    if (active.joint, active.limit) == (names[j], limit):
+                        inside = (motion.times >= active.start) & (motion.times <= active.end)
+                        axes.plot(motion.times[inside], use[inside], color=RED, linewidth=2.0)
+                axes.set_ylim(0.0, 110.0)
+            row[0].set_ylabel(f'{names[j]}\n[%]')
+        for axes, limit in zip(panels[0], limits, strict=True):
+            axes.set_title(f'{limit} limit')
+        time_axis(panels)
+    return figure

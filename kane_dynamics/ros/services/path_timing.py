@@ -1,0 +1,67 @@
+"""Time-optimal timing of a path: the computation behind its service."""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility import time_optimal
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.ros.common.conversion import check_points, doubles
+from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.trajectory_filling import FIELDS, table
+import numpy as np
+
+
+def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
+    """
+    Return the computation of a TimeOptimal request, which fills in a response, for a worker.
+
+    It uses the robot of the simulations, with the gravity and the payload of now.
+
+    Raises
+    ------
+    InputError
+        If the request is invalid; the message names the field.
+
+    """
+    robot = served.simulated
+    joints = list(robot.joint_names)
+    names = list(request.joint_names) or joints
+    if sorted(names) != sorted(joints):
+        raise InputError(f'joint_names: {names}; expected each of {", ".join(joints)} once')
+    order = [names.index(joint) for joint in joints]
+    times, n = np.array(request.time_from_start), len(names)
+    count = len(times) or len(request.positions) // n
+    check_points(count, served.values['trajectory.max_points'])
+    columns = [table(request, field, count, n) for field in FIELDS]
+    q, u, udot = (None if rows is None else rows[:, order] for rows in columns)
+    assert q is not None  # `table` raises
+    if not len(times) and (u is not None or udot is not None):
+        raise InputError('time_from_start: empty; expected the times of points with velocities or '
+                         'accelerations')
+    path = Motion.from_points(times, q, u, udot, joint_names=joints) if len(times) else q
+    acceleration = _per_joint(request.max_acceleration, 'acceleration', n, order)
+    power = _per_joint(request.max_power, 'power', n, order)
+
+    def compute(response: Any) -> None:
+        served.loads.apply(robot)
+        found = time_optimal(robot, path, acceleration=acceleration, power=power)
+        motion = found.motion
+        at = motion.times.copy()
+        at[-1] = np.nextafter(at[-1], -math.inf)  # at its very end a motion is at rest
+        back = np.argsort(order)
+        response.joint_names = names
+        response.time_from_start = doubles(motion.times)
+        for field, rows in zip((*FIELDS, 'effort'), (*motion.sample(at), found.tau)):
+            setattr(response, field, doubles(rows[:, back]))
+    return compute
+
+
+def _per_joint(values: Any, what: str, n: int, order: list[int]) -> Array | float:
+    """Return a limit in the robot's order of joints; infinite if it is empty."""
+    given = np.array(values)
+    if len(given) not in (0, 1, n):
+        raise InputError(f'max_{what}: {len(given)} entries; expected none, 1 or {n}')
+    return given[order] if len(given) == n else float(given[0]) if len(given) else math.inf

@@ -1,0 +1,342 @@
+"""Time-optimal timing of paths, compared with independent formulations."""
+
+from dataclasses import replace
+from functools import cache
+import math
+
+from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion, Robot,
+                           rod)
+from kane_dynamics.feasibility import fastest, reachability, time_optimal
+from kane_dynamics.robot.parameters import JointLimits
+from linkages import four_bar
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.optimize import linprog
+
+URDF, SUPPLEMENT = 'urdf/fr3.urdf', 'urdf/fr3.supplement.yaml'
+
+
+@cache
+def fr3(friction=True):
+    return Robot(load_urdf(URDF, supplement=SUPPLEMENT, tip='fr3_link7'), friction=friction,
+                 payload_frame='fr3_link7')
+
+
+def limited(friction=True, effort=1.0, velocity=1.0, payload=None):
+    """Return the FR3 with scaled limits."""
+    robot = fr3(friction)
+    model = load_urdf(URDF, supplement=SUPPLEMENT, tip='fr3_link7')
+    limits = Robot(model, friction=friction).limits
+    robot.limits = JointLimits(limits.lower, limits.upper, velocity * limits.velocity,
+                               effort * limits.effort)
+    robot.parameters.payload = payload
+    return robot
+
+
+def waypoints(seed, count=5):
+    limits = fr3().limits
+    rng = np.random.default_rng(seed)
+    return (0.5 * (limits.lower + limits.upper)
+            + 0.25 * (limits.upper - limits.lower) * rng.uniform(-1.0, 1.0, (count, 7)))
+
+
+def moving(seed):
+    """Return a motion along a smooth path that does not rest at its ends."""
+    t, points = np.linspace(0.0, 1.0, 5), waypoints(seed)
+    return Motion.from_points(t, points, CubicSpline(t, points)(t, 1),
+                              joint_names=fr3().joint_names)
+
+
+@cache
+def pinocchio_fr3(payload=0.0):
+    """Return Pinocchio's model of the arm, which knows no friction."""
+    pinocchio = pytest.importorskip('pinocchio')
+    model = pinocchio.buildModelFromUrdf(URDF)
+    model = pinocchio.buildReducedModel(
+        model, [k for k, name in enumerate(model.names) if 'finger' in name], np.zeros(model.nq))
+    if payload:
+        model.appendBodyToJoint(7, pinocchio.Inertia(payload, np.zeros(3), np.zeros((3, 3))),
+                                model.frames[model.getFrameId('fr3_link7')].placement)
+    return pinocchio, model, model.createData()
+
+
+def torques(robot, q, u, udot, payload=0.0):
+    """Return torques by Pinocchio, with the friction of the model added."""
+    pinocchio, model, data = pinocchio_fr3(payload)
+    tau = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, u, udot)])
+    for k, body in enumerate(robot.model.bodies):
+        joint = body.joint
+        if robot.friction:
+            tau[:, k] += (joint.damping * u[:, k] + joint.friction_offset
+                          + joint.friction * np.tanh(u[:, k] / joint.friction_speed))
+        tau[:, k] += joint.armature * udot[:, k]
+    return tau
+
+
+def excess(robot, motion, power=math.inf, payload=0.0, resolution=10):
+    """Return the largest share of any limit, by Pinocchio, at a multiple of the resolution."""
+    worst = 0.0
+    for fraction in np.arange(resolution) / resolution:
+        q, u, udot = motion.sample(motion.times[:-1] + fraction * np.diff(motion.times))
+        tau = torques(robot, q, u, udot, payload)
+        worst = max(worst, *(float((np.abs(x) / bound).max()) for x, bound in (
+            (tau, robot.limits.effort), (u, robot.limits.velocity), (tau * u, power))))
+    return worst
+
+
+@pytest.mark.parametrize(('seed', 'effort', 'velocity', 'power', 'friction', 'resolution'), [
+    (2, 0.7, 100.0, math.inf, False, 10), (3, 0.7, 2.0, 60.0, True, 10),
+    (4, 1.0, 1.0, math.inf, True, 100)])
+def test_no_limit_is_exceeded_by_a_thousandth_between_points(seed, effort, velocity, power,
+                                                             friction, resolution):
+    robot = limited(friction, effort, velocity)
+    found = time_optimal(robot, waypoints(seed), power=power)
+    assert excess(robot, found.motion, power, resolution=resolution) <= 1.001
+    assert max(float(use.max()) for use in found.uses.values()) >= 0.999
+
+
+def test_timing_is_faster_than_any_uniform_scaling_of_the_motion():
+    robot = limited()
+    path = Motion.from_points(np.arange(5.0), waypoints(1), joint_names=robot.joint_names)
+    assert time_optimal(robot, path).duration < 0.8 * path.duration / fastest(robot, path).speed
+
+
+def test_controllable_sets_are_those_of_linear_programs():
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        rows = rng.normal(size=(1, 5, 6))
+        rows[:, 3], rows[:, 4] = np.abs(rows[:, 3]) + 0.1, 0.0
+        rows[0, 0, :2] *= 1e-7  # points of zero inertia
+        last = tuple(np.sort(np.abs(rng.normal(size=2))))
+        alpha, beta, gamma, width, _ = rows[0]
+        A = np.vstack([np.column_stack([beta, alpha]), -np.column_stack([beta, alpha]),
+                       [[1.0, 1.0], [-1.0, -1.0]]])
+        b = np.concatenate([width - gamma, width + gamma, [last[1], -last[0]]])
+        ends = [linprog([sign, 0.0], A, b, bounds=[(0.0, 50.0), (None, None)], method='highs')
+                for sign in (1.0, -1.0)]
+        limits = reachability.Limits(rows, np.full(2, 50.0))
+        if ends[0].status == 2:
+            with pytest.raises(reachability.Infeasible):
+                reachability.controllable_sets(limits, last)
+            continue
+        sets = reachability.controllable_sets(limits, last)
+        assert sets[0, :2] == pytest.approx([end.x[0] for end in ends], rel=1e-6, abs=1e-6)
+        x = float(sets[0, :2].mean())
+        v = linprog([-1.0], A[:, 1:], b - A[:, 0] * x, bounds=[(None, None)], method='highs').x[0]
+        assert reachability.fastest_profile(limits, sets, x)[1] == pytest.approx(
+            x + v, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_frictionless_durations_are_those_of_toppra(seed):
+    toppra = pytest.importorskip('toppra')
+    constraints = pytest.importorskip('toppra.constraint')
+    algorithm = pytest.importorskip('toppra.algorithm')
+    pinocchio, model, data = pinocchio_fr3()
+    robot, path = limited(False, 0.8, 3.0), moving(seed)
+    effort, velocity = robot.limits.effort, robot.limits.velocity
+
+    class Path(toppra.interpolator.AbstractGeometricPath):
+        dof, path_interval, waypoints = 7, np.array([0.0, 1.0]), None
+
+        def __call__(self, s, order=0):
+            return path.sample(np.clip(np.atleast_1d(s), 0.0, 1.0 - 1e-12))[order]
+    torque = constraints.JointTorqueConstraint(
+        lambda *state: pinocchio.rnea(model, data, *state), np.stack([-effort, effort], axis=1),
+        np.zeros(7), discretization_scheme=constraints.DiscretizationType.Interpolation)
+    speed = constraints.JointVelocityConstraint(np.stack([-velocity, velocity], axis=1))
+    grid = np.linspace(0.0, 1.0, 4001)
+    rates = algorithm.TOPPRA([speed, torque], Path(), gridpoints=grid,
+                             solver_wrapper='seidel').compute_parameterization(0.0, 0.0)[1]
+    expected = (2.0 * np.diff(grid) / (rates[1:] + rates[:-1])).sum()
+    assert time_optimal(robot, path).duration == pytest.approx(expected, rel=1e-3)
+
+
+def test_timing_without_friction_and_payload_overloads_the_arm_that_has_them():
+    load = Inertial(2.0, np.zeros(3), np.zeros((3, 3)))
+    path = waypoints(5)
+    ideal = time_optimal(limited(False), path).motion
+    robot = limited(True, payload=load)
+    assert excess(robot, ideal, payload=2.0) > 1.05
+    found = time_optimal(robot, path)
+    assert excess(robot, found.motion, payload=2.0) <= 1.001
+    assert found.duration > ideal.duration
+
+
+def two_link(damping=2.0, friction=3.0, effort=(40.0, 18.0)):
+    """Return an arm of two rods in a vertical plane, with much friction."""
+    builder = ModelBuilder('two links')
+    for k, on in enumerate(('world', 'rod0')):
+        builder.body(f'rod{k}', on, axis=(0.0, 1.0, 0.0), at=(0.0, 0.0, -float(k)),
+                     matter=rod(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), joint=f'joint{k}',
+                     damping=damping, friction=friction, friction_speed=0.1,
+                     limits=Limits(effort=effort[k], velocity=20.0))
+    return Robot(builder.model())
+
+
+def least_duration(robot, motion, count=50, levels=1500):
+    """Return the least duration over a grid of path velocities, by dynamic programming."""
+    v, h = np.linspace(0.0, 8.0, levels), motion.duration / count
+    best = np.where(v == 0.0, 0.0, np.inf)
+    begin, end = v[:, None], v[None, :]
+    speed, rate = np.sqrt(0.5 * (begin**2 + end**2)), (end**2 - begin**2) / (2.0 * h)
+    for k in range(count - 1, -1, -1):
+        near = np.abs(end - begin) < 1.6  # a larger step exceeds every torque
+        q, first, second = motion.sample((k + 0.5) * h)
+        u = speed[near][:, None] * first
+        udot = rate[near][:, None] * first + speed[near][:, None]**2 * second
+        tau = robot.inverse_dynamics(np.broadcast_to(q, u.shape).copy(), u, udot)
+        cost = np.full((levels, levels), np.inf)
+        with np.errstate(divide='ignore'):
+            cost[near] = np.where((np.abs(tau) <= robot.limits.effort).all(axis=1),
+                                  2.0 * h / (begin + end)[near], np.inf)
+        best = (cost + best).min(axis=1)
+    return float(best[0])
+
+
+def bent_path(robot):
+    """Return a curved path that moves at its ends."""
+    points = np.array([[0.0, 0.3], [0.7, 1.2], [1.6, 0.4]])
+    t = np.array([0.0, 0.5, 1.0])
+    return Motion.from_points(t, points, CubicSpline(t, points)(t, 1),
+                              joint_names=robot.joint_names)
+
+
+@pytest.mark.slow  # a minute of brute force
+def test_duration_with_friction_is_the_least_of_dynamic_programming():
+    robot = two_link()
+    path = bent_path(robot)
+    ratio = time_optimal(robot, path).duration / least_duration(robot, path)
+    assert 0.97 < ratio < 1.005  # on a grid of velocities no motion is faster than the best one
+
+
+def test_each_limit_is_active_where_it_is_reached():
+    robot = two_link()
+    found = time_optimal(robot, bent_path(robot), acceleration=30.0, power=60.0)
+    names = list(found.uses)
+    assert names == ['effort', 'velocity', 'power', 'acceleration']
+    for active in found.active:
+        inside = (found.motion.times >= active.start) & (found.motion.times <= active.end)
+        use = found.uses[active.limit][inside, robot.joint_names.index(active.joint)]
+        assert (use >= 0.99).all()
+    covered = sum(active.end - active.start for active in found.active)
+    assert covered > 0.9 * found.duration  # some limit is always active
+    starts = [active.start for active in found.active]
+    assert starts == sorted(starts)
+
+
+def test_path_is_followed_and_its_timing_ignored():
+    robot = limited()
+    path = moving(1)
+    found, other = (time_optimal(robot, motion) for motion in (path, path.scaled(3.0)))
+    assert found.duration == pytest.approx(other.duration, rel=1e-6)
+    near = path.sample(np.linspace(0.0, 1.0, 200_001) * (1.0 - 1e-12))[0]
+    for q in found.motion.sample(np.linspace(0.0, found.duration, 37))[0]:
+        k = np.clip(np.linalg.norm(near - q, axis=1).argmin(), 1, len(near) - 2)
+        along = (near[k + 1] - near[k - 1]) / np.linalg.norm(near[k + 1] - near[k - 1])
+        aside = q - near[k] - along * (along @ (q - near[k]))
+        assert np.linalg.norm(aside) < 1e-7
+    assert (found.motion.positions[[0, -1]] == pytest.approx(path.positions[[0, -1]]))
+    assert np.abs(found.motion.sample(0.0)[1]).max() == 0.0
+
+
+def test_point_of_zero_inertia_leaves_the_acceleration_smooth():
+    # The path turns such that the inertia of each joint along it changes sign.
+    robot = two_link(0.0, 0.0, (60.0, 14.0))
+    t, s = np.linspace(0.0, 1.0, 41), np.linspace(-1.0, 1.0, 41)
+    points = np.column_stack([0.3 * s**2, 1.2 * s])
+    path = Motion.from_points(t, points, CubicSpline(t, points)(t, 1),
+                              joint_names=robot.joint_names)
+    found = time_optimal(robot, path)
+    durations = [time_optimal(robot, path, points=count).duration for count in (500, 4000)]
+    assert durations[0] == pytest.approx(durations[1], rel=2e-3)
+    saturated = found.uses['effort'].max(axis=1) > 0.99
+    assert saturated[5:-5].mean() > 0.95
+    jumps = np.abs(np.diff(np.sign(np.diff(found.tau[:, 0]))))
+    assert (jumps > 0.0).mean() < 0.05  # no oscillation between points
+
+
+def test_rests_and_dwells_of_a_motion_separate_its_sections():
+    robot = two_link()
+    points = np.array([[0.0, 0.0], [0.5, 0.4], [0.5, 0.4], [0.0, 0.8]])
+    path = Motion.from_points([0.0, 1.0, 2.0, 3.0], points, np.zeros((4, 2)),
+                              joint_names=robot.joint_names)
+    found = time_optimal(robot, path)
+    corner = np.flatnonzero((np.abs(found.motion.positions - points[1]) < 1e-12).all(axis=1))
+    assert len(corner) == 2 and corner[1] == corner[0] + 1
+    times = found.motion.times[corner]
+    assert times[1] - times[0] == pytest.approx(1e-6)
+    assert np.abs(found.motion.sample(times)[1]).max() < 1e-12
+    parts = [time_optimal(robot, points[k:k + 2]).duration for k in (0, 2)]
+    assert found.duration == pytest.approx(sum(parts), rel=1e-3)
+    assert found.demand.uses['effort'].max() <= 1.001
+
+
+def test_single_joint_that_reverses_is_timed_through_its_rest():
+    robot = two_link()
+    found = time_optimal(robot, [[0.0, 0.0], [1.0, 0.0], [0.4, 0.0]])
+    assert found.motion.positions[:, 0].max() > 0.9
+    assert found.demand.uses['effort'].max() <= 1.001
+
+
+def test_repeated_waypoints_count_once():
+    robot = two_link()
+    path = [[0.0, 0.0], [0.5, 0.4], [0.5, 0.4], [0.0, 0.8]]
+    assert time_optimal(robot, path).duration == pytest.approx(
+        time_optimal(robot, [path[0], *path[2:]]).duration, rel=1e-12)
+
+
+def test_speeds_at_the_ends_are_those_asked_for():
+    robot = two_link()
+    path = bent_path(robot)
+    found = time_optimal(robot, path, start_speed=0.5, end_speed=0.25)
+    _, u, _ = found.motion.sample(np.array([0.0, np.nextafter(found.duration, 0.0)]))
+    assert np.linalg.norm(u, axis=1) == pytest.approx([0.5, 0.25], rel=1e-3)
+    assert found.duration < time_optimal(robot, path).duration
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'start_speed': 100.0}, r'start_speed: 100; expected 0 to \d'),
+    ({'start_speed': -1.0}, 'start_speed: -1.0; expected a finite number >= 0'),
+    ({'path': [[0.0, 0.0]]}, 'path: 1 different waypoints; expected at least 2'),
+    ({'path': [[0.0, 0.0], [0.0, math.nan]]}, "waypoint 1 of joint 'joint1': nan"),
+    ({'path': [[0.0], [1.0]]}, r'waypoint 0: shape \(1,\)'),
+    ({'path': 3.0}, 'path: a float; expected a Motion'),
+    ({'acceleration': -1.0}, "acceleration of joint 'joint0': -1.0"),
+    ({'points': 3}, 'points: 3; expected'),
+    ({'path': Motion.from_points([0.0, 1.0], np.zeros((2, 2)), joint_names=('joint0', 'joint1'))},
+     'expected a path that moves'),
+    ({'path': Motion.from_points([0.0], np.zeros((1, 2)), joint_names=('joint0', 'joint1'))},
+     'expected a path that moves'),
+    ({'path': Motion.from_points([0.0], np.zeros((1, 2)), joint_names=('a', 'b'))},
+     r"path: joints \['a', 'b'\]; expected")])
+def test_invalid_arguments_are_named(change, words):
+    robot = two_link()
+    with pytest.raises(InputError, match=words):
+        time_optimal(robot, **{'path': bent_path(robot), **change})
+
+
+def test_configuration_that_the_motors_cannot_hold_is_named_with_its_place():
+    robot = two_link(effort=(10.0, 18.0))
+    with pytest.raises(InputError, match=r"path: joint 'joint0': torque \S+ at rest at 1 of the "
+                       r'path, \[1.6, 0.4\]; expected at most its effort limit 10'):
+        time_optimal(robot, bent_path(robot))
+
+
+def test_position_beyond_its_limit_is_named():
+    robot = two_link()
+    robot.limits = replace(robot.limits, upper=np.array([1.0, 3.0]))
+    with pytest.raises(InputError, match=r"path: joint 'joint0': position 1\.6; expected within "
+                       'its upper limit 1'):
+        time_optimal(robot, bent_path(robot))
+
+
+def test_robots_without_bounds_or_with_constraints_are_refused():
+    robot = two_link(effort=(math.inf, math.inf))
+    with pytest.raises(InputError, match='no limit bounds the motion; expected limits of effort'):
+        time_optimal(robot, bent_path(robot))
+    found = time_optimal(robot, bent_path(robot), acceleration=5.0)
+    assert found.uses['acceleration'].max() > 0.99
+    with pytest.raises(InputError, match='robot: chosen speeds, constraints or beams; expected'):
+        time_optimal(four_bar(), np.zeros((2, 1)))
