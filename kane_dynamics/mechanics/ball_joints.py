@@ -102,6 +102,14 @@ def axis_rates(model: Model, u: Any) -> Any:
     return A
 
 
+def neutral(model: Model) -> Array:
+    """Return the configuration with all coordinates 0 and all ball joints unrotated, (n_q,)."""
+    q = np.zeros(len(model.coordinate_names))
+    for ball in balls(model):
+        q[ball.place + 3] = 1.0
+    return q
+
+
 def moved(model: Model, q: Array, step: Array) -> Array:
     """Return q, (..., n_q), after constant speeds for 1 s, with step, (..., n): exponential map."""
     if not model.balls:
@@ -111,7 +119,7 @@ def moved(model: Model, q: Array, step: Array) -> Array:
               for ball in balls(model)}
     places = [place for place in model.places if place is not None]
     singles = [r for r, place in enumerate(model.places) if place is not None]
-    result = np.empty(np.broadcast_shapes(q.shape[:-1], step.shape[:-1]) + q.shape[-1:])
+    result = np.empty((*np.broadcast_shapes(q.shape[:-1], step.shape[:-1]), q.shape[-1]))
     result[..., places] = q[..., places] + step[..., singles]
     for place, p in turned.items():
         result[..., place:place + 4] = p / np.linalg.norm(p, axis=-1, keepdims=True)

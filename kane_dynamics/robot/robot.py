@@ -10,6 +10,7 @@ from kane_dynamics._util.attribute_hints import missing, refused
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_equations import BallEquations
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, LIMITS, loosened, RANK,
                                                               SINGULAR)
@@ -119,14 +120,16 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)
-        tree = self.equations = TreeEquations(model, **self._options)
+        tree = self.equations = (BallEquations if model.balls else TreeEquations)(
+            model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
         constraints, independent, actuated = (self._choices[key] for key in (
             'constraints', 'independent', 'actuated'))
         self.speed_sets: SpeedSets | None = None
         if redundant not in ('minimum_norm', 'kept'):
             raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or 'kept'")
-        if speeds is None and not constraints and independent is None and actuated is None:
+        if (speeds is None and not constraints and independent is None and actuated is None
+                and not model.balls):
             self.parameters = Parameters(model, tree.payload_frame)
             self.kernels = KernelSet(tree, key, self.parameters.block)
         else:
