@@ -56,6 +56,16 @@ def balls(model: Model) -> list[Ball]:
                  r + sum(other < r for other in firsts.values())) for body, r in firsts.items()]
 
 
+def angles(model: Model) -> list[int]:
+    """Return the indices in u of the joints that have a position."""
+    return [r for r, place in enumerate(model.places) if place is not None]
+
+
+def angle_places(model: Model) -> list[int]:
+    """Return the indices in q of the positions of joints: all but those of quaternions."""
+    return [place for place in model.places if place is not None]
+
+
 def joint_positions(model: Model, q: Any) -> Any:
     """Return the positions of the joints of one degree of freedom, (n,): 0 in ball joints."""
     if not model.balls:
@@ -74,6 +84,20 @@ def coordinate_rates(model: Model, q: Any, v: Any) -> Any:
         return v
     return _arranged(model, v, {ball.place: quaternion_rate(ball.quaternion(q), ball.omega(v))
                                 for ball in balls(model)})
+
+
+def joint_speeds(model: Model, q: Array, qdot: Array) -> Array:
+    """Return the speeds of the joints, (..., n), for q', (..., n_q): `coordinate_rates` undone."""
+    if not model.balls:
+        return qdot
+    result = np.empty((*qdot.shape[:-1], model.n))
+    result[..., angles(model)] = qdot[..., angle_places(model)]
+    for ball in balls(model):
+        p = ball.quaternion(q)
+        result[..., ball.speed:ball.speed + 3] = (
+            2.0 * product(conjugate(p), ball.quaternion(qdot))[..., :3]
+            / np.sum(p * p, axis=-1, keepdims=True))
+    return result
 
 
 def on_unit_quaternions(model: Model, q: Any) -> Any:
@@ -117,10 +141,9 @@ def moved(model: Model, q: Array, step: Array) -> Array:
         return result
     turned = {ball.place: product(ball.quaternion(q), exponential(ball.omega(step)))
               for ball in balls(model)}
-    places = [place for place in model.places if place is not None]
-    singles = [r for r, place in enumerate(model.places) if place is not None]
+    places = angle_places(model)
     result = np.empty((*np.broadcast_shapes(q.shape[:-1], step.shape[:-1]), q.shape[-1]))
-    result[..., places] = q[..., places] + step[..., singles]
+    result[..., places] = q[..., places] + step[..., angles(model)]
     for place, p in turned.items():
         result[..., place:place + 4] = p / np.linalg.norm(p, axis=-1, keepdims=True)
     return result
@@ -131,10 +154,9 @@ def difference(model: Model, q0: Array, q1: Array) -> Array:
     if not model.balls:
         result: Array = q1 - q0
         return result
-    places = [place for place in model.places if place is not None]
-    singles = [r for r, place in enumerate(model.places) if place is not None]
+    places = angle_places(model)
     result = np.empty((*np.broadcast_shapes(q0.shape[:-1], q1.shape[:-1]), model.n))
-    result[..., singles] = q1[..., places] - q0[..., places]
+    result[..., angles(model)] = q1[..., places] - q0[..., places]
     for ball in balls(model):
         result[..., ball.speed:ball.speed + 3] = logarithm(
             product(conjugate(ball.quaternion(q0)), ball.quaternion(q1)))

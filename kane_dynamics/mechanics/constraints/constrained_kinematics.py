@@ -7,7 +7,7 @@ keeps loops closed.
 
 from typing import Any
 
-from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import margin
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -80,12 +80,13 @@ class ConstrainedKinematics:
         """
         Return q after one Newton step on the constraint residuals of positions, (n_q,).
 
-        The step is in the span of N, so that it does not change the independent speeds.
+        The step is in the span of N, so that it does not change the independent speeds. It
+        changes the lengths of quaternions, to second order.
         """
         residual = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry)).residual
         missed = [0.0 if residual[k] is None else residual[k] for k in self.mechanism.kept]
         step = -(self.at_rest(q, t).N @ np.array(missed, dtype=object))
-        return on_unit_quaternions(self.model, q + coordinate_rates(self.model, q, step))
+        return q + coordinate_rates(self.model, q, step)
 
     def margin(self, q: Any, t: Any, limits: Any) -> Any:
         """Return the margin of a state, positive where it is accepted; see `conditioning`."""
