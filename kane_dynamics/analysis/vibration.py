@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -68,6 +69,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
         The configuration is not closed.
 
     """
+    require_angles(robot.model, 'vibrations')
     names = robot.coordinate_names
     if robot.equations.timed:
         raise InputError('vibrations: speeds or constraints that are functions; expected a robot '

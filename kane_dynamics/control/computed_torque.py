@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 import warnings
 
@@ -77,6 +78,7 @@ class ComputedTorque:
             motion = robot
         elif isinstance(robot, Robot):
             simulated = robot
+            require_angles(robot.model, 'ComputedTorque')
         else:
             raise InputError(f'robot: a {type(robot).__name__}; expected a Robot: the order is '
                              '(robot, motion, kp, kd)')

@@ -1,6 +1,7 @@
 """Controller: the torques to command for a measured state and a desired motion, without ROS."""
 
 from collections.abc import Callable, Sequence
+from kane_dynamics.mechanics.ball_joints import require_angles
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -84,6 +85,7 @@ class Controller(ControllerSettings):
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
                  bending: QuasiStatic | None = None, followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
+        require_angles(robot.model, 'Controller')
         self.robot, self.bending = robot, bending
         self._names = self._speeds = self._follow = tuple(robot.joint_names)
         self._constrained: ConstrainedTorques | None = None

@@ -7,6 +7,7 @@ Robotics 27(5), 2011: regular at singular configurations, quadratic near a solut
 coordinates are an active set: a coordinate that would move beyond its limit is fixed.
 """
 
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import NamedTuple
 
 from kane_dynamics._util.checks import finite_row, instance, integer, number
@@ -118,6 +119,7 @@ class _Search:
     """Iterations towards one target from several initial configurations."""
 
     def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float) -> None:
+        require_angles(robot.model, 'inverse_kinematics')
         self.robot, self.frame, self.goal, self.tolerance = robot, frame, goal, tolerance
         self.rows = 3 if goal.ndim == 1 else 6
         self.constrained = isinstance(robot.equations, ConstrainedEquations)

@@ -1,6 +1,7 @@
 """Motion of a mechanism whose driving joints move as desired: closed loops, speeds, rates."""
 
 from collections.abc import Sequence
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -57,6 +58,7 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
         A loop cannot be closed; names the time and the constraint.
 
     """
+    require_angles(robot.model, 'motion')
     equations = robot.equations
     assert isinstance(equations, ConstrainedEquations)
     names = robot.coordinate_names

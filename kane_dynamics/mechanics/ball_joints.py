@@ -120,8 +120,7 @@ def axis_rates(model: Model, u: Any) -> Any:
     """Return the matrix A(u), (n, n), with gamma = A u: omega = (1 + A dt) theta' after dt."""
     A = np.zeros((model.n, model.n)).astype(object)
     for ball in balls(model):
-        r, (x, _, z) = ball.speed, ball.omega(u)
-        y = ball.omega(u)[1]
+        r, (_, y, z) = ball.speed, ball.omega(u)
         A[r, r + 1], A[r + 1, r], A[r + 2, r] = z, -z, y
     return A
 
@@ -135,7 +134,7 @@ def neutral(model: Model) -> Array:
 
 
 def moved(model: Model, q: Array, step: Array) -> Array:
-    """Return q, (..., n_q), after constant speeds for 1 s, with step, (..., n): exponential map."""
+    """Return q, (..., n_q), after constant speeds `step`, (..., n), for 1 s: exponential map."""
     if not model.balls:
         result: Array = q + step
         return result

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
-from typing import Any, Literal
+from typing import Literal
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
@@ -244,7 +244,7 @@ class Model:
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
-        """Return the joint of each entry of u, never a mimic joint; of a mode one without limits."""
+        """Joints of the entries of u, never mimic joints; of a mode one without limits."""
         by_name = {body.joint.name: body.joint for body in self.bodies}
         modal = {k: body.beam for body in self.bodies if body.beam for k in body.beam.coordinates}
         return tuple(by_name[name] if name in by_name else

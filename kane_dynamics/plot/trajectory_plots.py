@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from itertools import cycle
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -38,7 +39,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         See `kane_dynamics.plot`.
 
     """
-    joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
+    joints, speeds = list(trajectory.coordinate_names), list(trajectory.speed_names)
     lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
         (color, dash) for dash in ('-', '--', ':') for color in LINES)))
     shown: dict[str, Any] = {}
@@ -53,7 +54,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                                          linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
             hide_rounding(axes, NOISE * float(np.abs(rows).max(initial=1.0)), 0.1)
             if limits is not None and what != 'Position':
-                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(joints, (
+                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(
+                    trajectory.joint_names, (
                     limits.velocity if what == 'Speed' else limits.effort).tolist())),
                     {name: color for name, (color, _) in lines.items()})
             axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
@@ -78,6 +80,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
 
     For the parameters see `kane_dynamics.plot`.
     """
+    require_angles(robot.model, 'plot_phase')
     trajectory.require(robot, 'plot_phase')
     title = titled(title, 'phase portrait', robot.model.name)
     rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(

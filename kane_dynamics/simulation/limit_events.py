@@ -43,7 +43,8 @@ class LimitEvents(Sequence[LimitEvent]):
     def _events(self) -> tuple[LimitEvent, ...]:
         events: list[LimitEvent] = []
         for limit, t, which, joint, value, bound in self._found:
-            events += map(LimitEvent, t.tolist(), map(self._names[limit].__getitem__, joint.tolist()),
+            names = self._names[limit]
+            events += map(LimitEvent, t.tolist(), map(names.__getitem__, joint.tolist()),
                           repeat(limit), value.tolist(), bound.tolist(),
                           repeat(None) if self._single else which.tolist())
         return tuple(sorted(events, key=itemgetter(0)))

@@ -296,5 +296,5 @@ class Trajectory:
         of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_residual',
                                                        'constraint_velocity_residual')
                           for row in self.constraint_names]
-        return ['t', *(f'q.{name}' for name in self.coordinate_names), *of_speeds, 'kinetic_energy',
-                'potential_energy', *of_constraints]
+        of_q = (f'q.{name}' for name in self.coordinate_names)
+        return ['t', *of_q, *of_speeds, 'kinetic_energy', 'potential_energy', *of_constraints]

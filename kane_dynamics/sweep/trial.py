@@ -9,6 +9,7 @@ integrates q and u; the integrals then use the trapezoidal rule.
 
 from dataclasses import dataclass
 from functools import partial
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
@@ -98,6 +99,7 @@ class Trial:
     def __init__(self, model: Model, payload_frame: str | None = None,
                  integrator: str = 'rk4') -> None:
         """Create the robot; kernels compile at the first use."""
+        require_angles(model, 'sweep')
         self.robot = Robot(model, payload_frame=payload_frame)
         self.frictionless = Robot(model, payload_frame=payload_frame, friction=False)
         assert isinstance(self.robot.equations, TreeEquations)  # a plain tree

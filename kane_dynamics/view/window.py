@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 import io
+from kane_dynamics.mechanics.ball_joints import require_angles
 import socket
 import threading
 import time
@@ -62,6 +63,7 @@ class Window:
                  visuals: Sequence[Visual] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
         """Build the scene and start the server."""
+        require_angles(robot.model, 'view')
         self.robot, self.trajectory = robot, trajectory
         if trajectory is None:
             if robot.speed_names != robot.joint_names:

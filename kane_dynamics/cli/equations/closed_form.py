@@ -5,6 +5,7 @@ import csv
 from dataclasses import asdict, dataclass
 import io
 from itertools import islice
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics.cli.equations.symbolic import (Parameter, parametrised, shortened, Symbolic,
@@ -76,6 +77,7 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
         If the model has more than `MOST` coordinates, or expressions of too many terms.
 
     """
+    require_angles(model, 'closed form')
     n = model.n
     if not 0 < n <= MOST:
         raise InputError(f"closed form of '{model.name}': {n} coordinates; expected 1 to {MOST}: "

@@ -15,6 +15,7 @@ the compiled regressor, and the states are linear in the coefficients.
 """
 
 from collections.abc import Sequence
+from kane_dynamics.mechanics.ball_joints import require_angles
 import math
 
 from kane_dynamics._util.checks import per_joint
@@ -60,6 +61,7 @@ class DesignCriterion:
                  floor_frames: Sequence[str] | None,
                  clearance: Clearance | None = None) -> None:
         """Store the limits, and sample the Fourier basis."""
+        require_angles(model, 'excitation')
         self.model, self.basis, self.share, names = model, basis, share, model.joint_names
         self.robot, self.rigid = Robot(model), Robot(without_losses(model))
         limits = self.robot.limits

@@ -1,6 +1,7 @@
 """Recordings of the motion of an arm: resampling and filtering."""
 
 from dataclasses import dataclass, replace
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -161,6 +162,7 @@ def check_recording(model: Model, recording: Recording, least: int = 3) -> None:
     """Raise InputError unless a recording has a model's joints, and rows enough."""
     instance(model, Model, 'model')
     instance(recording, Recording, 'recording')
+    require_angles(model, 'recording')
     if recording.tau.shape[1] != model.n:
         raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
                          f'{", ".join(model.joint_names)}')

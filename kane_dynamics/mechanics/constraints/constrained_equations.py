@@ -185,7 +185,8 @@ class ConstrainedEquations(ConstrainedKinematics):
             qdot = self.mechanism.solved(Y, u + negative_Z)
         qddot = self.tree.forward_dynamics(q, qdot, Y.T @ tau, wrench, parameters)
         Y_moving, negative_Z_moving = self.mechanism.system(self.mechanism.state(
-            moving(q, coordinate_rates(self.model, q, qdot)), moving(t, 1.0), self.tree.geometry))
+            moving(q, coordinate_rates(self.model, q, qdot)), moving(t, 1.0),
+            self.tree.geometry))
         return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
     def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:

@@ -68,8 +68,8 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
         if link.parent == WORLD or (section := links[link.parent]).deflection is None:
             continue
         sense, bent = link.rotation[2, 2], section.deflection
-        if (link.turned or link.deflection is not None or (link.kind, section.kind) != ('revolute', 'revolute')
-                or abs(sense) != 1.0 or link.translation[:2].any()):
+        if (link.turned or link.deflection is not None
+                or (link.kind, section.kind) != ('revolute', 'revolute') or abs(sense) != 1.0 or link.translation[:2].any()):
             continue
         result[i] = replace(
             link, parent=section.parent, pose=_clean(section.pose @ link.pose),
@@ -202,7 +202,8 @@ def _slide(child: Link) -> float:
 def _untwisted(link: Link) -> Link:
     """Move a rotation about z from a revolute link's constant pose to its offset."""
     R = link.rotation
-    if link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9 or math.hypot(R[0, 0], R[0, 1]) < 1e-6:
+    if (link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9
+            or math.hypot(R[0, 0], R[0, 1]) < 1e-6):
         return link
     angle = math.atan2(-R[0, 1], R[0, 0])
     return replace(link, pose=_clean(link.pose @ about_z(-angle)),

@@ -183,8 +183,8 @@ class Configurations(ConstraintMethods, Dispatch):
         Return the speeds, (n,), that take q0 to q1 in 1 s: ``integrate(q0, difference(q0, q1))``.
 
         Of ball joints the rotation vector on the axes of the body, of at most pi rad. With chosen
-        speeds they are the speeds of those joint rates at q0; under constraints, of the independent
-        speeds, so that `integrate` returns q1 up to terms of second order in the distance.
+        speeds they are the speeds of those joint rates at q0; under constraints the independent
+        ones, so that `integrate` returns q1 up to terms of second order in the distance.
 
         Parameters
         ----------

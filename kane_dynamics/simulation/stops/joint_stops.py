@@ -7,6 +7,7 @@ motions: an impulse p of a stop at joint j changes the independent speeds by -M^
 a joint presses against its stop, every step ends so.
 """
 
+from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
@@ -64,6 +65,7 @@ class JointStops:
 
     def __init__(self, robot: Robot, starts: Array, step: float, start: float) -> None:
         """Check the initial states."""
+        require_angles(robot.model, 'stops')
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
