@@ -7,7 +7,8 @@ import pytest
 
 
 EVERY_TIME = (('chosen speeds', 'closed loop'), ('closed loop', 'flexible'),
-              ('nonholonomic', 'time-dependent'))  # of the pairs; compiling all takes a minute
+              ('nonholonomic', 'time-dependent'),
+              ('closed loop', 'free and ball joints'))  # of the pairs; compiling all takes a minute
 
 
 @pytest.mark.parametrize('kinds', [*((kind,) for kind in KINDS), *(

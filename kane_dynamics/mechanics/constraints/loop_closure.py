@@ -5,7 +5,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.ball_joints import balls, difference, moved as moved_by
+from kane_dynamics.mechanics.ball_joints import (balls, difference, moved as moved_by,
+                                                 on_unit_quaternions)
 from kane_dynamics.mechanics.constraints import checked_names
 from kane_dynamics.mechanics.constraints.conditioning import RANK, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -50,6 +51,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
                          f'({", ".join(names)}) and a time in s')
     if not all(ball.quaternion(here).any() for ball in balls(model)):
         raise InputError(f'q: {here.tolist()}; expected nonzero quaternions')
+    here = np.asarray(on_unit_quaternions(model, here), dtype=np.float64)
     stays = _joints(mechanism, checked_names(fixed, 'fixed') or ())
     moves = np.array([k not in stays for k in range(model.n)])
     here, residual, labels, closed = closing_iterations(mechanism, here, moves, t)
