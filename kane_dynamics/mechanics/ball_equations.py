@@ -140,11 +140,11 @@ class _LocalTree(TreeEquations):
         self._tree, self._q = tree, q
 
     @property
-    def _raw_links(self) -> tuple[Link, ...]:  # type: ignore[override]
+    def _raw_links(self) -> tuple[Link, ...]:
         return posed(self._tree._raw_links, self.model, self._q)
 
     @property
-    def _links(self) -> tuple[Link, ...]:  # type: ignore[override]
+    def _links(self) -> tuple[Link, ...]:
         return posed(self._tree._links, self.model, self._q)
 
     def base_links(self, parameters: Any) -> tuple[Link, ...]:

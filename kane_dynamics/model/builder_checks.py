@@ -70,7 +70,8 @@ def check_balls(bodies: Sequence[Any], balls: Sequence[int]) -> None:
                     for k, joint in enumerate(joints))
         if not (chain and still and plain and len(parts) == 3):
             raise ModelError(f'ball joint of bodies {[body.name for body in parts]}: expected '
-                             'revolute joints about x, y and z, in series, with one origin')
+                             'revolute joints about x, y and z, in series, with one origin, whose '
+                             'coordinates follow each other in that order')
         for joint in joints:
             check_ball_property(joint.name, {name: getattr(joint, name) for name in (
                 'limits', 'armature', 'stiffness', 'rest')})

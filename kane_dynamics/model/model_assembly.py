@@ -117,10 +117,10 @@ class ModelAssembly:
                           f'{names}', ModelWarning, stacklevel=2)
         frames = [Frame(name, placement.body, placement.rotation, placement.translation)
                   for name, placement in self._placements.items()]
-        names = quaternion_names(self._coordinates, [
+        coordinates = quaternion_names(self._coordinates, [
             self._bodies[k].joint.coordinate for k in self._balls])
-        return Model(self.name, tuple(self._bodies), names, tuple(frames), self.gravity, 'world',
-                     self._base, tuple(self._balls))
+        return Model(self.name, tuple(self._bodies), coordinates, tuple(frames), self.gravity,
+                     'world', self._base, tuple(self._balls))
 
     def _check_moments(self, on: str, matter: Inertial) -> None:
         """Raise ModelError for impossible moments of inertia, or store them for a warning."""

@@ -27,9 +27,9 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     into the moving body that carries them, or into the base. A mimic joint moves with its master
     and has no coordinate. A floating joint becomes <joint>/x, /y, /z (prismatic, along the axes of
     the joint's frame) and then <joint>/rx, /ry, /rz (revolute, each about the axis rotated by the
-    previous ones), or with `floating` a unit quaternion. A planar joint becomes <joint>/x, /y (prismatic, in the plane normal to its
-    axis) and <joint>/rz (revolute, about its axis). These names are valid wherever a joint is
-    named.
+    previous ones); see `floating`. A planar joint becomes <joint>/x, /y (prismatic, in the plane
+    normal to its axis) and <joint>/rz (revolute, about its axis). These names are valid wherever a
+    joint is named.
 
     Parameters
     ----------

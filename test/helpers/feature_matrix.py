@@ -29,8 +29,8 @@ NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bendin
 NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
 NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
            'vibrate.')
-NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion do not '
-            'state.')
+NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion '
+            'do not state.')
 MISSING = 'Not available; the call raises an error that says so.'
 UNTESTED = 'Computed, but no test compares it with an independent formulation.'
 

@@ -133,7 +133,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
     here = closed_posture(mechanism, start, t=t, fixed=())
     model = mechanism.model
     joints = _joints(mechanism, fixed)
-    places = [model.places[k] for k in joints]
+    places = [place for k in joints if (place := model.places[k]) is not None]
     first, last = here[places], np.asarray(q, dtype=np.float64)[places]
     way = np.abs(last - first) / mechanism.units[joints]
     count = int(np.ceil(way.max(initial=0.0) / SMALL)) or 1

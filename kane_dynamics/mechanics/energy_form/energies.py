@@ -8,9 +8,9 @@ the generalized inertia forces
     F_r* = -( d/dt dKE/dq_r' - dKE/dq_r )                                 (for u = q')
 
 which automatic differentiation evaluates. Everywhere q and u = q' are (n,) arrays, udot the rates
-of u; rad or m, s. Energies of ball joints have q (n_q,) and the angular velocities in u. No function
-is shared with `kane`, `kinematics` or `recursive`, so that this formulation is an independent
-reference.
+of u; rad or m, s. Energies of ball joints have q (n_q,) and the angular velocities in u. No
+function is shared with `kane`, `kinematics` or `recursive`, so that this formulation is an
+independent reference.
 """
 
 from typing import Any

@@ -44,7 +44,7 @@ def about_z(angle: float) -> Array:
 def linkage(model: Model) -> tuple[Link, ...]:
     """Return a model's bodies as links: same origins, z along the joint axes."""
     turns = [homogeneous(_turn_to_z(body.joint.axis)) for body in model.bodies]
-    links = []
+    links: list[Link] = []
     for body, C in zip(model.bodies, turns):
         joint = body.joint
         above = np.eye(4) if body.parent == WORLD else turns[body.parent]
@@ -69,7 +69,8 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
             continue
         sense, bent = link.rotation[2, 2], section.deflection
         if (link.turned or link.deflection is not None
-                or (link.kind, section.kind) != ('revolute', 'revolute') or abs(sense) != 1.0 or link.translation[:2].any()):
+                or (link.kind, section.kind) != ('revolute', 'revolute')
+                or abs(sense) != 1.0 or link.translation[:2].any()):
             continue
         result[i] = replace(
             link, parent=section.parent, pose=_clean(section.pose @ link.pose),

@@ -82,8 +82,9 @@ class Configurations(ConstraintMethods, Dispatch):
         """
         Return the configuration at which every coordinate is 0, (n_q,), rad or m.
 
-        The quaternions of ball joints are (0, 0, 0, 1), those of no rotation. Under constraints on positions it is a closed configuration nearby. It may be outside the
-        limits, as in Pinocchio.
+        The quaternions of ball joints are (0, 0, 0, 1), those of no rotation. Under constraints
+        on positions it is a closed configuration nearby. It may be outside the limits, as in
+        Pinocchio.
 
         Raises
         ------
@@ -111,8 +112,8 @@ class Configurations(ConstraintMethods, Dispatch):
         Return a random configuration within the limits, (n_q,), or several, (count, n_q).
 
         Uniform between the limits; without a limit, within half a turn or 1 m of 0 or of the other
-        limit. Modal coordinates are 0, rotations of ball joints uniform. Under constraints on positions, a uniform configuration is
-        the initial guess for loop closure.
+        limit. Modal coordinates are 0, rotations of ball joints uniform. Under constraints on
+        positions, a uniform configuration is the initial guess for loop closure.
 
         Parameters
         ----------
@@ -229,7 +230,9 @@ class Configurations(ConstraintMethods, Dispatch):
         model = self.equations.model
         span = np.array([1.0 if name in model.sliding else np.pi
                          for name in model.coordinate_names])
-        span[[model.places[k] for k in model.modal_coordinates]] = 0.0
+        modes = set(model.modal_coordinates)
+        span[[place for k, place in enumerate(model.places)
+              if k in modes and place is not None]] = 0.0
         for ball in balls(model):
             ball.quaternion(span)[...] = 1.0
         lower, upper = self.limits.lower, self.limits.upper
