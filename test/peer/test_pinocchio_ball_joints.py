@@ -64,7 +64,7 @@ def test_frames_behind_ball_joints_are_pinocchios(seed):
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_derivatives_along_the_joints_are_pinocchios(seed):
-    """The derivative by q times dq'/du is the derivative in the tangent space."""
+    """The slope in q times dq'/du is the derivative in the tangent space."""
     robot, peer = robot_of(seed), peer_of(random_ball_tree(seed))
     data = peer.createData()
     for q, u, udot in states(seed, 2):
