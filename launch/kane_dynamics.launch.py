@@ -10,6 +10,7 @@ Start the dynamics node, its guard and, optionally, a simulated robot and robot_
 import os
 
 from ament_index_python.packages import get_package_share_directory
+from kane_dynamics.ros.common.transport import without_shared_memory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -63,7 +64,8 @@ def nodes(context):
     started = [Node(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
         parameters=[*config, *chosen, *clock, {'guard.enabled': guarded}], output='screen',
-        remappings=remappings)]
+        remappings=remappings,
+        additional_env=without_shared_memory() if guarded else None)]
     if guarded:  # it reads the parameters of the dynamics node
         started.append(Node(
             package=PACKAGE, executable='torque_guard', name='torque_guard',

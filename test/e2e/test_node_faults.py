@@ -6,11 +6,13 @@ of URDFs in test_node_lifecycle.py.
 """
 
 import os
+from pathlib import Path
 import signal
 import time
 
 from graph import BEST_EFFORT, JOINTS, model, NAME, URDF, wait_until
 from kane_dynamics import Robot
+from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics_interfaces.srv import InverseDynamics, Simulate
 from lifecycle_msgs.msg import Transition
 import numpy as np
@@ -46,6 +48,24 @@ def test_a_lost_plant_gives_zeros_and_a_restart_with_another_joint_order_is_acce
     client.connect()
     order = [2, 0, 1]
     assert close(client.ask(Q[order], np.zeros(3), [JOINTS[k] for k in order]), holding)
+
+
+@pytest.mark.parametrize('discovery', ['LOCALHOST', 'OFF'])
+def test_with_its_guard_a_node_that_dies_blocks_no_publisher_for_it_has_no_shared_memory(
+        client, start, holding, monkeypatch, discovery):
+    assert 'fastrtps_port' in Path('/proc/self/maps').read_text(), 'this process has some'
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
+    node = start(environment=without_shared_memory(), guard__enabled='true')
+    node.wait_for('active, mode')
+    assert 'fastrtps_port' not in Path(f'/proc/{node.pid}/maps').read_text()
+    if discovery == 'LOCALHOST':
+        client.connect()
+        assert close(client.ask(Q, np.zeros(3)), holding)
+
+
+def test_transports_that_a_user_chose_remain(monkeypatch):
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'LARGE_DATA')
+    assert without_shared_memory() == {}
 
 
 def test_simulated_time_may_pause_and_jump_forward_and_backward(client, start, holding):

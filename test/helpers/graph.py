@@ -66,14 +66,14 @@ class Process:
     """A node in its own process; the dynamics node unless another module or program is given."""
 
     def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', program=None,
-                 **parameters):
+                 environment=None, **parameters):
         command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
         for name, value in parameters.items():
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''
-        environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, [
-            str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH', '')])),
-            RCUTILS_LOGGING_BUFFERED_STREAM='0')
+        environment = os.environ | (environment or {}) | {
+            'RCUTILS_LOGGING_BUFFERED_STREAM': '0', 'PYTHONPATH': os.pathsep.join(filter(None, [
+                str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH', '')]))}
         self._process = subprocess.Popen([*command, *arguments], stderr=subprocess.STDOUT,
                                          stdout=subprocess.PIPE, text=True, env=environment)
         self._reader = threading.Thread(target=self._read, daemon=True)

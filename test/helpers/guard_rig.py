@@ -10,6 +10,7 @@ from typing import NamedTuple
 from graph import DEEP, JOINTS, NAME, Process, URDF
 from kane_dynamics import Controller, load_urdf, Robot
 from kane_dynamics.demo.demo_settings import HOME, JOINTS as FR3_JOINTS, URDF as FR3
+from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 import numpy as np
 import rclpy
@@ -165,7 +166,8 @@ class Rig:
         self.start_guard()
 
     def start_node(self):
-        self.node = Process(module=self._module, **self.urdf, **self.parameters)
+        self.node = Process(module=self._module, environment=without_shared_memory(),
+                            **self.urdf, **self.parameters)
 
     def start_guard(self):
         self.guard = Process(module='kane_dynamics.ros.guard.main')

@@ -5,6 +5,7 @@ from pathlib import Path
 import sys
 from types import ModuleType, SimpleNamespace
 
+from kane_dynamics.ros.common.transport import without_shared_memory
 import pytest
 
 ROOT = Path(__file__).parents[3]
@@ -67,11 +68,13 @@ def test_by_default_it_starts_the_dynamics_node_and_its_guard(launch_file):
         'kane_dynamics', 'torque_guard', 'left')
     assert guard.parameters == [{'node': node.name}]
     assert guard.remappings == node.remappings == [('commands', 'effort/commands')]
+    assert node.additional_env == without_shared_memory()
 
 
 def test_without_guard_the_node_does_not_wait_for_it(launch_file):
     node, = start(launch_file, guard='false')
     assert node.parameters == [{'guard.enabled': False}]
+    assert node.additional_env is None
     assert node.remappings == []
 
 
