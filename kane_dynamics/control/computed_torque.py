@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 import warnings
 
@@ -13,6 +12,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import (followed_joints, motion_columns,
                                                    require_closed, require_rigid)
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees

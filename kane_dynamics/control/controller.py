@@ -1,7 +1,6 @@
 """Controller: the torques to command for a measured state and a desired motion, without ROS."""
 
 from collections.abc import Callable, Sequence
-from kane_dynamics.mechanics.ball_joints import require_angles
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -16,6 +15,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees

@@ -7,13 +7,13 @@ Robotics 27(5), 2011: regular at singular configurations, quadratic near a solut
 coordinates are an active set: a coordinate that would move beyond its limit is fixed.
 """
 
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import NamedTuple
 
 from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot

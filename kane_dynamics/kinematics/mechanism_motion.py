@@ -1,11 +1,11 @@
 """Motion of a mechanism whose driving joints move as desired: closed loops, speeds, rates."""
 
 from collections.abc import Sequence
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import Program, trace_program

@@ -2,10 +2,10 @@
 
 from collections.abc import Collection, Mapping
 from itertools import cycle
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, hide_rounding, INK,
                                       legend_below, LINES, MARGIN, NEAR, NOISE, ORANGE, Path, RED,
                                       SKY, styled, THIN, time_axis, titled, unit)
@@ -54,10 +54,10 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                                          linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
             hide_rounding(axes, NOISE * float(np.abs(rows).max(initial=1.0)), 0.1)
             if limits is not None and what != 'Position':
-                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(
-                    trajectory.joint_names, (
-                    limits.velocity if what == 'Speed' else limits.effort).tolist())),
-                    {name: color for name, (color, _) in lines.items()})
+                bounds = (limits.velocity if what == 'Speed' else limits.effort).tolist()
+                _limits(axes, dict(zip(names, np.asarray(rows).T)),
+                        dict(zip(trajectory.joint_names, bounds)),
+                        {name: color for name, (color, _) in lines.items()})
             axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
         if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
             shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)

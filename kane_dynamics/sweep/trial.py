@@ -9,7 +9,6 @@ integrates q and u; the integrals then use the trapezoidal rule.
 
 from dataclasses import dataclass
 from functools import partial
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
@@ -17,6 +16,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 import io
-from kane_dynamics.mechanics.ball_joints import require_angles
 import socket
 import threading
 import time
@@ -11,6 +10,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.shapes.link_shapes import bounds, size
 from kane_dynamics.simulation.trajectory import Path, Trajectory

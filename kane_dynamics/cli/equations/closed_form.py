@@ -5,12 +5,12 @@ import csv
 from dataclasses import asdict, dataclass
 import io
 from itertools import islice
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics.cli.equations.symbolic import (Parameter, parametrised, shortened, Symbolic,
                                                   symbols, unwrapped)
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.definition.kinematics import configurations
 from kane_dynamics.model.model import Model

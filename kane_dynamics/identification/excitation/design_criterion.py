@@ -15,7 +15,6 @@ the compiled regressor, and the states are linear in the coefficients.
 """
 
 from collections.abc import Sequence
-from kane_dynamics.mechanics.ball_joints import require_angles
 import math
 
 from kane_dynamics._util.checks import per_joint
@@ -25,6 +24,7 @@ from kane_dynamics.identification.base_regressor import base_parameters
 from kane_dynamics.identification.excitation.clearance import Clearance
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.regression import FRICTION, without_losses
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot

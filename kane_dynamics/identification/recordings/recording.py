@@ -1,7 +1,6 @@
 """Recordings of the motion of an arm: resampling and filtering."""
 
 from dataclasses import dataclass, replace
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -10,6 +9,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.model.model import Model
 import numpy as np
 

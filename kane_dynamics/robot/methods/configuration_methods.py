@@ -181,7 +181,7 @@ class Configurations(ConstraintMethods, Dispatch):
 
     def difference(self, q0: ArrayLike, q1: ArrayLike, *, t: ArrayLike = 0.0) -> Array:
         """
-        Return the speeds, (n,), that take q0 to q1 in 1 s: ``integrate(q0, difference(q0, q1))``.
+        Return the speeds, (n,), that take q0 to q1 in 1 s: `integrate` undone.
 
         Of ball joints the rotation vector on the axes of the body, of at most pi rad. With chosen
         speeds they are the speeds of those joint rates at q0; under constraints the independent

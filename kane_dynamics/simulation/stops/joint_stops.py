@@ -7,11 +7,11 @@ motions: an impulse p of a stop at joint j changes the independent speeds by -M^
 a joint presses against its stop, every step ends so.
 """
 
-from kane_dynamics.mechanics.ball_joints import require_angles
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.joint_stops import nearest_stops, stop_impulses, stopped_state
 from kane_dynamics.native.runtime.argument import Argument
