@@ -48,6 +48,7 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
     Parameters
     ----------
     model : Model
+        With ball joints, q has n_q > n entries, and u the angular velocities on the bodies' axes.
     speeds : Speeds or callable, optional
         Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or
         user-defined functions; joint rates by default.
@@ -81,8 +82,7 @@ class Robot(DynamicsMethods, CasadiMethods, FrameMethods, Configurations):
     friction : bool
         Include damping and Coulomb friction.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels, for links where that saves
-        arithmetic (see `operation_count`). The results are the same.
+        Use Denavit-Hartenberg-like frames inside the kernels where that saves arithmetic.
 
     Raises
     ------
