@@ -4,7 +4,7 @@ Cache of expensive results on disk: machine code, and models read from URDF.
 The directory is ``$KANE_DYNAMICS_CACHE`` if set (``off`` disables the cache), else
 ``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. It is private to its owner (0700).
 Files are written atomically; a damaged file or one of another owner is computed again. When the
-total size exceeds `MOST_BYTES`, the least recently used files are removed.
+total size exceeds `MOST_BYTES` by some percent, the least recently used files are removed.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,6 +18,7 @@ import tempfile
 MAGIC = b'kane_dynamics object 1\n'
 MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB, a model some 10 kB
 KEPT_SHARE = 0.75  # of MOST_BYTES after a removal, so that not every new file removes some
+LOOKS = 64  # at all files, while MOST_BYTES are written: in a full cache one takes tenths of seconds
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -102,16 +103,19 @@ def store(name: str, body: bytes) -> None:
     path = directory()
     if path is None:
         return
+    checksum = hashlib.sha256(name.encode() + body).digest()
     try:
         handle, temporary = tempfile.mkstemp(dir=path)
         try:
             with os.fdopen(handle, 'wb') as file:
-                file.write(MAGIC + hashlib.sha256(name.encode() + body).digest() + body)
+                file.write(MAGIC + checksum + body)
             os.replace(temporary, path / name)
         except OSError:
             os.unlink(temporary)
             raise
-        _prune(path)
+        chance = int.from_bytes(checksum[:4], 'big') / 2**32  # as good as random, but repeatable
+        if chance * MOST_BYTES <= LOOKS * len(body):
+            _prune(path)
     except OSError:
         return  # the next start computes it again
 

@@ -72,10 +72,10 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
 
 
 def require_rigid(robot: Robot) -> None:
-    """Raise InputError if a robot has beams, which computed torque would bend at will."""
+    """Raise InputError if a robot has beams, which feedforward would bend at will."""
     if robot.model.modal_coordinates:
-        raise InputError('robot: with beams; expected the rigid model, because no actuator moves '
-                         'the coordinates of bending')
+        raise InputError('robot: with beams; expected the rigid model, such as stiffened(model), '
+                         'because no actuator moves the coordinates of bending')
 
 
 def motion_columns(robot: Robot, followed: Sequence[int], names: Sequence[str]) -> list[int]:

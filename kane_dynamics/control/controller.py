@@ -9,6 +9,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
+from kane_dynamics.control.constrained_law import require_rigid
 from kane_dynamics.control.constrained_torques import ConstrainedTorques
 from kane_dynamics.control.controller_settings import ControllerSettings
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -85,6 +86,7 @@ class Controller(ControllerSettings):
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
                  bending: QuasiStatic | None = None, followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
+        require_rigid(robot)
         require_angles(robot.model, 'Controller')
         self.robot, self.bending = robot, bending
         self._names = self._speeds = self._follow = tuple(robot.joint_names)

@@ -26,8 +26,9 @@ class ClosedForm:
     def __init__(self, effort=(np.inf, np.inf)):
         none = np.full(self.n, np.inf)
         self.limits = SimpleNamespace(effort=np.array(effort), lower=-none, upper=none)
-        self.equations = SimpleNamespace(
-            model=SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:]))
+        self.model = SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:],
+                                     modal_coordinates=())
+        self.equations = SimpleNamespace(model=self.model)
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(extra=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None)

@@ -89,6 +89,7 @@ def test_feedforward_that_knows_of_the_bending_follows_far_better():
 
 
 @pytest.mark.parametrize('call, words', [
+    (lambda: Controller(flexible()), 'with beams; expected the rigid model, such as stiffened'),
     (lambda: QuasiStatic(Robot(stiffened(flexible().model))),
      'without beams.*; expected one with beams'),
     (lambda: QuasiStatic(flexible_four_bar()), 'in joint rates and without constraints'),

@@ -129,6 +129,15 @@ def test_least_recently_used_files_are_removed_first(place, monkeypatch):
     assert sum((place / name).stat().st_size for name in left) <= 7500
 
 
+def test_all_files_are_looked_at_some_64_times_while_the_cache_fills(place, monkeypatch):
+    looks = []
+    monkeypatch.setattr(disk_cache, 'MOST_BYTES', 100_000)
+    monkeypatch.setattr(disk_cache, '_prune', looks.append)
+    for k in range(1000):
+        disk_cache.store(f'file{k}', bytes(100))
+    assert 40 <= len(looks) <= 90
+
+
 def test_kernels_compile_again_after_their_files_were_removed(place, monkeypatch):
     expected = torque()
     monkeypatch.setattr(disk_cache, 'MOST_BYTES', 0)
