@@ -87,11 +87,11 @@ class Controller(ControllerSettings):
                  bending: QuasiStatic | None = None, followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
         require_rigid(robot)
-        require_angles(robot.model, 'Controller')
         self.robot, self.bending = robot, bending
         self._names = self._speeds = self._follow = tuple(robot.joint_names)
         self._constrained: ConstrainedTorques | None = None
         if isinstance(robot.equations, ConstrainedEquations):
+            require_angles(robot.model, 'Controller')
             self._constrained = ConstrainedTorques(robot, followed, preload)
             self._speeds, self._follow = robot.speed_names, self._constrained.followed
         elif followed is not None or preload is not None:
