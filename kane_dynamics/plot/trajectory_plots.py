@@ -39,7 +39,9 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         See `kane_dynamics.plot`.
 
     """
-    joints, speeds = list(trajectory.coordinate_names), list(trajectory.speed_names)
+    joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
+    if np.shape(trajectory.q)[1] > len(joints):  # quaternions
+        joints = list(trajectory.coordinate_names)
     lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
         (color, dash) for dash in ('-', '--', ':') for color in LINES)))
     shown: dict[str, Any] = {}
