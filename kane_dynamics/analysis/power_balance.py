@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import joint_speeds, moved
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
@@ -83,7 +84,7 @@ def _constrained_powers(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t: 
                         ) -> tuple[Any, Any, Any, Any]:
     """Return the power of joints, environment, friction and constraints."""
     equations: Any = robot.equations
-    rates = robot.joint_rates(q, u, t=t)
+    rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     joints = _product(robot.joint_torques(tau, q, t=t), rates)
     friction = np.reshape([equations.tree.friction_force(row).astype(np.float64) @ row
                            for row in np.atleast_2d(rates)], np.shape(joints))[()]
@@ -130,7 +131,7 @@ def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
 
 def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any, t: Any) -> Any:
     constrained = isinstance(robot.equations, ConstrainedEquations)
-    rates = robot.joint_rates(q, u, t=t)
+    rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     # With the accelerations of all joints, loops stay closed to second order.
     bend = robot.joint_accelerations(q, u, udot, t=t) if constrained else np.zeros_like(rates)
     fastest, hardest = (np.maximum(*(np.abs(x).max(axis=-1, initial=0.0) for x in pair))
@@ -139,7 +140,8 @@ def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any, t: Any) -> Any:
 
     def energy(steps: float) -> Any:
         ahead = steps * h[..., None]
-        at, speed = q + ahead * (rates + 0.5 * ahead * bend), u + ahead * udot
+        at = moved(robot.model, np.asarray(q), ahead * (rates + 0.5 * ahead * bend))
+        speed = u + ahead * udot
         moment = {'t': t + steps * h} if constrained else {}
         return robot.kinetic_energy(at, speed, **moment) + robot.potential_energy(at)
     near, far = energy(1.0) - energy(-1.0), energy(2.0) - energy(-2.0)

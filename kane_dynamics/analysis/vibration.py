@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.energy_form import energies
@@ -68,6 +69,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
         The configuration is not closed.
 
     """
+    require_angles(robot.model, 'vibrations')
     names = robot.coordinate_names
     if robot.equations.timed:
         raise InputError('vibrations: speeds or constraints that are functions; expected a robot '

@@ -12,6 +12,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import (followed_joints, motion_columns,
                                                    require_closed, require_rigid)
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
@@ -77,6 +78,7 @@ class ComputedTorque:
             motion = robot
         elif isinstance(robot, Robot):
             simulated = robot
+            require_angles(robot.model, 'ComputedTorque')
         else:
             raise InputError(f'robot: a {type(robot).__name__}; expected a Robot: the order is '
                              '(robot, motion, kp, kd)')

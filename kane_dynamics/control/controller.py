@@ -16,6 +16,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
@@ -90,6 +91,7 @@ class Controller(ControllerSettings):
         self._names = self._speeds = self._follow = tuple(robot.joint_names)
         self._constrained: ConstrainedTorques | None = None
         if isinstance(robot.equations, ConstrainedEquations):
+            require_angles(robot.model, 'Controller')
             self._constrained = ConstrainedTorques(robot, followed, preload)
             self._speeds, self._follow = robot.speed_names, self._constrained.followed
         elif followed is not None or preload is not None:

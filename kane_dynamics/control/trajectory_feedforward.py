@@ -16,6 +16,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.control.trajectory_limits import check_efforts, check_motion
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.motion.controller_points import completed, ControllerPoints
 from kane_dynamics.motion.motion import Motion
@@ -125,6 +126,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
 
     """
     instance(robot, Robot, 'robot')
+    require_angles(robot.model, 'fill_trajectory')
     instance(compensate, Terms, 'compensate')
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')

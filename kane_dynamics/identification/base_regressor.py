@@ -10,6 +10,7 @@ from kane_dynamics.identification.regression import (compressed, FRICTION, full_
                                                      RegressionRows, rows, settled_speeds, stacked,
                                                      UNBOUNDED, weights, without_losses)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -103,6 +104,7 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
         Number of random states.
 
     """
+    require_angles(model, 'base parameters')
     rng = np.random.default_rng(0)
     q, u, udot = rng.uniform(-2.0, 2.0, (3, states, model.n))
     sample = Recording(np.arange(float(states)), q, u, udot, np.zeros((states, model.n)))

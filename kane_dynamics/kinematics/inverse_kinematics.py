@@ -13,6 +13,7 @@ from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot
@@ -118,6 +119,7 @@ class _Search:
     """Iterations towards one target from several initial configurations."""
 
     def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float) -> None:
+        require_angles(robot.model, 'inverse_kinematics')
         self.robot, self.frame, self.goal, self.tolerance = robot, frame, goal, tolerance
         self.rows = 3 if goal.ndim == 1 else 6
         self.constrained = isinstance(robot.equations, ConstrainedEquations)

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import Program, trace_program
@@ -57,6 +58,7 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
         A loop cannot be closed; names the time and the constraint.
 
     """
+    require_angles(robot.model, 'motion')
     equations = robot.equations
     assert isinstance(equations, ConstrainedEquations)
     names = robot.coordinate_names

@@ -7,8 +7,9 @@ from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
-from kane_dynamics.model.builder_checks import (check_matter, check_moments, check_properties,
-                                                checked_turns, direction, pose)
+from kane_dynamics.model.builder_checks import (check_ball_property, check_matter,
+                                                check_moments, check_properties, checked_turns,
+                                                direction, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
 from kane_dynamics.model.model import Body, GRAVITY, Inertial, Joint
@@ -17,7 +18,8 @@ from kane_dynamics.model.placement import Placement
 import numpy as np
 from numpy.typing import ArrayLike
 
-KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'planar', 'floating', 'fixed')
+KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'ball', 'planar', 'floating', 'free',
+         'fixed')
 
 
 @guarded
@@ -72,7 +74,9 @@ class ModelBuilder(ModelAssembly):
             revolute, prismatic; or a joint with more degrees of freedom, which is expanded to
             joints <joint>/x and so on: universal (two rotations) and spherical (three), about
             the axes in `turns`; floating (/x, /y, /z, then three rotations); planar (/x, /y in
-            the plane normal to the axis, then /rz about it); or fixed, part of its carrier.
+            the plane normal to the axis, then /rz about it); or fixed, part of its carrier. ball
+            rotates by a unit quaternion, with the angular velocity /wx, /wy, /wz on the body's
+            axes as speeds; free is /x, /y, /z, then a ball: no singular configuration.
         axis : (3,) array
             Axis of a revolute, prismatic or planar joint, in the joint's axes.
         at, rpy : (3,) arrays
@@ -127,6 +131,8 @@ class ModelBuilder(ModelAssembly):
             return
         for single in singles:
             self._check_joint(single.name)
+        if kind in ('ball', 'free'):
+            self._balls.append(len(self._bodies) + len(singles) - 3)
         for single in singles:
             placement = placement.frame(single.rotation, single.translation)
             self._bodies.append(Body(single.child, placement.body, Joint(
@@ -223,6 +229,8 @@ class ModelBuilder(ModelAssembly):
             raise ModelError(f"no joint '{name}'; expected one of {listing(names)}")
         check_properties(name, properties)
         body = self._bodies[k := names.index(name)]
+        if any(first <= k < first + 3 for first in self._balls):
+            check_ball_property(name, properties)
         self._bodies[k] = replace(body, joint=replace(body.joint, **properties))
 
     def _clamp(self, name: str, on: str, coordinate: int, **options: Any) -> None:
@@ -247,8 +255,9 @@ class ModelBuilder(ModelAssembly):
         if kind not in ('revolute', 'prismatic'):
             raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind revolute or '
                              'prismatic')
-        masters = {body.joint.name: body.joint for body in self._bodies
-                   if body.joint.deflection is None and body.joint.multiplier}
+        masters = {body.joint.name: body.joint for k, body in enumerate(self._bodies)
+                   if body.joint.deflection is None and body.joint.multiplier
+                   and not any(first <= k < first + 3 for first in self._balls)}
         if mimic not in masters:
             raise ModelError(f'{what}: mimic: {mimic!r}; expected one of {listing(masters)}')
         ratio, shift = (float(constant(value, (), f'{what}: {word}')) for value, word in (

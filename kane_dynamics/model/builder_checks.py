@@ -1,7 +1,9 @@
 """Check and convert the arguments of `ModelBuilder`."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+import math
 from typing import Any
 
 from kane_dynamics._util.checks import constant
@@ -37,6 +39,47 @@ def check_properties(joint: str, properties: dict[str, Any]) -> None:
     if unknown:
         raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
                          f'{", ".join(PROPERTIES)}')
+
+
+def check_ball_property(joint: str, properties: dict[str, Any]) -> None:
+    """Raise ModelError for a property that a part of a ball joint, which has no angle, lacks."""
+    limits = properties.get('limits')
+    if limits is not None and (limits.lower, limits.upper) != (-math.inf, math.inf):
+        raise ModelError(f"joint '{joint}': limits {limits.lower:g} to {limits.upper:g} of a part "
+                         'of a ball joint, which has no angle; expected limits of velocity and '
+                         'effort alone')
+    for name in ('armature', 'stiffness', 'rest'):
+        if properties.get(name, 0.0):
+            raise ModelError(f"joint '{joint}': {name} {properties[name]:g} of a part of a ball "
+                             'joint, which has no angle; expected damping, friction or limits '
+                             'of velocity and effort')
+
+
+def check_balls(bodies: Sequence[Any], balls: Sequence[int]) -> None:
+    """Raise ModelError unless the three bodies of every ball joint are as `Model.balls` says."""
+    for first in balls:
+        parts = bodies[first:first + 3]
+        joints = [body.joint for body in parts]
+        start = joints[0].coordinate if joints else 0
+        chain = [body.parent for body in parts[1:]] == [first, first + 1]
+        still = all(np.array_equal(joint.rotation, np.eye(3)) and not joint.translation.any()
+                    for joint in joints[1:])
+        plain = all(joint.kind == 'revolute' and joint.coordinate == start + k
+                    and np.array_equal(joint.axis, np.eye(3)[k]) and joint.multiplier == 1.0
+                    and joint.offset == 0.0 and joint.deflection is None
+                    for k, joint in enumerate(joints))
+        if not (chain and still and plain and len(parts) == 3):
+            raise ModelError(f'ball joint of bodies {[body.name for body in parts]}: expected '
+                             'revolute joints about x, y and z, in series, with one origin, whose '
+                             'coordinates follow each other in that order')
+        for joint in joints:
+            check_ball_property(joint.name, {name: getattr(joint, name) for name in (
+                'limits', 'armature', 'stiffness', 'rest')})
+    used = [body.joint.coordinate for body in bodies]
+    for joint in (bodies[first + k].joint for first in balls for k in range(3)):
+        if used.count(joint.coordinate) > 1:
+            raise ModelError(f"joint '{joint.name}': a part of a ball joint that another joint "
+                             'mimics; expected a joint of one degree of freedom')
 
 
 def check_matter(on: str, matter: Inertial) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
+from kane_dynamics.model.joint_expansion import quaternion_names
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 
@@ -74,8 +75,8 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
              replace(frame, body=number(frame.body)) for frame in model.frames]
     moved.append(Frame(f'{link}/tip', *_rotation_first(tip)))
     return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
-                   frames=tuple(moved), coordinate_names=(
-                       *model.coordinate_names, *shape.names))
+                   frames=tuple(moved), balls=tuple(number(b) for b in model.balls),
+                   coordinate_names=(*model.coordinate_names, *shape.names))
 
 
 def stiffened(model: Model) -> Model:
@@ -108,8 +109,11 @@ def stiffened(model: Model) -> Model:
     for frame in model.frames:
         on, R, p = placed(frame.body, frame.rotation, frame.translation)
         frames.append(Frame(frame.name, on, R, p))
-    return replace(model, bodies=tuple(bodies), frames=tuple(frames), coordinate_names=tuple(
-        model.coordinate_names[k] for k in numbers))
+    balls = tuple(places[b][0] for b in model.balls)
+    return replace(model, bodies=tuple(bodies), frames=tuple(frames), balls=balls,
+                   coordinate_names=quaternion_names(
+                       [model.joint_names[k] for k in numbers],
+                       [bodies[b].joint.coordinate for b in balls]))
 
 
 class _Sections:

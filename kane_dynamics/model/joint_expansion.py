@@ -2,9 +2,10 @@
 Joints as a URDF or the builder states them, and their expansion to one degree of freedom.
 
 A floating, planar, spherical or universal joint becomes prismatic and revolute ones in series,
-with documented names.
+with documented names. So do ball and free joints, whose three rotations share a quaternion.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -71,9 +72,15 @@ def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
     <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and <joint>/rz about it. x
     is the projection of the joint frame's x axis on that plane (of its y axis, if the axis is
     along x), and y completes the right-handed (x, y, axis).
+
+    ball becomes <joint>/wx /wy /wz about the axes of the child body; `Model.balls` says that they
+    are not three angles but share a quaternion. free has <joint>/x /y /z before them.
     """
     eye = np.eye(3)
-    if joint.kind == 'floating':
+    if joint.kind in ('ball', 'free'):
+        parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')] * (
+            joint.kind == 'free') + [(f'/w{s}', 'revolute', eye[k]) for k, s in enumerate('xyz')]
+    elif joint.kind == 'floating':
         parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')] + _turns(joint.turns)
     elif joint.kind in ('spherical', 'universal'):
         parts = _turns(joint.turns)
@@ -95,6 +102,28 @@ def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
                                translation=p, axis=axis, limits=NO_LIMITS))
         parent = child
     return singles
+
+
+def places(n: int, balls: Sequence[int]) -> tuple[int | None, ...]:
+    """
+    Return the index in q of each of n degrees of freedom; None for those of ball joints.
+
+    `balls` are the first degrees of freedom of the ball joints, whose entries in q are one more.
+    """
+    turning = {first + k for first in balls for k in range(3)}
+    return tuple(None if r in turning else r + sum(first < r for first in balls)
+                 for r in range(n))
+
+
+def quaternion_names(names: Sequence[str], balls: Sequence[int]) -> tuple[str, ...]:
+    """Return the names of q from those of u: /qx /qy /qz /qw of a ball joint for /wx /wy /wz."""
+    found: list[str] = []
+    for r, name in enumerate(names):
+        if r in balls:
+            found += [f"{name.removesuffix('/wx')}/q{s}" for s in 'xyzw']
+        elif not any(first < r < first + 3 for first in balls):
+            found.append(name)
+    return tuple(found)
 
 
 def _turns(axes: str) -> list[tuple[str, str, Array]]:

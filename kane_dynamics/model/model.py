@@ -3,23 +3,26 @@ Mechanism as data: a tree of bodies with joints, inertial properties and frames.
 
 A `Model` is immutable. Every joint has one degree of freedom: joints with more (floating, planar)
 are expanded, joints with none (fixed, locked) are merged when a model is created. Bodies are in
-topological order, parents first, so that one pass over them is an outward recursion.
+topological order, parents first, so that one pass over them is an outward recursion. A ball joint
+is three bodies whose joints share a quaternion in q.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 import hashlib
 import math
-from typing import Any, Literal
+from typing import Literal
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
-from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.frozen import freeze, plain
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.builder_checks import check_balls
 from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.joint_expansion import places
 import numpy as np
 
 __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
@@ -46,20 +49,20 @@ class Joint:
     """
     Joint of one degree of freedom between a body and its parent.
 
-    The position of the joint is ``multiplier * q[coordinate] + offset``. A mimic joint shares the
-    coordinate of its master; other joints have multiplier 1 and offset 0.
+    Its position is ``multiplier * q[coordinate] + offset``. A mimic joint shares the coordinate of
+    its master; other joints have multiplier 1 and offset 0.
 
     Parameters
     ----------
     name : str
     kind : 'revolute' or 'prismatic'
     axis : (3,) array
-        Direction in the joint frame (equal to the body's frame); it is normalized.
+        Direction in the joint's (and the body's) frame; it is normalized.
     rotation, translation : (3, 3), (3,) arrays
         Pose of the joint frame in the parent body's frame at position 0 (columns are the joint
         frame's axes), m.
     coordinate : int
-        Index into q, u and tau.
+        Index into u and tau, and into q of a model without ball joints (`Model.places`).
     multiplier, offset : float
     limits : Limits
     damping : float
@@ -166,7 +169,7 @@ class Model:
     bodies : tuple of Body
         The moving bodies, parents before children.
     coordinate_names : tuple of str
-        Names of the entries of q, in order: free joints and modes of beams.
+        Names of the entries of q, in order: free joints and modes of beams; four for a ball joint.
     frames : tuple of Frame
         All named frames; each link of a URDF is one.
     gravity : (3,) array
@@ -174,6 +177,10 @@ class Model:
     base_name : str
     base_inertial : Inertial
         Inertial of the fixed root link, which does not affect the dynamics.
+    balls : tuple of int
+        The first of the three bodies of every ball joint, in the order of q. Their joints are
+        revolute about x, y and z with one origin. q holds the quaternion (x, y, z, w) of the
+        third body in the joint's frame, u its relative angular velocity on its own axes.
 
     Raises
     ------
@@ -189,13 +196,14 @@ class Model:
     gravity: Array = field(default_factory=lambda: np.array(GRAVITY))
     base_name: str = 'world'
     base_inertial: Inertial = field(default_factory=Inertial)
+    balls: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the consistency of bodies, joints, coordinates and frames."""
-        for name in ('bodies', 'coordinate_names', 'frames'):
+        for name in ('bodies', 'coordinate_names', 'frames', 'balls'):
             freeze(self, name, tuple(getattr(self, name)))
         freeze(self, 'gravity', constant(self.gravity, (3,), 'gravity'))
-        n = len(self.coordinate_names)
+        n = self.n
         for i, body in enumerate(self.bodies):
             if not WORLD <= body.parent < i:
                 raise ModelError(f"body '{body.name}': index {i} with parent {body.parent}; "
@@ -203,8 +211,9 @@ class Model:
             if not 0 <= body.joint.coordinate < n:
                 raise ModelError(f"joint '{body.joint.name}': coordinate "
                                  f'{body.joint.coordinate}; expected 0 to {n - 1}')
+        check_balls(self.bodies, self.balls)
         used = {*(body.joint.coordinate for body in self.bodies), *self.modal_coordinates}
-        for k, name in enumerate(self.coordinate_names):
+        for k, name in enumerate(self.joint_names):
             if k not in used:
                 raise ModelError(f"coordinate '{name}': moves no joint; expected at least one")
         for what, names in (('body', [b.name for b in self.bodies]),
@@ -218,27 +227,29 @@ class Model:
 
     @property
     def n(self) -> int:
-        """Return the number of coordinates."""
-        return len(self.coordinate_names)
+        """Return the number of degrees of freedom: the coordinates, less one per ball joint."""
+        return len(self.coordinate_names) - len(self.balls)
+
+    @property
+    def places(self) -> tuple[int | None, ...]:
+        """Return the index in q of each degree of freedom; None for those of ball joints."""
+        return places(self.n, [self.bodies[b].joint.coordinate for b in self.balls])
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the free joints, in the order of q, u and tau."""
-        return self.coordinate_names
+        """Names of the free joints, in the order of u and tau; of q too without ball joints."""
+        own = {x.joint.coordinate: x.joint.name for b in self.balls for x in self.bodies[b:b + 3]}
+        return tuple(own[r] if place is None else self.coordinate_names[place]
+                     for r, place in enumerate(self.places))
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
-        """
-        Return the joint of each coordinate (never a mimic joint), in the order of q.
-
-        For a mode, a joint without limits is returned.
-        """
+        """Joints of the entries of u, never mimic joints; of a mode one without limits."""
         by_name = {body.joint.name: body.joint for body in self.bodies}
-        modal = {self.coordinate_names[k]: body.beam for body in self.bodies if body.beam
-                 for k in body.beam.coordinates}
+        modal = {k: body.beam for body in self.bodies if body.beam for k in body.beam.coordinates}
         return tuple(by_name[name] if name in by_name else
-                     Joint(name, 'prismatic', modal[name].direction, coordinate=k)
-                     for k, name in enumerate(self.coordinate_names))
+                     Joint(name, 'prismatic', modal[k].direction, coordinate=k)
+                     for k, name in enumerate(self.joint_names))
 
     @property
     def modal_coordinates(self) -> tuple[int, ...]:
@@ -249,7 +260,7 @@ class Model:
     def sliding(self) -> frozenset[str]:
         """Names of the coordinates that are lengths, with units m and N."""
         return frozenset(name for name, joint in zip(
-            self.coordinate_names, self.coordinate_joints) if joint.kind == 'prismatic')
+            self.joint_names, self.coordinate_joints) if joint.kind == 'prismatic')
 
     @property
     def flexible(self) -> bool:
@@ -286,15 +297,4 @@ class Model:
 
     def digest(self) -> str:
         """Return a hash of everything that affects the dynamics, including names."""
-        return hashlib.sha256(repr(_plain(self)).encode()).hexdigest()
-
-
-def _plain(value: Any) -> Any:
-    """Convert a record to nested tuples of strings and exactly printed numbers."""
-    if isinstance(value, np.ndarray):
-        return tuple(value.ravel().tolist())
-    if isinstance(value, tuple):
-        return tuple(_plain(item) for item in value)
-    if hasattr(value, '__dataclass_fields__'):
-        return (type(value).__name__, *(_plain(getattr(value, f.name)) for f in fields(value)))
-    return value
+        return hashlib.sha256(repr(plain(self)).encode()).hexdigest()

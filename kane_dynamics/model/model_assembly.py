@@ -7,6 +7,7 @@ from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, ModelWarning
 from kane_dynamics.model.builder_checks import check_matter, check_moments, further, pose
+from kane_dynamics.model.joint_expansion import quaternion_names
 from kane_dynamics.model.model import Body, Frame, Inertial, Model, WORLD
 from kane_dynamics.model.placement import Placement
 from numpy.typing import ArrayLike
@@ -25,7 +26,8 @@ class ModelAssembly:
         self.strict = strict
         self._impossible: list[str] = []  # bodies with inertias that strict=True refuses
         self._bodies: list[Body] = []
-        self._coordinates: list[str] = []
+        self._coordinates: list[str] = []  # names of the degrees of freedom
+        self._balls: list[int] = []  # as `Model.balls`
         self._placements = {'world': Placement(WORLD)}
         self._base = NOTHING
 
@@ -97,7 +99,8 @@ class ModelAssembly:
                                 translation=placement.translation)
             self._bodies.append(Body(prefix + body.name, parent, joint, body.inertial,
                                      further(body.beam, joints)))
-        self._coordinates += [prefix + name for name in model.coordinate_names]
+        self._coordinates += [prefix + name for name in model.joint_names]
+        self._balls += [first + body for body in model.balls]
         self._placements[prefix + model.base_name] = base
         for frame in model.frames:
             start = base if frame.body == WORLD else Placement(first + frame.body)
@@ -114,8 +117,10 @@ class ModelAssembly:
                           f'{names}', ModelWarning, stacklevel=2)
         frames = [Frame(name, placement.body, placement.rotation, placement.translation)
                   for name, placement in self._placements.items()]
-        return Model(self.name, tuple(self._bodies), tuple(self._coordinates), tuple(frames),
-                     self.gravity, 'world', self._base)
+        coordinates = quaternion_names(self._coordinates, [
+            self._bodies[k].joint.coordinate for k in self._balls])
+        return Model(self.name, tuple(self._bodies), coordinates, tuple(frames), self.gravity,
+                     'world', self._base, tuple(self._balls))
 
     def _check_moments(self, on: str, matter: Inertial) -> None:
         """Raise ModelError for impossible moments of inertia, or store them for a warning."""

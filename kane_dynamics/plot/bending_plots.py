@@ -6,6 +6,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.vibration import natural_vibration
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition.kinematics import configurations
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.plot.style import BLUE, GREY, INK, ORANGE, Path, RED, SKY, styled
@@ -118,6 +119,7 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
 
 def _checked(model: Model, q: Any) -> Array:
     """Return configurations as a (K, n) array of finite numbers."""
+    require_angles(model, 'plot')
     rows = np.atleast_2d(np.array(q, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != model.n or not np.isfinite(rows).all():
         raise InputError(f'q: shape {np.shape(q)}; expected finite numbers of shape ({model.n},) '

@@ -5,6 +5,7 @@ from itertools import cycle
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.plot.style import (above, BLUE, draw, GREY, grid, hide_rounding, INK,
                                       legend_below, LINES, MARGIN, NEAR, NOISE, ORANGE, Path, RED,
                                       SKY, styled, THIN, time_axis, titled, unit)
@@ -39,6 +40,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
 
     """
     joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
+    if np.shape(trajectory.q)[1] > len(joints):  # quaternions
+        joints = list(trajectory.coordinate_names)
     lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
         (color, dash) for dash in ('-', '--', ':') for color in LINES)))
     shown: dict[str, Any] = {}
@@ -53,9 +56,10 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
                                          linewidth=WIDE - (WIDE - SLIM) * k / max(len(names), 2))
             hide_rounding(axes, NOISE * float(np.abs(rows).max(initial=1.0)), 0.1)
             if limits is not None and what != 'Position':
-                _limits(axes, dict(zip(names, np.asarray(rows).T)), dict(zip(joints, (
-                    limits.velocity if what == 'Speed' else limits.effort).tolist())),
-                    {name: color for name, (color, _) in lines.items()})
+                bounds = (limits.velocity if what == 'Speed' else limits.effort).tolist()
+                _limits(axes, dict(zip(names, np.asarray(rows).T)),
+                        dict(zip(trajectory.joint_names, bounds)),
+                        {name: color for name, (color, _) in lines.items()})
             axes.set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
         if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
             shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
@@ -78,6 +82,7 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
 
     For the parameters see `kane_dynamics.plot`.
     """
+    require_angles(robot.model, 'plot_phase')
     trajectory.require(robot, 'plot_phase')
     title = titled(title, 'phase portrait', robot.model.name)
     rates = trajectory.u if robot.speed_names == robot.joint_names else robot.joint_rates(

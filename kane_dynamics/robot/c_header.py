@@ -70,10 +70,15 @@ def _sizes(robot: Any, upper: str) -> list[str]:
 
 def _joint_enum(robot: Any, upper: str) -> list[str]:
     """Return the lines of the enumerations of joints and of chosen or independent speeds."""
-    entries = []
-    for joint in robot.model.coordinate_joints:
-        unit = 'm, m/s, N' if joint.kind == 'prismatic' else 'rad, rad/s, N m'
-        entries.append((joint.name, f'{joint.kind}; {unit}'))
+    model, entries = robot.model, []
+    for name in model.coordinate_names:
+        if name not in model.joint_names:
+            note = 'entry of a unit quaternion (x, y, z, w)'
+        elif (joint := model.coordinate_joints[model.joint_names.index(name)]).kind == 'prismatic':
+            note = 'prismatic; m, m/s, N'
+        else:
+            note = f'{joint.kind}; rad, rad/s, N m'
+        entries.append((name, note))
     lines = _enum(upper, 'joint', entries)
     if constrained(robot):
         lines += _enum(upper, 'speed', [(name, 'entry of u') for name in robot.speed_names])

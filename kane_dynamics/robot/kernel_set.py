@@ -237,7 +237,8 @@ class KernelSet:
     def _sizes(self) -> Sizes:
         equations = self.equations
         rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
-        return Sizes(equations.n, equations.n_q, len(equations.model.bodies), len(rows))
+        model = equations.model
+        return Sizes(equations.n, equations.n_q, model.n, len(model.bodies), len(rows))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
         equations = self.equations

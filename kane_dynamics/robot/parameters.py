@@ -16,7 +16,11 @@ import numpy as np
 @fixed
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of every coordinate's joint, (n_q,) arrays; infinite where none is given."""
+    """
+    Limits of every coordinate's joint, (n_q,) arrays; infinite where none is given.
+
+    With ball joints, velocity and effort have one entry for each joint name instead.
+    """
 
     lower: Array
     upper: Array

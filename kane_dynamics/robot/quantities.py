@@ -8,10 +8,11 @@ from kane_dynamics.native.tracing.program import Shape
 
 
 class Sizes(NamedTuple):
-    """Numbers of independent speeds, coordinates, bodies, and rows of constraints."""
+    """Numbers of independent speeds, coordinates, joints, bodies, and rows of constraints."""
 
     n: int
     n_q: int
+    joints: int
     bodies: int
     rows: int
 
@@ -77,11 +78,11 @@ QUANTITIES = {
 # Where speeds are chosen or constraints given:
 CONSTRAINED = {
     'joint_rates': Quantity(STATE, ('n_q',), parameters=False),
-    'joint_torques': Quantity(('q', 'tau'), ('n_q',), parameters=False),
+    'joint_torques': Quantity(('q', 'tau'), ('joints',), parameters=False),
     'constraint_forces': Quantity(LOADED, ('rows',), wrench=True),
     'constraint_residual': Quantity(('q',), ('rows',), parameters=False),
     'constraint_velocity_residual': Quantity(STATE, ('rows',), parameters=False),
-    'joint_accelerations': Quantity(MOTION, ('n_q',), parameters=False),
+    'joint_accelerations': Quantity(MOTION, ('joints',), parameters=False),
 }
 # Quantities that are valid for open loops and any choice of independent speeds:
 UNWATCHED = ('potential_energy', 'friction_force', 'constraint_residual', 'frame_pose')

@@ -10,6 +10,7 @@ from kane_dynamics._util.attribute_hints import missing, refused
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_equations import BallEquations
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, LIMITS, loosened, RANK,
                                                               SINGULAR)
@@ -48,6 +49,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
     Parameters
     ----------
     model : Model
+        With ball joints, q has n_q > n entries, and u the angular velocities on the bodies' axes.
     speeds : Speeds or callable, optional
         Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or
         user-defined functions; joint rates by default.
@@ -81,8 +83,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
     friction : bool
         Include damping and Coulomb friction.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels, for links where that saves
-        arithmetic (see `operation_count`). The results are the same.
+        Use Denavit-Hartenberg-like frames inside the kernels where that saves arithmetic.
 
     Raises
     ------
@@ -121,14 +122,16 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model = model
         self.friction = bool(friction)
-        tree = self.equations = TreeEquations(model, **self._options)
+        tree = self.equations = (BallEquations if model.balls else TreeEquations)(
+            model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
         constraints, independent, actuated, configuration = (self._choices[key] for key in (
             'constraints', 'independent', 'actuated', 'configuration'))
         self.speed_sets: SpeedSets | None = None
         if redundant not in ('minimum_norm', 'kept'):
             raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or 'kept'")
-        if speeds is None and not constraints and independent is None and actuated is None:
+        if (speeds is None and not constraints and independent is None and actuated is None
+                and not model.balls):
             self.parameters = Parameters(model, tree.payload_frame)
             self.kernels = KernelSet(tree, key, self.parameters.block)
         else:

@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError, ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
+from kane_dynamics.mechanics.ball_joints import moved, neutral
 from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.definition import kane, nonholonomic
@@ -109,13 +110,14 @@ def regular_state(robot: Any, rng: np.random.Generator) -> tuple[Array, float]:
         None is found.
 
     """
-    middle, spread, latest = np.zeros(robot.n_q), 2.0, 2.0
+    middle, spread, latest = neutral(robot.model), 2.0, 2.0
     if robot.configuration is not None:  # user-defined functions are evaluated near it
         middle, spread, latest = np.asarray(robot.configuration, dtype=float), 0.1, 0.01
     t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
         try:
-            q: Array = robot.closed_posture(middle + rng.uniform(-spread, spread, robot.n_q), t=t)
+            q: Array = robot.closed_posture(moved(
+                robot.model, middle, rng.uniform(-spread, spread, robot.model.n)), t=t)
         except ConstraintError:
             continue
         if conditioning(robot, q, t) < REGULAR:

@@ -36,7 +36,7 @@ def energy_kernel(robot: Robot) -> Kernel:
 
     def terms(state: Any, parameters: Any) -> Any:
         q, u, time = np.split(state, [n_q, n_q + n])
-        rates = u if constrained is None else constrained.joint_rates(q, u, *time)
+        rates = u if constrained is None else constrained.joint_speeds(q, u, *time)
         return [tree.kinetic_energy(q, rates, parameters),
                 tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
     return _kernel(robot, 'energy_terms', terms, (TERMS,))
@@ -51,7 +51,7 @@ def driven_kernel(robot: Robot) -> Kernel | None:
     def power(state: Any, tau: Any, parameters: Any) -> Any:
         q, u, time = np.split(state, [n_q, n_q + n])
         force = equations.actual_joint_forces(q, u, tau, parameters, *time)
-        return force @ equations.joint_rates(q, u, *time) - tau @ u
+        return force @ equations.joint_speeds(q, u, *time) - tau @ u
     return _kernel(robot, 'driven_power', power, (), ('tau', (n,)))
 
 

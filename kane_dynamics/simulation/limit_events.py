@@ -1,6 +1,6 @@
 """Limit events: crossings of joint limits in a simulation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import repeat
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -35,15 +35,16 @@ class LimitEvents(Sequence[LimitEvent]):
     The objects are created on first access, because a simulation may have thousands.
     """
 
-    def __init__(self, joint_names: Sequence[str], found: Sequence[Crossings],
+    def __init__(self, names: Mapping[str, Sequence[str]], found: Sequence[Crossings],
                  single: bool) -> None:
-        self._names, self._found, self._single = joint_names, tuple(found), single
+        self._names, self._found, self._single = names, tuple(found), single
 
     @lazy_property
     def _events(self) -> tuple[LimitEvent, ...]:
         events: list[LimitEvent] = []
         for limit, t, which, joint, value, bound in self._found:
-            events += map(LimitEvent, t.tolist(), map(self._names.__getitem__, joint.tolist()),
+            names = self._names[limit]
+            events += map(LimitEvent, t.tolist(), map(names.__getitem__, joint.tolist()),
                           repeat(limit), value.tolist(), bound.tolist(),
                           repeat(None) if self._single else which.tolist())
         return tuple(sorted(events, key=itemgetter(0)))
@@ -67,25 +68,32 @@ class LimitWatch:
     Parameters
     ----------
     joint_names : sequence of str
+        Names of the speeds and, by default, of the positions.
     limits : JointLimits
     states : (N, 2 n) array
         Initial states; values beyond a limit are events.
     single : bool
         Leave out the number of the simulation in events.
+    coordinate_names : sequence of str, optional
+        Names of the entries of q, if they are others.
 
     """
 
     def __init__(self, joint_names: Sequence[str], limits: JointLimits, states: Array,
-                 single: bool) -> None:
+                 single: bool, coordinate_names: Sequence[str] | None = None) -> None:
         self._found: list[Crossings] = []
         self._count = 0
-        self._names, self._single, n = joint_names, single, len(joint_names)
+        coordinates = joint_names if coordinate_names is None else coordinate_names
+        self._names = {'lower': coordinates, 'upper': coordinates, 'velocity': joint_names}
+        self._single, n_q = single, len(coordinates)
         self._bounds = {
             name: (part, bound, sign) for name, part, bound, sign in (
-                ('lower', slice(0, n), limits.lower, -1.0),
-                ('upper', slice(0, n), limits.upper, 1.0),
-                ('velocity', slice(n, 2 * n), limits.velocity, 0.0)) if np.isfinite(bound).any()}
-        self._beyond = {name: np.zeros((len(states), n), dtype=bool) for name in self._bounds}
+                ('lower', slice(0, n_q), limits.lower, -1.0),
+                ('upper', slice(0, n_q), limits.upper, 1.0),
+                ('velocity', slice(n_q, n_q + len(joint_names)), limits.velocity, 0.0))
+            if np.isfinite(bound).any()}
+        self._beyond = {name: np.zeros((len(states), len(bound)), dtype=bool)
+                        for name, (_, bound, _) in self._bounds.items()}
         self.look(states[:, None], np.zeros(1))
 
     @property

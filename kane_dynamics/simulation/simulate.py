@@ -155,6 +155,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     hits = source.stops.events(single) if source.stops is not None else ()
     return Trajectory(t0 + kept * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=events,
+                      coordinate_names=robot.coordinate_names,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
                       warnings=tuple(text for text in (step_text, missed) if text is not None),
                       speed_changes=tuple(source.changes) if watched else (), stop_events=hits)
@@ -171,7 +172,8 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
     most = max(1, CHUNK_BYTES // starts.nbytes) if N else count
     done, least = 0, 1 if single else LEAST_CHUNK
     chunk = FIRST_CHUNK if single else LEAST_CHUNK
-    watch = LimitWatch(robot.joint_names, _watched(source), starts, single)
+    watch = LimitWatch(robot.joint_names, _watched(source), starts, single,
+                       robot.coordinate_names)
     balance = EnergyBalance(robot, source.step, starts, integrator, t0)
     while done < count:
         chunk = min(chunk, most, count - done)
@@ -213,7 +215,8 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
     robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n
     kept, states, taus = [], [], []
-    watch = LimitWatch(robot.joint_names, _watched(source), state[None], single=True)
+    watch = LimitWatch(robot.joint_names, _watched(source), state[None], True,
+                       robot.coordinate_names)
     buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
     buffer[0, 0] = state
     asked = np.empty((1, FIRST_CHUNK, n))
@@ -267,7 +270,8 @@ def _watched(source: Any) -> JointLimits:
     limits, none = robot.limits, np.full(robot.n_q, np.inf)
     if source.stops is not None:
         limits = replace(limits, lower=-none, upper=none)
-    return limits if robot.speed_names == robot.joint_names else replace(limits, velocity=none)
+    return limits if robot.speed_names == robot.joint_names else replace(
+        limits, velocity=np.full(robot.model.n, np.inf))
 
 
 def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:

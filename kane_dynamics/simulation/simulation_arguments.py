@@ -6,6 +6,7 @@ from typing import Any
 from kane_dynamics._util.checks import positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.robot import Robot
@@ -22,6 +23,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
     """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
     q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
     u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
+    q = require_unit(robot.model, q, 'q0')
     if q.shape[:-1] != u.shape[:-1]:
         raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected ({robot.n_q},) and '
                          f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')

@@ -93,7 +93,7 @@ class SingularityWatch:
                     'motion beyond is not determined, or takes shorter steps')
 
     def _rows(self) -> Kernel:
-        """Return the kernel of all rows of speeds and constraints, (n_q + m, n_q), by q and t."""
+        """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
         robot, equations = self._asked, self._asked.equations
         assert isinstance(equations, ConstrainedEquations)
         mechanism, geometry = equations.mechanism, equations.tree.geometry
@@ -108,7 +108,7 @@ class SingularityWatch:
         return robot.kernels.extra(
             'stacked_rows', lambda: trace_program('stacked_rows', rows, [
                 *inputs, ('parameters', block.shape)]), [Argument(*x) for x in inputs], block,
-            (robot.n_q + len(mechanism.labels), robot.n_q))
+            (robot.model.n + len(mechanism.labels), robot.model.n))
 
 
 def trusted(states: Array) -> Any:

@@ -17,10 +17,10 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.constrained_law import require_following
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS,
-                                                              figure, LIMITS, loosened, SHARE,
-                                                              SINGULAR, singular_error, stacked,
-                                                              WELL_CHOSEN)
+from kane_dynamics.mechanics.ball_joints import joint_speeds
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS, figure, LIMITS,
+                                                              loosened, SHARE, SINGULAR,
+                                                              singular_error, stacked, WELL_CHOSEN)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.singularity_watch import (all_trusted, residual_error,
@@ -216,7 +216,8 @@ class SwitchingInput:
         Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.state(
             q, t).speed_rows(new.speed_names))
         state = state.copy()
-        state[old.n_q:old.n_q + old.n] = Y @ old.joint_rates(q, u, **at) + Z
+        state[old.n_q:old.n_q + old.n] = Y @ joint_speeds(
+            old.model, q, old.joint_rates(q, u, **at)) + Z
         self._enter(i, Phase(new, max(self._usual, ROOM * choice.figure)))
         self._history[i].append((done, new))
         if new.speed_names != old.speed_names:

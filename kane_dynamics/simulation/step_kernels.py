@@ -8,6 +8,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
 from kane_dynamics.control.constrained_law import constrained_law_program, law_margin
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.speeds import speed_places
@@ -214,6 +215,7 @@ def _program(robot: Robot, name: str, feedback: bool, integrator: str,
             if equations.watched:  # no later step reads this entry, so it causes no latency
                 after[-1] = equations.margin(q, t, constants[-LIMITS:])
             after[:n_q] = equations.closure_step(q, t)
+        after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
         if followed and margin_count(robot):
             q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
             margin = law_margin(robot, followed, q, t)

@@ -227,12 +227,12 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
         return np.zeros((1, 1, n))
     if states is not None and np.ndim(torque) == 3:
         rows = np.shape(torque)[1]
-        table = checked(Argument('torque', (rows, n), robot.coordinate_names), torque)
+        table = checked(Argument('torque', (rows, n), robot.speed_names), torque)
         if len(table) != states:
             raise InputError(f'torque: shape {table.shape}; expected a table for each of the '
                              f'{states} states, or one (K, {n}) for all')
     else:
-        table = checked(Argument('torque', (n,), robot.coordinate_names), torque)
+        table = checked(Argument('torque', (n,), robot.speed_names), torque)
         if table.ndim == 1:
             return table[None, None].copy()
         table = table[None]

@@ -23,7 +23,7 @@ ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constrai
           'constraint_velocity_residual')
 OF_CONSTRAINTS = ARRAYS[6:]
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
-NAMES = ('joint_names', 'speed_names', 'constraint_names')
+NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names')
 
 
 class LimitEvent(NamedTuple):
@@ -117,6 +117,8 @@ class Trajectory:
         Warnings of the simulation.
     stop_events : sequence of StopEvent
         Impacts on joint stops, in order of time; the contact that follows is no event.
+    coordinate_names : tuple of str
+        Of the entries of q: `joint_names`, but four for the quaternion of a ball joint.
 
     """
 
@@ -136,11 +138,14 @@ class Trajectory:
     speed_changes: Sequence[SpeedChange] = ()
     warnings: tuple[str, ...] = ()
     stop_events: Sequence[StopEvent] = ()
+    coordinate_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
         if not self.speed_names:
             freeze(self, 'speed_names', self.joint_names)
+        if not self.coordinate_names:
+            freeze(self, 'coordinate_names', self.joint_names)
         if not self.constraint_names:
             for name in OF_CONSTRAINTS:
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
@@ -180,7 +185,8 @@ class Trajectory:
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
-        return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names)
+        return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names,
+                   coordinate_names=robot.coordinate_names)
 
     @property
     def constraint_gap(self) -> Array:
@@ -242,7 +248,8 @@ class Trajectory:
                 **{name: file[name] for name in ARRAYS if name not in OF_CONSTRAINTS},
                 **{name: file[key] for name in OF_CONSTRAINTS
                    if (key := name if name in file else FORMER.get(name)) in file},
-                **{name: tuple(map(str, file[name])) for name in NAMES},
+                **{name: tuple(map(str, file[name])) for name in NAMES[:3]},
+                'coordinate_names': tuple(map(str, file.get('coordinate_names', ()))),
                 'warnings': tuple(map(str, file.get('warnings', ())))}
             content.setdefault('constraint_velocity_residual',
                                np.zeros_like(content['constraint_residual']))
@@ -289,5 +296,5 @@ class Trajectory:
         of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_residual',
                                                        'constraint_velocity_residual')
                           for row in self.constraint_names]
-        return ['t', *(f'q.{joint}' for joint in self.joint_names), *of_speeds, 'kinetic_energy',
-                'potential_energy', *of_constraints]
+        of_q = (f'q.{name}' for name in self.coordinate_names)
+        return ['t', *of_q, *of_speeds, 'kinetic_energy', 'potential_energy', *of_constraints]

@@ -6,6 +6,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
@@ -146,7 +147,8 @@ def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, 
                  udot: Any, t: Any = 0.0) -> Any:
     """Return the named speeds and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
-    Y, Z = equations.mechanism.state(moving(q, motion.qdot), moving(t, 1.0),
+    q_moving = moving(q, coordinate_rates(equations.model, q, motion.qdot))
+    Y, Z = equations.mechanism.state(q_moving, moving(t, 1.0),
                                      equations.tree.geometry).speed_rows(names)
     return np.array([values(Y) @ motion.qdot + values(Z),
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])

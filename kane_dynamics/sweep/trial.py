@@ -16,6 +16,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -98,6 +99,7 @@ class Trial:
     def __init__(self, model: Model, payload_frame: str | None = None,
                  integrator: str = 'rk4') -> None:
         """Create the robot; kernels compile at the first use."""
+        require_angles(model, 'sweep')
         self.robot = Robot(model, payload_frame=payload_frame)
         self.frictionless = Robot(model, payload_frame=payload_frame, friction=False)
         assert isinstance(self.robot.equations, TreeEquations)  # a plain tree

@@ -9,7 +9,7 @@ from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.inertial import principal_moments
-from kane_dynamics.model.joint_expansion import StatedJoint
+from kane_dynamics.model.joint_expansion import quaternion_names, StatedJoint
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
 from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
 from kane_dynamics.urdf.limits import coordinate_limits, UNLIMITED
@@ -51,8 +51,12 @@ def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravi
               for (single, placement), riders in zip(moving, parts)]
     frames = [Frame(name, at.body, at.rotation, at.translation)
               for name, at in ((name, placements[name]) for name in links)]
-    return Model(tree.name, tuple(bodies), tuple(names), tuple(frames),
-                 constant(gravity, (3,), 'gravity'), selection.base, _sum(parts[WORLD]))
+    turning = {f'{joint.name}/wx' for joint in tree.joints if joint.kind == 'free'}
+    balls = tuple(k for k, body in enumerate(bodies) if body.joint.name in turning)
+    return Model(tree.name, tuple(bodies),
+                 quaternion_names(names, [bodies[k].joint.coordinate for k in balls]),
+                 tuple(frames), constant(gravity, (3,), 'gravity'), selection.base,
+                 _sum(parts[WORLD]), balls)
 
 
 def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:

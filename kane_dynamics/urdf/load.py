@@ -19,7 +19,7 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
               tip: str | None = None, joints: Sequence[str] | None = None,
               locked: Mapping[str, float] | None = None, drop: Sequence[str] = (),
               supplement: Any = None, gravity: ArrayLike = GRAVITY,
-              strict: bool = True) -> Model:
+              strict: bool = True, floating: str = 'angles') -> Model:
     """
     Load the model of a robot from URDF; meshes are never opened.
 
@@ -27,9 +27,9 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     into the moving body that carries them, or into the base. A mimic joint moves with its master
     and has no coordinate. A floating joint becomes <joint>/x, /y, /z (prismatic, along the axes of
     the joint's frame) and then <joint>/rx, /ry, /rz (revolute, each about the axis rotated by the
-    previous ones). A planar joint becomes <joint>/x, /y (prismatic, in the plane normal to its
-    axis) and <joint>/rz (revolute, about its axis). These names are valid wherever a joint is
-    named.
+    previous ones); see `floating`. A planar joint becomes <joint>/x, /y (prismatic, in the plane
+    normal to its axis) and <joint>/rz (revolute, about its axis). These names are valid wherever a
+    joint is named.
 
     Parameters
     ----------
@@ -55,6 +55,11 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         m/s^2, world axes, which are those of the base link.
     strict : bool
         Whether an indefinite inertia is an error instead of a warning.
+    floating : {'angles', 'quaternion'}
+        Coordinates of floating joints: three angles, singular where the second is 90 degrees, or
+        after <joint>/x, /y, /z a quaternion <joint>/qx, /qy, /qz, /qw, whose speeds are the
+        angular velocity <joint>/wx, /wy, /wz on the axes of the child link. As joints, these
+        three move or are locked together.
 
     Warns
     -----
@@ -73,7 +78,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     """
     text = read_source(source)
     options: dict[str, Any] = {'base': base, 'tip': tip, 'joints': joints, 'locked': locked,
-                               'drop': drop, 'gravity': gravity, 'strict': strict}
+                               'drop': drop, 'gravity': gravity, 'strict': strict,
+                               'floating': floating}
     name = model_cache.key(text, supplement, options)
     found = None if name is None else model_cache.load(name)
     if found is None:

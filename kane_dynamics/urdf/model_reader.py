@@ -1,12 +1,13 @@
 """Read a URDF with yourdfpy, with additional checks."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 import io
 from typing import Any
 
 from kane_dynamics._util.deferred_import import import_deferring
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.errors import InputError, ModelError, UrdfError
 from kane_dynamics.model.flexible_model import with_beam
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
 from kane_dynamics.model.model import Inertial, Model
@@ -24,13 +25,19 @@ from numpy.typing import ArrayLike
 
 def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
                joints: Sequence[str] | None, locked: Mapping[str, float] | None,
-               drop: Sequence[str], gravity: ArrayLike, strict: bool
+               drop: Sequence[str], gravity: ArrayLike, strict: bool, floating: str = 'angles'
                ) -> tuple[Model, list[str]]:
     """Return the model of a URDF text and the warnings; arguments as in `load_urdf`."""
+    if floating not in ('angles', 'quaternion'):
+        raise InputError(f"floating: {floating!r}; expected 'angles' or 'quaternion'")
     root = parse(text)
     notices = Notices()
     check_schema(root, notices)
     tree = _tree(root, notices)
+    if floating == 'quaternion':
+        tree = replace(tree, joints=tuple(
+            replace(joint, kind='free') if joint.kind == 'floating' else joint
+            for joint in tree.joints))
     selection = select(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
     extra = read_supplement(supplement)
     check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])

@@ -74,6 +74,7 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
     free = frozenset(candidates if order is None else order)
     positions = _locked(locked or {}, singles, mimics, free if joints is not None else ())
     free -= positions.keys()
+    _check_balls(tree, free, positions)
     followers = {}
     for name, mimic in mimics.items():
         if mimic.master in free and mimic.multiplier != 0.0:
@@ -83,6 +84,17 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
                                + mimic.offset)
     dropped = frozenset(_link(tree, name, 'drop') for name in _names(drop, 'drop'))
     return Selection(start, behind, free, followers, positions, order, dropped, singles)
+
+
+def _check_balls(tree: UrdfTree, free: frozenset[str], positions: dict[str, float]) -> None:
+    """Raise InputError for a joint with a quaternion that is locked in part, or at an angle."""
+    for joint in tree.joints:
+        turns = [f'{joint.name}/w{s}' for s in 'xyz'] if joint.kind == 'free' else []
+        locked = [name for name in turns if name not in free]
+        if 0 < len(locked) < 3 or any(positions.get(name, 0.0) for name in locked):
+            at = ', '.join(f'{name} {positions.get(name, 0.0):g}' for name in locked)
+            raise InputError(f"joint '{joint.name}': locked: {at}; expected {', '.join(turns)} to "
+                             "move together, or locked at 0, or floating='angles'")
 
 
 def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:

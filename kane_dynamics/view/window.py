@@ -10,6 +10,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.shapes.link_shapes import bounds, size
 from kane_dynamics.simulation.trajectory import Path, Trajectory
@@ -62,6 +63,7 @@ class Window:
                  visuals: Sequence[Visual] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
         """Build the scene and start the server."""
+        require_angles(robot.model, 'view')
         self.robot, self.trajectory = robot, trajectory
         if trajectory is None:
             if robot.speed_names != robot.joint_names:

@@ -49,6 +49,12 @@ def test_planar_arm():
     assert numbers(jacobian) == pytest.approx([-s.sum(), -s[1], c.sum(), c[1]], abs=1e-6)
 
 
+def test_free_flying_arm():
+    turned, *momenta = printed('free_flying_arm')
+    assert numbers(turned)[1] > 90.0
+    assert [line.rpartition(' ')[2] for line in momenta] == ['True', 'True']
+
+
 def test_bearing_torque():
     udot, torque = printed('bearing_torque')
     (a1, a2), m, L, q1, q2, u1, u2 = numbers(udot), 1.0, 0.3, 0.4, 0.9, 1.0, -2.0

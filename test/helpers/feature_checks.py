@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 from kane_dynamics import (ComputedTorque, Controller, fill_trajectory,
                            MomentumObserver, Motion, natural_vibration, simulate)
 from kane_dynamics.feasibility import demand, fastest, time_optimal
+from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.verification import without_rotors
@@ -42,8 +43,7 @@ def slope(function, h=4e-3):
 
 def along(case, function):
     """Return the time derivative of a function of q and t along the motion."""
-    qdot = case.joint_motion[0]
-    return slope(lambda s: function(case.q + s * qdot, case.time + s))
+    return slope(lambda s: function(case.q + s * case.q_rate, case.time + s))
 
 
 def moved(case, q, t):
@@ -105,6 +105,15 @@ def friction(case):
     near(case.robot.friction_force(*given, **case.t), force)
 
 
+def brackets_of(model):
+    """Return the Lie brackets of the motions of the joints, (n, n, n): of ball joints e x e."""
+    found = np.zeros((model.n,) * 3)
+    for body in model.balls:
+        r = model.bodies[body].joint.coordinate
+        found[r:r + 3, r:r + 3, r:r + 3] = [np.cross(e, np.eye(3)) for e in np.eye(3)]
+    return found
+
+
 def coriolis(case):
     C = case.robot.coriolis_matrix(case.q, case.u, **case.t)
     model, (qdot, _) = case.robot.model, case.joint_motion
@@ -115,10 +124,16 @@ def coriolis(case):
     def reduced_M(q, t):
         return nonholonomic.mass_matrix(case.mechanism, q, t)
     near(C + C.T, along(case, reduced_M), CLOSED)
-    n = case.robot.n_q
-    by_q = np.array([slope(lambda s, k=k: M(case.q + s * np.eye(n)[k], 0.0)) for k in range(n)])
+    n = model.n
+    by_q = np.array([slope(lambda s, k=k: M(joints_moved(model, case.q, s * np.eye(n)[k]), 0.0))
+                     for k in range(n)])
+    # Koszul's formula: brackets of the joints' motions, which are those of angular velocities.
+    brackets = np.einsum('kjl,li->kji', brackets_of(model), M(case.q, 0.0))
     christoffel = 0.5 * (np.einsum('kij,k->ij', by_q, qdot) + np.einsum('jik,k->ij', by_q, qdot)
-                         - np.einsum('ijk,k->ij', by_q, qdot))
+                         - np.einsum('ijk,k->ij', by_q, qdot)
+                         + np.einsum('kji,k->ij', brackets, qdot)
+                         - np.einsum('jik,k->ij', brackets, qdot)
+                         + np.einsum('ikj,k->ij', brackets, qdot))
     T_rate = along(case, partial(moved, case))
     near(C, case.T.T @ (christoffel @ case.T + M(case.q, 0.0) @ T_rate), CLOSED)
     if not case.t:  # C u is the force of the speeds
@@ -167,7 +182,7 @@ def frames(case):
     robot, (qdot, qddot) = case.robot, case.joint_motion
     J = kane.partial_velocities(robot.model, case.q, TOOL)
     near(robot.frame_velocity(TOOL, case.q, case.u, **case.t), J @ qdot)
-    J_rate = slope(lambda s: kane.partial_velocities(robot.model, case.q + s * qdot, TOOL))
+    J_rate = slope(lambda s: kane.partial_velocities(robot.model, case.q + s * case.q_rate, TOOL))
     near(robot.frame_acceleration(TOOL, case.q, case.u, case.udot, **case.t),
          J @ qddot + J_rate @ qdot, CLOSED)
 
@@ -225,7 +240,7 @@ def joint_reactions(case):
     passive = friction_of_joints(case) - kane.generalized_active_force(
         still, case.q, 0.0 * qdot, friction=False)
     rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
-    J = np.array(rows.J, dtype=float).reshape(-1, robot.n_q)
+    J = np.array(rows.J, dtype=float).reshape(-1, model.n)
     driven = [k for k, owner in enumerate(case.mechanism.owners) if owner.startswith('drive')]
     forces = robot.constraint_forces(case.q, case.u, tau, **case.t) if len(J) else np.zeros(0)
     applied = robot.joint_torques(tau, case.q, **case.t) + J[driven].T @ forces[driven]
@@ -240,7 +255,7 @@ def joint_reactions(case):
 
         def speed(q, v):
             return kane.partial_velocities(model, q)[-1][:3] @ v
-        acceleration = slope(lambda s: speed(case.q + s * qdot, qdot + s * qddot))
+        acceleration = slope(lambda s: speed(case.q + s * case.q_rate, qdot + s * qddot))
         near(reactions[-1][:3], last.mass * (acceleration - model.gravity), CLOSED)
 
 
@@ -250,7 +265,7 @@ def constraint_forces(case):
     tau = inverse(case)
     forces = robot.constraint_forces(case.q, case.u, tau, **case.t)
     rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
-    J = np.array(rows.J, dtype=float).reshape(-1, robot.n_q)
+    J = np.array(rows.J, dtype=float).reshape(-1, robot.model.n)
     needed = kane.inverse_dynamics(robot.model, case.q, qdot, qddot)
     near(robot.joint_torques(tau, case.q, **case.t) + J.T @ forces, needed, CLOSED)
 
@@ -279,8 +294,8 @@ def reference_step(case, h):
     def rates(q, u, t):
         M = nonholonomic.mass_matrix(case.mechanism, q, t)
         held = nonholonomic.inverse_dynamics(case.mechanism, q, u, 0.0 * u, t)
-        return (nonholonomic.joint_motion(case.mechanism, q, u, 0.0 * u, t)[0],
-                -np.linalg.solve(M, held))
+        speeds = nonholonomic.joint_motion(case.mechanism, q, u, 0.0 * u, t)[0]
+        return coordinate_rates(case.robot.model, q, speeds), -np.linalg.solve(M, held)
     y, t = (case.q, case.u), case.time
     k1 = rates(*y, t)
     k2 = rates(*(a + 0.5 * h * b for a, b in zip(y, k1)), t + 0.5 * h)
@@ -298,6 +313,10 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
     assert run.drift < 1e-9
 
 
+def stopped(case):
+    simulate(case.robot, case.q, case.u, 1e-4, step=1e-4, stops=True)
+
+
 def implicit(case):
     simulation(case, 'implicit', 1e-5)
 
@@ -306,7 +325,8 @@ def rest_motion(case):
     """Return a motion of the joints that follow, at rest at the case's configuration."""
     names = case.robot.speed_names if case.t and case.robot.constraint_names else (
         case.robot.joint_names)
-    q = [case.q[case.robot.coordinate_names.index(name)] for name in names]
+    position = dict(zip(case.robot.coordinate_names, case.q))
+    q = [position.get(name, 0.0) for name in names]
     return Motion.from_points([0.0, 1.0], [q, q], joint_names=names)
 
 
@@ -379,7 +399,7 @@ def driven(case):
     robot, moment = case.robot, case.time or 0.4
     names = [name for name in robot.joint_names if name in ('upper', 'fore', 'crank')][:robot.n]
     places = [robot.coordinate_names.index(name) for name in names]
-    rates = case.joint_motion[0][places]
+    rates = case.q_rate[places]
     return Motion.from_points(
         [0.0, moment, 1.0], [case.q[places] + x for x in (-0.1, 0.0, 0.1)], [rates] * 3,
         [0.5 * rates] * 3, joint_names=names), moment, places

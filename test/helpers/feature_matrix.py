@@ -14,7 +14,7 @@ from kinds_of_mechanism import KINDS
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'limits.md'
 BEGIN, END = '<!-- features by kind: generated -->\n', '<!-- end of the generated table -->\n'
-TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM = KINDS
+TREE, SPEEDS, LOOP, ROLLING, TIME, BEAM, BALL = KINDS
 
 # Reasons, one sentence each. The first are of physics or definition, the others of today.
 NO_CONSTRAINT = 'There is no constraint that could exert a force.'
@@ -29,6 +29,8 @@ NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bendin
 NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
 NO_REST = ('A mechanism that follows a function of time has no equilibrium about which it could '
            'vibrate.')
+NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion '
+            'do not state.')
 MISSING = 'Not available; the call raises an error that says so.'
 UNTESTED = 'Computed, but no test compares it with an independent formulation.'
 
@@ -78,10 +80,10 @@ ROWS = (
     Row('friction force', check.friction),
     Row('Coriolis matrix', check.coriolis),
     Row('derivatives of inverse dynamics', check.inverse_derivatives, {}, dict.fromkeys(
-        KINDS, f'{DERIVATIVES}test_inverse_dynamics_derivatives_are_the_definitions'),
+        KINDS[:-1], f'{DERIVATIVES}test_inverse_dynamics_derivatives_are_the_definitions'),
         pairs=False),
     Row('derivatives of forward dynamics', check.forward_derivatives, {}, dict.fromkeys(
-        KINDS, f'{DERIVATIVES}test_forward_dynamics_derivatives_are_the_definitions'),
+        KINDS[:-1], f'{DERIVATIVES}test_forward_dynamics_derivatives_are_the_definitions'),
         pairs=False),
     Row('Jacobian and its rate', check.jacobian),
     Row('velocity and acceleration of frames', check.frames, pairs=False),
@@ -101,44 +103,52 @@ ROWS = (
         SPEEDS: MISSING,
         LOOP: MISSING,
         ROLLING: MISSING,
-        TIME: MISSING}),
-    Row('`ComputedTorque`', check.computed_torque, {BEAM: NO_ACTUATOR}, pairs=False),
+        TIME: MISSING,
+        BALL: MISSING}),
+    Row('`ComputedTorque`', check.computed_torque, {BEAM: NO_ACTUATOR, BALL: NO_ANGLE},
+        pairs=False),
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {
         ROLLING: UNTESTED,
-        TIME: UNTESTED}, {
+        TIME: UNTESTED,
+        BALL: NO_ANGLE}, {
         LOOP: f'{CONSTRAINED}control.py::test_the_feedforward_of_a_five_bar_is_that_of_the_'
               'definition',
         BEAM: f'{CONTROL}test_quasi_static.py::'
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer, {TIME: UNTESTED}, pairs=False),
-    Row('joint stops of `simulate`', None, {TIME: UNTESTED, BEAM: UNTESTED}, {
+    Row('joint stops of `simulate`', check.stopped, {
+        TIME: UNTESTED, BEAM: UNTESTED, BALL: MISSING}, {
         TREE: f'{STOPS}an_arm_rests_on_its_stops_and_the_balance_counts_what_was_lost',
         SPEEDS: f'{STOPS}chosen_speeds_hit_the_stops_of_the_tree',
         LOOP: f'{STOPS}the_impact_of_a_five_bar_is_projected_and_loses_the_energy_of_the_jump',
         ROLLING: f'{STOPS}the_impact_of_a_body_on_a_runner_is_projected'}, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
-    Row('natural vibration', check.vibration, {TIME: NO_REST}),
+    Row('natural vibration', check.vibration, {TIME: NO_REST, BALL: MISSING}),
     Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {
         ROLLING: NO_SHAPE,
-        BEAM: BENDS}, pairs=False),
+        BEAM: BENDS,
+        BALL: NO_ANGLE}, pairs=False),
     Row('`fastest`', check.scaled, {
         SPEEDS: MISSING,
         LOOP: MISSING,
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
-        BEAM: BENDS}),
+        BEAM: BENDS,
+        BALL: NO_ANGLE}),
     Row('`time_optimal`', check.timed, {
         SPEEDS: MISSING,
         LOOP: MISSING,
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
-        BEAM: BENDS}),
+        BEAM: BENDS,
+        BALL: NO_ANGLE}),
     Row('`fill_trajectory`', check.filled, {
         SPEEDS: MISSING,
         LOOP: MISSING,
         ROLLING: NO_SHAPE,
         TIME: MISSING,
-        BEAM: BENDS}),
+        BEAM: BENDS,
+        BALL: NO_ANGLE}),
 )
 
 

@@ -6,12 +6,14 @@ from itertools import combinations
 
 from kane_dynamics import (absolute_rates, box, Closure, disc, FlexibleLink, knife_edge,
                            ModelBuilder, Prescribed, Robot, rod, Speeds)
+from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.model.model import Limits
 import numpy as np
 
-KINDS = ('tree', 'chosen speeds', 'closed loop', 'nonholonomic', 'time-dependent', 'flexible')
+KINDS = ('tree', 'chosen speeds', 'closed loop', 'nonholonomic', 'time-dependent', 'flexible',
+         'free and ball joints')
 PAIRS = tuple(combinations(KINDS[1:], 2))
 T = 0.4  # s, of states
 JOINT = {'damping': 0.3, 'friction': 0.2, 'armature': 0.02, 'stiffness': 1.5, 'rest': 0.1,
@@ -53,8 +55,13 @@ class Case:
 
     @cached_property
     def joint_motion(self):
-        """Return q' and q'', by the definition."""
+        """Return q' and q'', of ball joints angular velocity and acceleration, by definition."""
         return nonholonomic.joint_motion(self.mechanism, self.q, self.u, self.udot, self.time)
+
+    @cached_property
+    def q_rate(self):
+        """Return q', (n_q,)."""
+        return coordinate_rates(self.robot.model, self.q, self.joint_motion[0])
 
 
 def drive(t):
@@ -64,8 +71,9 @@ def drive(t):
 
 def rheonomic(model):
     """Return speeds that depend on configuration and time."""
-    return Speeds(lambda q, t: np.diag([2.0 + np.sin(x + t) for x in q]),
-                  lambda q, t: np.array([np.cos(t) * x for x in q]))
+    n = model.n
+    return Speeds(lambda q, t: np.diag([2.0 + np.sin(x + t) for x in q[:n]]),
+                  lambda q, t: np.array([np.cos(t) * x for x in q[:n]]))
 
 
 def bar(b, name, on, at, length, beam, **joint):
@@ -82,10 +90,13 @@ def bar(b, name, on, at, length, beam, **joint):
 def model_of(kinds):
     """Return the model that shows these kinds; a cart is nonholonomic, an arm no loop."""
     b = ModelBuilder('-'.join(kinds) or 'tree')
-    on, beam = 'world', 'flexible' in kinds
+    on, beam, free = 'world', 'flexible' in kinds, 'free and ball joints' in kinds
     if 'nonholonomic' in kinds:
         b.body('cart', kind='planar', matter=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
         on = 'cart'
+    elif free:
+        b.body('craft', kind='free', matter=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
+        on = 'craft'
     elif 'closed loop' in kinds and 'time-dependent' in kinds:
         b.body('table', axis=(0, 0, 1), matter=disc(20.0, 0.5), **JOINT)
         on = 'table'
@@ -98,7 +109,13 @@ def model_of(kinds):
         b.frame('ground', 'base', at=(1.0, 0, 0))
     else:
         at = bar(b, 'upper', 'base', (0, 0, 0.1), 0.5, beam, axis=(0.2, -1, 0))
-        at = bar(b, 'fore', *at, 0.4, False, axis=(0, -1, 0.4))
+        if free:
+            b.body('hand', at[0], 'ball', at=at[1], rpy=(0.3, -0.2, 0.1),
+                   matter=box(1.5, (0.3, 0.1, 0.2), at=(0.15, 0.03, 0.02)))
+            b.joint('hand/wy', damping=0.3, friction=0.2)
+            at = 'hand', (0.3, 0, 0)
+        else:
+            at = bar(b, 'fore', *at, 0.4, False, axis=(0, -1, 0.4))
     b.frame('tool', at[0], at=(0.1, 0.05, 0.02))
     return b.model()
 
@@ -112,8 +129,10 @@ def case(*kinds):
     if 'chosen speeds' in kinds:
         choice['speeds'] = rheonomic if 'time-dependent' in kinds else absolute_rates
     elif 'time-dependent' in kinds:
-        constraints.append(Prescribed('table' if 'closed loop' in kinds else 'fore', drive,
-                                      name='drive'))
+        free = 'free and ball joints' in kinds
+        constraints.append(Prescribed(
+            'craft/x' if 'closed loop' in kinds and free else 'table' if 'closed loop' in kinds
+            else 'upper' if free else 'fore', drive, name='drive'))
     if 'closed loop' in kinds:
         constraints.append(Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin'))
     if 'nonholonomic' in kinds:
@@ -129,10 +148,11 @@ def state(robot, seed=0):
     """Return q, u and udot of moderate size, with constraints met; small deflections."""
     rng = np.random.default_rng(seed)
     guess = {'crank': 0.8, 'rocker': -1.5, 'upper': 0.4, 'fore': -0.7, 'cart/rz': 0.5,
-             'cart/x': 0.2}
+             'cart/x': 0.2, 'craft/qw': 1.0, 'hand/qw': 1.0}
     small = np.array([0.02 if 'mode' in name else 1.0 for name in robot.coordinate_names])
     q = np.array([guess.get(name, 0.0) for name in robot.coordinate_names])
     q = q + 0.1 * small * rng.uniform(-1.0, 1.0, robot.n_q)
+    q = on_unit_quaternions(robot.model, q)
     if robot.constraint_names:
         q = robot.closed_posture(q, t=T)
     scale = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])

@@ -6,8 +6,9 @@ from kinds_of_mechanism import case, KINDS, PAIRS
 import pytest
 
 
-EVERY_TIME = (('chosen speeds', 'closed loop'), ('closed loop', 'flexible'),
-              ('nonholonomic', 'time-dependent'))  # of the pairs; compiling all takes a minute
+EVERY_TIME = (  # of the pairs; compiling all takes a minute
+    ('chosen speeds', 'closed loop'), ('closed loop', 'flexible'),
+    ('nonholonomic', 'time-dependent'), ('closed loop', 'free and ball joints'))
 
 
 @pytest.mark.parametrize('kinds', [*((kind,) for kind in KINDS), *(

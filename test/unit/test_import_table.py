@@ -34,9 +34,10 @@ demo
 PARTS = {
     'mechanics': """
         algebra
-        friction joint_stops
+        ball_joints friction joint_stops
         definition
         recursive
+        ball_equations
         constraints
         energy_form
         integrators

@@ -10,6 +10,7 @@ from typing import Any
 from kane_dynamics.cli.equations.symbolic import (Parameter, parametrised, shortened, Symbolic,
                                                   symbols, unwrapped)
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.definition.kinematics import configurations
 from kane_dynamics.model.model import Model
@@ -76,6 +77,7 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
         If the model has more than `MOST` coordinates, or expressions of too many terms.
 
     """
+    require_angles(model, 'closed form')
     n = model.n
     if not 0 < n <= MOST:
         raise InputError(f"closed form of '{model.name}': {n} coordinates; expected 1 to {MOST}: "

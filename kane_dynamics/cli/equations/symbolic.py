@@ -172,7 +172,8 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
               for k, body in enumerate(model.bodies)]
     gravity = given.vector('g', g, 'm/s^2', 'gravity')
     return (SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
-                            coordinate_names=model.coordinate_names), list(given.found.values()))
+                            coordinate_names=model.coordinate_names, balls=()),
+            list(given.found.values()))
 
 
 def _inertial(given: Parameters, k: int, body: Body) -> Any:

@@ -24,6 +24,7 @@ from kane_dynamics.identification.base_regressor import base_parameters
 from kane_dynamics.identification.excitation.clearance import Clearance
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.regression import FRICTION, without_losses
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -60,6 +61,7 @@ class DesignCriterion:
                  floor_frames: Sequence[str] | None,
                  clearance: Clearance | None = None) -> None:
         """Store the limits, and sample the Fourier basis."""
+        require_angles(model, 'excitation')
         self.model, self.basis, self.share, names = model, basis, share, model.joint_names
         self.robot, self.rigid = Robot(model), Robot(without_losses(model))
         limits = self.robot.limits

@@ -10,6 +10,7 @@ from kane_dynamics.identification.physical_consistency import (parameters_of, ph
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
 from kane_dynamics.model.model import Frame, Inertial, Model, WORLD
 from kane_dynamics.robot.robot import Robot
@@ -80,6 +81,7 @@ class PayloadRegressor:
 
     def __init__(self, model: Model, frame: str) -> None:
         """Find the body that carries the frame."""
+        require_angles(model, 'payload')
         where: Frame = model.frame(frame)
         if where.body == WORLD:
             raise InputError(f"frame '{frame}': fixed in the world; expected a frame that joints "

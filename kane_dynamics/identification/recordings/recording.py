@@ -9,6 +9,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.model.model import Model
 import numpy as np
 
@@ -161,6 +162,7 @@ def check_recording(model: Model, recording: Recording, least: int = 3) -> None:
     """Raise InputError unless a recording has a model's joints, and rows enough."""
     instance(model, Model, 'model')
     instance(recording, Recording, 'recording')
+    require_angles(model, 'recording')
     if recording.tau.shape[1] != model.n:
         raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
                          f'{", ".join(model.joint_names)}')

@@ -5,6 +5,7 @@ from typing import get_args
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
+from kane_dynamics.mechanics.ball_joints import moved
 from kane_dynamics.mechanics.constraints.conditioning import (RANK, rank_of, scaled_rows, Stack,
                                                               stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
@@ -48,8 +49,10 @@ def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
     """Return configurations where loops close but for residuals below `SMALL`, near q first."""
     loose = Mechanism(mechanism.model, mechanism.speeds, mechanism.constraints,
                       rank_tolerance=SMALL)
-    moves, rng = np.ones(len(q), dtype=bool), np.random.default_rng(0)
-    starts = [q, *q + rng.uniform(-np.pi, np.pi, (STARTS, len(q))) * mechanism.units]
+    model = mechanism.model
+    moves, rng = np.ones(model.n, dtype=bool), np.random.default_rng(0)
+    steps = rng.uniform(-np.pi, np.pi, (STARTS, model.n)) * mechanism.units
+    starts = [q, *(moved(model, q, step) for step in steps)]
     ends = [closing_iterations(loose, start, moves, 0.0, ITERATIONS) for start in starts]
     return [here for here, _, _, closed in ends if closed]
 
@@ -80,8 +83,8 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
             changed = Mechanism(mechanism.model, mechanism.speeds, others)
             if np.abs(stacked(changed, q).residual).max(initial=0.0) > OPEN:
                 continue
-            here, _, _, closed = closing_iterations(changed, q, np.ones(len(q), dtype=bool), 0.0,
-                                                    ITERATIONS)
+            here, _, _, closed = closing_iterations(
+                changed, q, np.ones(mechanism.model.n, dtype=bool), 0.0, ITERATIONS)
             freedom = mechanism.model.n - rank_of(scaled_rows(changed, stacked(changed, here))[1])
             if freedom > 0 and closed:
                 found.append((freedom, f"'{own.name}' as kind {kind!r}"))

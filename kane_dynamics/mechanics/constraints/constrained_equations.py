@@ -15,6 +15,7 @@ from typing import Any
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.constrained_kinematics import ConstrainedKinematics
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism
@@ -61,11 +62,11 @@ class ConstrainedEquations(ConstrainedKinematics):
         self._redundant = redundant
         self.actuated = None if actuated is None else self._actuated_coordinates(actuated)
         self._ease = None if self.actuated is None or not isinstance(actuated, Mapping) else (
-            1.0 / np.array([actuated[self.model.coordinate_names[k]] for k in self.actuated]))
+            1.0 / np.array([actuated[self.model.joint_names[k]] for k in self.actuated]))
 
     def _actuated_coordinates(self, joints: Sequence[str] | Mapping[str, float]) -> list[int]:
         """Return the indices of the actuated coordinates, or raise ConstraintError."""
-        names = self.model.coordinate_names
+        names = self.model.joint_names
         for joint in joints:
             if joint not in names:
                 raise ConstraintError(f"actuated: '{joint}'; expected one of "
@@ -140,10 +141,12 @@ class ConstrainedEquations(ConstrainedKinematics):
     def state_rates(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                     t: Any = 0.0) -> Any:
         """Return q' then udot, (n_q + n,): the system that is integrated."""
-        if self.n == self.n_q:
-            return np.concatenate(self._free(q, u, tau, wrench, parameters, t))
-        motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
-        return np.concatenate([motion.qdot, udot])
+        if self.n == self.tree.n:
+            speeds, udot = self._free(q, u, tau, wrench, parameters, t)
+        else:
+            motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
+            speeds = motion.qdot
+        return np.concatenate([coordinate_rates(self.model, q, speeds), udot])
 
     def _forward(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                  t: Any) -> tuple[JointMotion, Any, Any]:
@@ -159,7 +162,7 @@ class ConstrainedEquations(ConstrainedKinematics):
     def actual_joint_forces(self, q: Any, u: Any, tau: Any, parameters: Any,
                             t: Any = 0.0) -> Any:
         """Return the joint forces of torques and constraints together, (n_q,)."""
-        if self.n == self.n_q:
+        if self.n == self.tree.n:
             here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau
         return self._forward(q, u, tau, None, parameters, t)[1]
@@ -167,13 +170,13 @@ class ConstrainedEquations(ConstrainedKinematics):
     def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                          t: Any = 0.0) -> Any:
         """Return udot = M^-1 (tau + external - bias), (n,)."""
-        if self.n == self.n_q:
+        if self.n == self.tree.n:
             return self._free(q, u, tau, wrench, parameters, t)[1]
         return self._forward(q, u, tau, wrench, parameters, t)[2]
 
     def _free(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
               t: Any) -> tuple[Any, Any]:
-        """Return q' and udot without constraints, by the tree's forward dynamics."""
+        """Return the joints' rates and udot without constraints, by the tree's dynamics."""
         Y, negative_Z = self.mechanism.system(self.mechanism.state(q, t, self.tree.geometry))
         if self.mechanism.speeds.definite:
             order = self.tree.order
@@ -182,7 +185,8 @@ class ConstrainedEquations(ConstrainedKinematics):
             qdot = self.mechanism.solved(Y, u + negative_Z)
         qddot = self.tree.forward_dynamics(q, qdot, Y.T @ tau, wrench, parameters)
         Y_moving, negative_Z_moving = self.mechanism.system(self.mechanism.state(
-            moving(q, qdot), moving(t, 1.0), self.tree.geometry))
+            moving(q, coordinate_rates(self.model, q, qdot)), moving(t, 1.0),
+            self.tree.geometry))
         return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
     def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
@@ -206,7 +210,7 @@ class ConstrainedEquations(ConstrainedKinematics):
         order = list(range(self.n))
         ease = np.ones(len(T)) if self._ease is None else self._ease
         share = solve(factorize(congruent(np.diag(ease), T), order), order, tau)
-        torques = np.zeros(self.n_q).astype(object)
+        torques = np.zeros(self.tree.n).astype(object)
         torques[self.actuated] = ease * (T @ share)
         return torques
 
@@ -261,7 +265,7 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def kinetic_energy(self, q: Any, u: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return the kinetic energy, J."""
-        return self.tree.kinetic_energy(q, self.joint_rates(q, u, t), parameters)
+        return self.tree.kinetic_energy(q, self.joint_speeds(q, u, t), parameters)
 
     def potential_energy(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return the potential energy of gravity and springs, J."""

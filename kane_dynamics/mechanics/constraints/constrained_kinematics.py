@@ -7,6 +7,7 @@ keeps loops closed.
 
 from typing import Any
 
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.conditioning import margin
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion, Mechanism
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -30,7 +31,7 @@ class ConstrainedKinematics:
         """Store the tree and the mechanism."""
         self.watched = bool(mechanism.labels)  # by calls and simulations
         self.tree, self.mechanism = tree, mechanism
-        self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n
+        self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n_q
         self.speed_names = mechanism.speed_names
         self.wrench_frames, self.payload_frame = tree.wrench_frames, tree.payload_frame
         self.timed = mechanism.key is None
@@ -50,6 +51,10 @@ class ConstrainedKinematics:
 
     def joint_rates(self, q: Any, u: Any, t: Any = 0.0) -> Any:
         """Return q', (n_q,)."""
+        return coordinate_rates(self.model, q, self.joint_speeds(q, u, t))
+
+    def joint_speeds(self, q: Any, u: Any, t: Any = 0.0) -> Any:
+        """Return the rates of the joints, (n_j,): q', and angular velocities of ball joints."""
         return self.joint_motion(q, u, self.zeros, t).qdot
 
     def constraint_residual(self, q: Any, t: Any = 0.0) -> Any:
@@ -60,10 +65,10 @@ class ConstrainedKinematics:
     def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
         """Return the velocity residual J q' - b of every row, (m,)."""
         rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
-        return rows.J @ self.joint_rates(q, u, t) - rows.b
+        return rows.J @ self.joint_speeds(q, u, t) - rows.b
 
     def joint_accelerations(self, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
-        """Return q'', (n_q,)."""
+        """Return the rates of `joint_speeds`, (n_j,): q'', and angular accelerations."""
         return self.joint_motion(q, u, udot, t).qddot
 
     def keeps_positions(self, q: Any, t: Any = 0.0) -> bool:
@@ -75,11 +80,13 @@ class ConstrainedKinematics:
         """
         Return q after one Newton step on the constraint residuals of positions, (n_q,).
 
-        The step is in the span of N, so that it does not change the independent speeds.
+        The step is in the span of N, so that it does not change the independent speeds. It
+        changes the lengths of quaternions, to second order.
         """
         residual = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry)).residual
         missed = [0.0 if residual[k] is None else residual[k] for k in self.mechanism.kept]
-        return q - self.at_rest(q, t).N @ np.array(missed, dtype=object)
+        step = -(self.at_rest(q, t).N @ np.array(missed, dtype=object))
+        return q + coordinate_rates(self.model, q, step)
 
     def margin(self, q: Any, t: Any, limits: Any) -> Any:
         """Return the margin of a state, positive where it is accepted; see `conditioning`."""
@@ -91,7 +98,7 @@ class ConstrainedKinematics:
 
     def frame_velocity(self, frame: Frame, q: Any, u: Any, t: Any = 0.0) -> Any:
         """Return linear then angular velocity, (6,)."""
-        return self.tree.frame_velocity(frame, q, self.joint_rates(q, u, t))
+        return self.tree.frame_velocity(frame, q, self.joint_speeds(q, u, t))
 
     def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any, t: Any = 0.0) -> Any:
         """Return linear then angular acceleration, (6,)."""

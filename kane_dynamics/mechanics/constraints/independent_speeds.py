@@ -11,6 +11,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.ball_joints import (difference, moved as moved_by, neutral,
+                                                 require_unit)
 from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
                                                  DependentSpeeds, PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
@@ -63,7 +65,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     independent = checked_names(independent, 'independent')
     tolerance = positive(rank_tolerance, 'rank_tolerance')
     everything = Mechanism(model, speeds, constraints, rank_tolerance=tolerance)
-    start = np.zeros(model.n) if configuration is None else _checked(everything, configuration)
+    start = neutral(model) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
             constraint.rows(everything.state(start))
@@ -115,6 +117,7 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
     rng = np.random.default_rng(0)
     starts = [np.clip(rng.uniform(-0.1, 0.1, len(lower)), lower, upper),
               *rng.uniform(lower, upper, (STARTS - 1, len(lower)))]
+    starts = [moved_by(mechanism.model, neutral(mechanism.model), start) for start in starts]
     found: list[Array] = []
     failures: list[ConstraintError] = []
     for start in starts:
@@ -153,7 +156,7 @@ def _checked(mechanism: Mechanism, configuration: Any) -> Array:
     if q.shape != (len(names),) or not np.isfinite(q).all():
         raise ConstraintError(f'configuration: {configuration!r}; expected {len(names)} finite '
                               f'numbers: {", ".join(names)}')
-    return q
+    return require_unit(mechanism.model, q, 'configuration')
 
 
 def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
@@ -162,18 +165,19 @@ def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
         closed = closed_posture(mechanism, q)
     except ConstraintError as error:
         raise ConstraintError(f'{error}; {advice(mechanism, q)}') from None
-    moved = np.abs(closed - q) / mechanism.units
+    change = np.abs(difference(mechanism.model, q, closed))
+    moved = change / mechanism.units
     worst = int(np.argmax(moved))
     if moved[worst] > STRIDE:
         raise ConstraintError(
-            f"configuration: closing its loops moves '{mechanism.model.coordinate_names[worst]}' "
-            f'by {abs(closed - q)[worst]:.3g} rad or m; expected a configuration that is closed '
+            f"configuration: closing its loops moves '{mechanism.model.joint_names[worst]}' "
+            f'by {change[worst]:.3g} rad or m; expected a configuration that is closed '
             'to within a small correction, so that it stays on its branch')
     found, rng = [closed], np.random.default_rng(0)
     for _ in range(SAMPLES - 1):
         try:
-            found.append(closed_posture(mechanism, closed + 0.05 * mechanism.units * rng.uniform(
-                -1.0, 1.0, len(q))))
+            step = 0.05 * mechanism.units * rng.uniform(-1.0, 1.0, mechanism.model.n)
+            found.append(closed_posture(mechanism, moved_by(mechanism.model, closed, step)))
         except ConstraintError:
             continue
     return found

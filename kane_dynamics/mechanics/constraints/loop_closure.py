@@ -5,6 +5,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.ball_joints import (balls, difference, moved as moved_by,
+                                                 on_unit_quaternions)
 from kane_dynamics.mechanics.constraints import checked_names
 from kane_dynamics.mechanics.constraints.conditioning import RANK, stacked
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -38,7 +40,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         The iteration does not converge; names the constraint with the largest residual.
 
     """
-    names = mechanism.model.coordinate_names
+    model, names = mechanism.model, mechanism.model.coordinate_names
     try:
         here, at = np.array(q, dtype=np.float64), float(t)
     except (TypeError, ValueError):
@@ -47,11 +49,11 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
         raise InputError(f'q: {here.tolist()}, t: {at}; expected {len(names)} finite numbers '
                          f'({", ".join(names)}) and a time in s')
-    fixed = checked_names(fixed, 'fixed') or ()
-    unknown = sorted(set(fixed) - set(names))
-    if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
-    moves = np.array([name not in fixed for name in names])
+    if not all(ball.quaternion(here).any() for ball in balls(model)):
+        raise InputError(f'q: {here.tolist()}; expected nonzero quaternions')
+    here = np.asarray(on_unit_quaternions(model, here), dtype=np.float64)
+    stays = _joints(mechanism, checked_names(fixed, 'fixed') or ())
+    moves = np.array([k not in stays for k in range(model.n)])
     here, residual, labels, closed = closing_iterations(mechanism, here, moves, t)
     if closed:
         return here
@@ -61,9 +63,23 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
                           'steps; expected a start near a closed configuration')
 
 
+def _joints(mechanism: Mechanism, names: Sequence[str]) -> list[int]:
+    """Return the indices in u of coordinates; ConstraintError lists the valid names."""
+    model = mechanism.model
+    valid = [name for name, place in zip(model.joint_names, model.places) if place is not None]
+    unknown = sorted(set(names) - set(valid))
+    if unknown:
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(valid)}')
+    return [k for k, name in enumerate(model.joint_names) if name in names]
+
+
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: float,
                        most: int = ITERATIONS) -> tuple[Array, Array, list[str], bool]:
-    """Iterate by Newton's method; return q, residuals, their labels, and whether it converged."""
+    """
+    Iterate by Newton's method; return q, residuals, their labels, and whether it converged.
+
+    `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their sphere.
+    """
     here, tolerance = start.copy(), mechanism.rank_tolerance
     for _ in range(most):
         J, residual, labels = _residuals(mechanism, here, t)
@@ -74,7 +90,9 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
         longest = np.abs(step).max(initial=0.0)
         if tolerance > RANK and missed < tolerance and longest < CLOSED:
             return here, residual, labels, True  # the rest is within the tolerance
-        here[moves] += step * min(1.0, STRIDE / max(longest, STRIDE))
+        change = np.zeros(len(moves))
+        change[moves] = step * min(1.0, STRIDE / max(longest, STRIDE))
+        here = moved_by(mechanism.model, here, change)
     return here, residual, labels, False
 
 
@@ -113,20 +131,19 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
 
     """
     here = closed_posture(mechanism, start, t=t, fixed=())
-    names = mechanism.model.coordinate_names
-    unknown = sorted(set(fixed) - set(names))
-    if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(names)}')
-    places = [k for k, name in enumerate(names) if name in fixed]
+    model = mechanism.model
+    joints = _joints(mechanism, fixed)
+    places = [place for k in joints if (place := model.places[k]) is not None]
     first, last = here[places], np.asarray(q, dtype=np.float64)[places]
-    way = np.abs(last - first) / mechanism.units[places]
+    way = np.abs(last - first) / mechanism.units[joints]
     count = int(np.ceil(way.max(initial=0.0) / SMALL)) or 1
-    units, side = np.eye(len(names))[places], 0.0
+    units, side = np.eye(model.n)[joints], 0.0
     for share in np.arange(1, count + 1) / count:
         ahead = here.copy()
         ahead[places] = first + share * (last - first)
         closed = closed_posture(mechanism, ahead, t=t, fixed=fixed)
-        moved = np.abs(closed - here) / mechanism.units
+        change = np.abs(difference(model, here, closed))
+        moved = change / mechanism.units
         worst = int(np.argmax(moved))
         before, side = side, 0.0
         if len(places) == mechanism.n:
@@ -135,7 +152,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
         if moved[worst] > STRIDE or before * side < 0.0:
             raise ConstraintError(
                 f"closed configuration: with {', '.join(fixed)} at {ahead[places].tolist()} "
-                f"'{names[worst]}' jumps by {abs(closed - here)[worst]:.3g} rad or m; expected "
+                f"'{model.joint_names[worst]}' jumps by {change[worst]:.3g} rad or m; expected "
                 'values on this branch, which ends there')
         here = closed
     return here

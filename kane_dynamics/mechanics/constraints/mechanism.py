@@ -20,6 +20,7 @@ from typing import Any
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, DependentSpeeds,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
@@ -37,13 +38,14 @@ class JointMotion:
 
     Attributes
     ----------
-    qdot, qddot : (n_q,) arrays
-        Rates and accelerations of the joints; rad or m, and s.
-    T : (n_q, n) array
+    qdot, qddot : (n_j,) arrays
+        Rates and accelerations of the n_j = `model.n` joints, angular velocities of ball joints;
+        rad or m, and s.
+    T : (n_j, n) array
         Joint rates per unit of each independent speed.
-    N : (n_q, m) array
+    N : (n_j, m) array
         Joint rates per unit of each constraint's auxiliary speed.
-    T_rate : (n_q, n) array
+    T_rate : (n_j, n) array
         Time derivative of T along the motion.
 
     """
@@ -78,8 +80,8 @@ class Mechanism:
     ----------
     length : float
         m, see `row_units.length_of`: scales moments to forces and angles to distances.
-    units : (n_q,) array
-        `length` for coordinates that slide, 1 rad for others.
+    units : (n_j,) array
+        `length` for joints that slide, 1 rad for others.
 
     """
 
@@ -100,7 +102,7 @@ class Mechanism:
         self.rank_tolerance = rank_tolerance
         self.length = length_of(model)
         self.units = np.array([self.length if name in model.sliding else 1.0
-                               for name in model.coordinate_names])
+                               for name in model.joint_names])
         names = [c.name for c in self.constraints]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -222,7 +224,7 @@ class Mechanism:
         none = np.zeros(len(self.kept)).astype(object)
         qdot = inverse @ (np.concatenate([u, none]) + s)
         S_moving, s_moving = self.system(
-            self.state(moving(q, qdot), moving(t, 1.0), links))
+            self.state(moving(q, coordinate_rates(self.model, q, qdot)), moving(t, 1.0), links))
         S_rate = rates(S_moving)
         qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
         T = inverse[:, :self.n]

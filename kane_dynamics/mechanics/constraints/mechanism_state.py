@@ -7,10 +7,12 @@ from typing import Any
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.ball_joints import joint_positions
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
 from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.mechanics.recursive.link_frames import posed
 from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
@@ -26,7 +28,8 @@ class MechanismState:
         self.model, self.q, self.t = model, q, t
         self.width = model.n  # of rows
         self._speeds = speeds
-        self._links = links
+        self._positions = joint_positions(model, q)
+        self._links = None if links is None else posed(links, model, q)
         self._axes = WORLD
 
     @lazy_property
@@ -35,7 +38,7 @@ class MechanismState:
 
     @lazy_property
     def _link_poses(self) -> frame_kinematics.LinkPoses:
-        return frame_kinematics.LinkPoses(self._links or (), self.q, self._axes)
+        return frame_kinematics.LinkPoses(self._links or (), self._positions, self._axes)
 
     def in_axes_of(self, frame: str | Frame) -> 'MechanismState':
         """Return this state with vectors in the axes of a body; the definition's stay as is."""
@@ -77,16 +80,19 @@ class MechanismState:
         of = self._frame(frame)
         if self._links is None:
             return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
-        return frame_kinematics.partial_velocities(self._links, of, self.q, at, self._link_poses)
+        return frame_kinematics.partial_velocities(self._links, of, self._positions, at,
+                                                   self._link_poses)
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
-        """Return a coordinate's row, (n_q,), and its value; ConstraintError for no such name."""
-        names = self.model.coordinate_names
+        """Return a coordinate's row, (n,), and its value; ConstraintError for no such name."""
+        model = self.model
+        names = [joint for joint, place in zip(model.joint_names, model.places)
+                 if place is not None]  # a ball joint has no angle
         if name not in names:
             raise ConstraintError(f"constraint '{asking}': no coordinate '{name}'; expected one "
                                   f'of {", ".join(names)}')
-        k = names.index(name)
-        return np.eye(self.model.n)[k], self.q[k]
+        k = model.joint_names.index(name)
+        return np.eye(model.n)[k], self._positions[k]
 
     def speed_rows(self, names: Sequence[str]) -> tuple[Any, Any]:
         """Return rows of Y, (k, n_q), and of Z, (k,), of these speeds."""
@@ -109,7 +115,8 @@ class ReleasedJointState(MechanismState):
 
     def __init__(self, here: MechanismState, body: int, origin: Any) -> None:
         """Release the joint of the body with index `body`; its origin is (3,), m."""
-        super().__init__(here.model, here._speeds, here.q, here.t, here._links)
+        super().__init__(here.model, here._speeds, here.q, here.t)
+        self._links = here._links
         self._body, self._origin = body, origin
         self.width = 6
 

@@ -11,9 +11,11 @@ from typing import Any
 
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated
+from kane_dynamics.mechanics.ball_joints import joint_positions
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import composite_inertia
-from kane_dynamics.mechanics.recursive.link_frames import denavit_hartenberg, linkage, regrouped
+from kane_dynamics.mechanics.recursive.link_frames import (denavit_hartenberg, linkage, posed,
+                                                           regrouped)
 from kane_dynamics.model.model import Model
 import numpy as np
 
@@ -57,7 +59,7 @@ class Speeds:
             A function returns a wrong shape; names the function and both shapes.
 
         """
-        n = len(q)
+        n = len(self.names) or len(q)
         Y = np.asarray(self._evaluated(self.Y, 'Y', q, t))
         Z = np.zeros(n) if self.Z is None else np.asarray(self._evaluated(self.Z, 'Z', q, t))
         for name, value, shape in (('Y', Y, (n, n)), ('Z', Z, (n,))):
@@ -72,9 +74,9 @@ class Speeds:
 
 
 def joint_rates(model: Model) -> Speeds:
-    """Return u = q', the default."""
+    """Return u = q', the default; of ball joints the angular velocity on the body's axes."""
     unit = np.eye(model.n)
-    return Speeds(lambda q, t: unit, None, model.coordinate_names, 'joint_rates')
+    return Speeds(lambda q, t: unit, None, model.joint_names, 'joint_rates')
 
 
 def absolute_rates(model: Model) -> Speeds:
@@ -95,7 +97,7 @@ def absolute_rates(model: Model) -> Speeds:
             rows.append(np.eye(model.n)[r] if here is None else
                         here.partial_angular_velocity @ here.axis)
         return np.array(rows)
-    return Speeds(Y, None, tuple(f'{name}/absolute' for name in model.coordinate_names),
+    return Speeds(Y, None, tuple(f'{name}/absolute' for name in model.joint_names),
                   'absolute_rates')
 
 
@@ -121,7 +123,7 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
         turning = sorted({model.bodies[k].joint.coordinate for k in model.path(at.body)
                           if model.bodies[k].joint.kind == 'revolute'})
         if len(turning) != 3:
-            names = ', '.join(model.coordinate_names[r] for r in turning) or 'none'
+            names = ', '.join(model.joint_names[r] for r in turning) or 'none'
             raise ConstraintError(f"frame '{frame}': {len(turning)} revolute joints ({names}) "
                                   'move it; expected exactly three')
 
@@ -132,7 +134,7 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
             for r, row in zip(turning, omega):
                 rows[r] = row
             return np.array(rows)
-        speed_names = list(model.coordinate_names)
+        speed_names = list(model.joint_names)
         for r, part in zip(turning, ('x', 'y', 'z')):
             speed_names[r] = f'{frame}/omega_{part}'
         return Speeds(Y, None, tuple(speed_names), f'body_angular_velocity({frame!r})')
@@ -145,9 +147,9 @@ def momenta(model: Model) -> Speeds:
     rotors = np.zeros(model.n)
     for body in model.bodies:
         rotors[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.armature
-    return Speeds(lambda q, t: composite_inertia.mass_matrix(links, q) + np.diag(rotors), None,
-                  tuple(f'{name}/momentum' for name in model.coordinate_names), 'momenta',
-                  definite=True)
+    return Speeds(lambda q, t: composite_inertia.mass_matrix(
+        posed(links, model, q), joint_positions(model, q)) + np.diag(rotors), None,
+        tuple(f'{name}/momentum' for name in model.joint_names), 'momenta', definite=True)
 
 
 def chosen(model: Model, choice: Any) -> Speeds:

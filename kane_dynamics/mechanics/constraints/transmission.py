@@ -93,4 +93,4 @@ def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int], 
 
 
 def _names(mechanism: Mechanism, places: Sequence[int]) -> str:
-    return ', '.join(mechanism.model.coordinate_names[k] for k in places)
+    return ', '.join(mechanism.model.joint_names[k] for k in places)

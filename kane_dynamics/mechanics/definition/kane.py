@@ -12,13 +12,15 @@ and T_k their torque:
     F_r* = - sum_k ( v_k^r . m_k a_k* + omega_k^r . (I_k alpha_k + omega_k x I_k omega_k) )
 
 In the code the sum over k is a loop, and the index r is the row of an array. Everywhere q, u and
-udot are (n,) arrays of scalars: coordinates, speeds and their rates; rad or m, and s.
+udot are (n,) arrays of scalars: coordinates, speeds and their rates; rad or m, and s. With ball
+joints q has more entries, (n_q,).
 """
 
 from collections.abc import Mapping
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.ball_joints import joint_positions
 from kane_dynamics.mechanics.definition import beams
 from kane_dynamics.mechanics.definition.kinematics import (Configuration, configurations,
                                                            frame_partial_velocities, motions,
@@ -65,7 +67,8 @@ def generalized_inertia_force(model: Model, q: Any, u: Any, udot: Any) -> Any:
                          + here.partial_angular_velocity @ torque)
         force = force - on_coordinate(model, body.joint, rotor_torque(body.joint, udot))
         if body.beam is not None:
-            force = force + beams.inertia_force(body.beam, here, motion, q, u, udot)
+            force = force + beams.inertia_force(body.beam, here, motion,
+                                                joint_positions(model, q), u, udot)
     return force
 
 
@@ -93,15 +96,16 @@ def generalized_active_force(model: Model, q: Any, u: Any, *, tau: Any = None,
     """
     g = model.gravity if gravity is None else gravity
     force: Any = np.zeros(model.n)
+    x = joint_positions(model, q)
     for body, here in zip(model.bodies, configurations(model, q)):
         force = force + here.partial_velocity @ (body.inertial.mass * g)
-        force = force - on_coordinate(model, body.joint, spring_torque(body.joint, q))
+        force = force - on_coordinate(model, body.joint, spring_torque(body.joint, x))
         if friction:
             force = force - on_coordinate(
                 model, body.joint, friction_torque(body.joint, rate(body.joint, u)))
         if body.beam is not None:
-            force = force + beams.weight(body.beam, here, q, g)
-            force = force + beams.modal_force(body.beam, q, u, friction)
+            force = force + beams.weight(body.beam, here, x, g)
+            force = force + beams.modal_force(body.beam, x, u, friction)
     for name, (force_at_frame, moment) in (wrenches or {}).items():
         partials = frame_partial_velocities(model, model.frame(name), q)
         force = force + partials[:3].T @ force_at_frame + partials[3:].T @ moment
@@ -129,7 +133,7 @@ def gravity_force(model: Model, q: Any, *, gravity: Any = None) -> Any:
     for body, here in zip(model.bodies, configurations(model, q)):
         force = force - here.partial_velocity @ (body.inertial.mass * g)
         if body.beam is not None:
-            force = force - beams.weight(body.beam, here, q, g)
+            force = force - beams.weight(body.beam, here, joint_positions(model, q), g)
     return force
 
 
@@ -143,7 +147,7 @@ def mass_matrix(model: Model, q: Any) -> Any:
         rotor = on_coordinate(model, joint, joint.multiplier * joint.armature)
         M = M + np.diag(rotor)
         if body.beam is not None:
-            M = M + beams.mass_matrix(body.beam, here, q)
+            M = M + beams.mass_matrix(body.beam, here, joint_positions(model, q))
     return M
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.vector import axis_rotation, cross, skew
+from kane_dynamics.mechanics.ball_joints import joint_positions, rotations
 from kane_dynamics.model.model import Frame, Joint, Model, WORLD
 import numpy as np
 
@@ -111,18 +112,19 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
     ----------
     model : Model
         The mechanism.
-    q : (n,) array of scalars
+    q : (n_q,) array of scalars
         Coordinates, rad or m.
 
     Notes
     -----
     A body has the partial velocities of its parent at the joint, v^r + omega^r x r. Its joint
     adds its multiplier times its axis to the partial angular velocity (revolute) or the partial
-    velocity (prismatic) of its coordinate.
+    velocity (prismatic) of its coordinate. The axes of a ball joint are those of its body.
 
     """
     bodies: list[Configuration] = []
-    for body in model.bodies:
+    turned, q = rotations(model, q), joint_positions(model, q)
+    for k, body in enumerate(model.bodies):
         joint = body.joint
         R, p, w, v = np.eye(3), np.zeros(3), np.zeros((model.n, 3)), np.zeros((model.n, 3))
         if body.parent != WORLD:
@@ -131,6 +133,8 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
             w, v = parent.partial_angular_velocity, parent.partial_velocity_origin
         r = R @ joint.translation
         R = R @ joint.rotation
+        if k in turned:
+            R = R @ turned[k]
         s = R @ joint.axis
         of_joint = np.outer(partials(joint, q), s)
         x = position(joint, q)
@@ -158,17 +162,21 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
         The mechanism.
     bodies : sequence of Configuration
         From `configurations`.
-    q, u, udot : (n,) arrays of scalars
+    q, u, udot : (n_q,), (n,), (n,) arrays of scalars
         Coordinates, speeds and their rates.
 
     Notes
     -----
     Velocities are sums of partial velocities times speeds. Accelerations are propagated from
-    body to body with the centripetal and Coriolis terms.
+    body to body with the centripetal and Coriolis terms. The axes of a ball joint turn with its
+    body: the angular velocity w on them has the derivative w' + omega x w, where omega may be
+    that of the carrier, since w x w = 0.
 
     """
     result: list[BodyMotion] = []
-    for body, here in zip(model.bodies, bodies):
+    q, carriers = joint_positions(model, q), {
+        first + k: model.bodies[first].parent for first in model.balls for k in range(3)}
+    for k, (body, here) in enumerate(zip(model.bodies, bodies)):
         joint = body.joint
         alpha, a, omega_parent, r = np.zeros(3), np.zeros(3), np.zeros(3), here.p_wb
         if body.parent != WORLD:
@@ -178,6 +186,8 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
         a = _point_acceleration(a, omega_parent, alpha, r)
         relative = (partials(joint, q) @ u) * here.axis
         along = joint_acceleration(joint, q, u, udot) * here.axis
+        if k in carriers:
+            omega_parent = result[carriers[k]].omega if carriers[k] != WORLD else np.zeros(3)
         if joint.kind == 'revolute':
             alpha = alpha + along + cross(omega_parent, relative)
         else:

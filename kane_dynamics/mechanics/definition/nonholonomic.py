@@ -13,6 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane
 import numpy as np
 
@@ -72,7 +73,8 @@ def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
     parts = reduction(mechanism, q, t)
     free, dependent = mechanism.free, dependent_places(mechanism)
     qdot = parts.W @ all_speeds(mechanism, parts, u) + parts.X
-    q_moving, t_moving = moving(q, qdot), moving(t, 1.0)
+    q_moving = moving(q, coordinate_rates(mechanism.model, q, qdot))
+    t_moving = moving(t, 1.0)
     Y_rate, Z_rate = _numbers(*(rates(x) for x in mechanism.speeds.of(q_moving, t_moving)))
     rows = mechanism.rows(mechanism.state(q_moving, t_moving))
     J_rate, b_rate = _numbers(rates(rows.J[mechanism.kept]), rates(rows.b[mechanism.kept]))

@@ -8,21 +8,40 @@ the generalized inertia forces
     F_r* = -( d/dt dKE/dq_r' - dKE/dq_r )                                 (for u = q')
 
 which automatic differentiation evaluates. Everywhere q and u = q' are (n,) arrays, udot the rates
-of u; rad or m, s. No function is shared with `kane`, `kinematics` or
-`recursive`, so that this formulation is an independent reference.
+of u; rad or m, s. Energies of ball joints have q (n_q,) and the angular velocities in u. No
+function is shared with `kane`, `kinematics` or `recursive`, so that this formulation is an
+independent reference.
 """
 
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
+from kane_dynamics.mechanics.ball_joints import balls, joint_positions, require_angles
 from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.model.model import Joint, Model, WORLD
 import numpy as np
 
 
+def ball_matrix(p: Any) -> Any:
+    """Return the rotation of a quaternion, (4, 4): its products with vectors from both sides."""
+    x, y, z, w = p
+    left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    right = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
+    return (left @ right) * (1.0 / (p @ p))
+
+
+def joint_matrices(model: Model, q: Any) -> list[Any]:
+    """Return the pose of each body in its parent at the coordinates q, (n_q,); (4, 4) each."""
+    at = joint_positions(model, q)
+    found = [joint_matrix(body.joint, at) for body in model.bodies]
+    for ball in balls(model):  # the three joints of a ball joint are at 0
+        found[ball.body] = found[ball.body] @ ball_matrix(ball.quaternion(q))
+    return found
+
+
 def joint_matrix(joint: Joint, q: Any) -> Any:
-    """Return the pose of a joint's body in its parent at the coordinates q, (4, 4)."""
+    """Return the pose of a joint's body in its parent at the joint positions q, (4, 4)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = joint.rotation, joint.translation
     K, KK = generator(joint)
@@ -47,22 +66,21 @@ def generator(joint: Joint) -> tuple[Array, Array]:
 def poses(model: Model, q: Any) -> list[Any]:
     """Return the poses of all bodies in the world, (4, 4) each."""
     result: list[Any] = []
-    for body in model.bodies:
-        T = joint_matrix(body.joint, q)
+    for body, T in zip(model.bodies, joint_matrices(model, q)):
         result.append(T if body.parent == WORLD else result[body.parent] @ T)
     return result
 
 
 def pose_rates(model: Model, q: Any, u: Any) -> list[Any]:
     """Return the time derivatives of the poses of all bodies, (4, 4) each."""
-    here = poses(model, q)
+    here, matrices, at = poses(model, q), joint_matrices(model, q), joint_positions(model, q)
     result: list[Any] = []
     for i, body in enumerate(model.bodies):
         joint = body.joint
         # The generator K commutes with exp(K x).
-        rate = (here[i] @ generator(joint)[0]) * _rate(joint, q, u)
+        rate = (here[i] @ generator(joint)[0]) * _rate(joint, at, u)
         if body.parent != WORLD:
-            rate = result[body.parent] @ joint_matrix(joint, q) + rate
+            rate = result[body.parent] @ matrices[i] + rate
         result.append(rate)
     return result
 
@@ -78,7 +96,8 @@ def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
     if bent:
         here, moved = poses(model, q), pose_rates(model, q, u)
         for i in bent:
-            twice = twice + _bending(model.bodies[i].beam, here[i], moved[i], q, u)
+            twice = twice + _bending(model.bodies[i].beam, here[i], moved[i],
+                                     joint_positions(model, q), u)
     return 0.5 * twice
 
 
@@ -137,7 +156,8 @@ def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
     """Return the potential energy of gravity (zero at the world's origin) and springs, J."""
     g = model.gravity if gravity is None else gravity
     total: Any = 0.0
-    for body, T in zip(model.bodies, poses(model, q)):
+    here, q = poses(model, q), joint_positions(model, q)
+    for body, T in zip(model.bodies, here):
         first_moment = T @ body.inertial.pseudo_inertia[:, 3]
         total = total - g @ first_moment[:3]
         joint = body.joint
@@ -155,6 +175,7 @@ def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
 
 def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> Array:
     """Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by automatic differentiation."""
+    require_angles(model, 'energy form')
     n = model.n
     energy = lifted(kinetic_energy(model, seeded(q, u, 0, 2 * n),
                                    seeded(u, udot, n, 2 * n)), 2 * n)
@@ -163,6 +184,7 @@ def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> 
 
 def conservative_force(model: Model, q: Array) -> Array:
     """Return -dPE/dq, (n,): the generalized active force of gravity and springs, N m or N."""
+    require_angles(model, 'energy form')
     n = model.n
     energy = potential_energy(model, seeded(q, np.zeros(n), 0, n))
     return -lifted(energy, n).gradient

@@ -12,6 +12,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.hyperdual import joined, Parts, parts, seeded
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.energy_form.energies import poses
@@ -68,6 +69,7 @@ class FiniteMechanismState(MechanismState):
 
     def __init__(self, mechanism: Mechanism, q: Array, qdot: Array, t: float) -> None:
         """Compute the poses of all bodies."""
+        require_angles(mechanism.model, 'energy form')
         self.count = len(q) + 1
         variables = seeded([*q, t], [*qdot, 1.0], 0, self.count)
         super().__init__(mechanism.model, mechanism.speeds, variables[:-1], variables[-1])

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from copy import copy
 from typing import Any
 
-from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, rate_tensor,
+from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_zero, rate_tensor,
                                                     rotated_about_z, sin_cos, symmetric)
 from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.link import Link
@@ -82,7 +82,7 @@ def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: An
         a = a + 2.0 * across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
     omega = omega + rate * Z
-    if np.count_nonzero(step.axis) > 1:
+    if sum(not is_zero(x) for x in step.axis) > 1:
         alpha = alpha + across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
     # The joint's axis is fixed in both links, so U z is the parent's, rotated to link axes;

@@ -33,6 +33,9 @@ class Link:
         Modal integrals of a flexible link, in the axes of the body frame.
     modes : Modes, optional
         Modes of a flexible link at one configuration; set by `flexible_modes.bent`.
+    turned : bool
+        Whether the link is the first of a ball joint, whose rotation `link_frames.posed` adds to
+        its pose: its frame stays at the joint.
 
     """
 
@@ -47,6 +50,7 @@ class Link:
     deflection: Deflection | None = None
     beam: Beam | None = None
     modes: Any = None
+    turned: bool = False
 
     def position(self, q: Any) -> Any:
         """Return the position of the joint without `offset`, rad or m."""

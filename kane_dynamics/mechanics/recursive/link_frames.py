@@ -24,6 +24,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.ball_joints import rotations
 from kane_dynamics.mechanics.recursive.link import homogeneous, inverse, Link
 from kane_dynamics.model.beam import Deflection
 from kane_dynamics.model.model import Model, WORLD
@@ -43,7 +44,7 @@ def about_z(angle: float) -> Array:
 def linkage(model: Model) -> tuple[Link, ...]:
     """Return a model's bodies as links: same origins, z along the joint axes."""
     turns = [homogeneous(_turn_to_z(body.joint.axis)) for body in model.bodies]
-    links = []
+    links: list[Link] = []
     for body, C in zip(model.bodies, turns):
         joint = body.joint
         above = np.eye(4) if body.parent == WORLD else turns[body.parent]
@@ -51,7 +52,7 @@ def linkage(model: Model) -> tuple[Link, ...]:
         links.append(Link(body.parent, joint.kind, _clean(pose), joint.coordinate,
                           joint.multiplier, joint.offset,
                           C.T @ body.inertial.pseudo_inertia @ C, C.T, joint.deflection,
-                          body.beam))
+                          body.beam, turned=len(links) in model.balls))
     return tuple(links)
 
 
@@ -67,7 +68,8 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
         if link.parent == WORLD or (section := links[link.parent]).deflection is None:
             continue
         sense, bent = link.rotation[2, 2], section.deflection
-        if (link.deflection is not None or (link.kind, section.kind) != ('revolute', 'revolute')
+        if (link.turned or link.deflection is not None
+                or (link.kind, section.kind) != ('revolute', 'revolute')
                 or abs(sense) != 1.0 or link.translation[:2].any()):
             continue
         result[i] = replace(
@@ -85,6 +87,22 @@ def carrying(links: Sequence[Link], body: int, pose: Array,
     T = links[body].body @ pose
     added = links[body].pseudo_inertia + T @ pseudo_inertia @ T.T
     return (*links[:body], replace(links[body], pseudo_inertia=added), *links[body + 1:])
+
+
+def posed(links: Sequence[Link], model: Model, q: Any) -> tuple[Link, ...]:
+    """Return the links with the rotations of the ball joints at q, (n_q,), in constant poses."""
+    result = list(links)
+    for k, R in rotations(model, q).items():
+        link, joint = links[k], model.bodies[k].joint
+        above = np.eye(4) if link.parent == WORLD else links[link.parent].body
+        before = _clean(above @ homogeneous(joint.rotation, joint.translation))
+        after = _clean(inverse(before) @ link.pose)
+        R = before[:3, :3] @ R
+        pose = np.eye(4).astype(object)
+        pose[:3] = np.concatenate([R @ after[:3, :3],
+                                   (before[:3, 3] + R @ after[:3, 3])[:, None]], axis=1)
+        result[k] = replace(link, pose=pose)
+    return tuple(result)
 
 
 def _turn_to_z(axis: Array) -> Array:
@@ -123,7 +141,7 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         if links[i].parent != WORLD:
             size[links[i].parent] += size[i]
     for i, link in enumerate(links):
-        if link.kind != 'revolute':
+        if link.kind != 'revolute' or link.turned:
             continue
         shift, angle = (_slide(result[i]) if link.parent != WORLD else 0.0), 0.0
         if children[i]:
@@ -185,7 +203,8 @@ def _slide(child: Link) -> float:
 def _untwisted(link: Link) -> Link:
     """Move a rotation about z from a revolute link's constant pose to its offset."""
     R = link.rotation
-    if link.kind != 'revolute' or abs(R[0, 2]) > 1e-9 or math.hypot(R[0, 0], R[0, 1]) < 1e-6:
+    if (link.kind != 'revolute' or link.turned or abs(R[0, 2]) > 1e-9
+            or math.hypot(R[0, 0], R[0, 1]) < 1e-6):
         return link
     angle = math.atan2(-R[0, 1], R[0, 0])
     return replace(link, pose=_clean(link.pose @ about_z(-angle)),

@@ -53,8 +53,8 @@ class TreeEquations(JointForces):
                  frame_reduction: bool = True) -> None:
         """Resolve the frames; raise InputError for an unknown one."""
         self.model = model
-        self.n = self.n_q = model.n
-        self.speed_names = model.coordinate_names
+        self.n, self.n_q = model.n, len(model.coordinate_names)
+        self.speed_names = model.joint_names
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
@@ -141,7 +141,7 @@ class TreeEquations(JointForces):
         try:
             return factorize(self.mass_matrix(q, parameters), self.order)
         except ZeroDivisionError as error:
-            name = self.model.coordinate_names[error.args[0]]
+            name = self.model.joint_names[error.args[0]]
             raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
                              'expected a body with inertia or a joint with armature') from None
 

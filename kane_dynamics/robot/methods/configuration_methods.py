@@ -2,16 +2,21 @@
 
 import warnings
 
-from kane_dynamics._util.checks import integer
+from kane_dynamics._util.checks import constant, integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
+from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls, difference,
+                                                 joint_speeds, moved, neutral,
+                                                 on_unit_quaternions, require_unit)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
 from kane_dynamics.robot.methods.dispatch import Dispatch
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
+from numpy.typing import ArrayLike
 
 NEARBY = 21  # initial guesses about 0 for loop closure
 TURN = 2.0 * np.pi
@@ -62,16 +67,24 @@ class Configurations(ConstraintMethods, Dispatch):
     @lazy_property
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
-        limits = [joint.limits for joint in self.equations.model.coordinate_joints]
-        return JointLimits(*(np.array([getattr(limit, name) for limit in limits])
-                             for name in ('lower', 'upper', 'velocity', 'effort')))
+        model = self.equations.model
+        limits = [joint.limits for joint in model.coordinate_joints]
+        found = {name: np.array([getattr(limit, name) for limit in limits])
+                 for name in ('lower', 'upper', 'velocity', 'effort')}
+        if model.balls:  # no position of a quaternion is outside
+            for name, none in (('lower', -np.inf), ('upper', np.inf)):
+                of_q = np.full(len(model.coordinate_names), none)
+                of_q[angle_places(model)] = found[name][angles(model)]
+                found[name] = of_q
+        return JointLimits(**found)
 
     def neutral(self) -> Array:
         """
         Return the configuration at which every coordinate is 0, (n_q,), rad or m.
 
-        Under constraints on positions it is a closed configuration nearby. It may be outside the
-        limits, as in Pinocchio.
+        The quaternions of ball joints are (0, 0, 0, 1), those of no rotation. Under constraints
+        on positions it is a closed configuration nearby. It may be outside the limits, as in
+        Pinocchio.
 
         Raises
         ------
@@ -79,13 +92,15 @@ class Configurations(ConstraintMethods, Dispatch):
             None is found; names the constraint with the largest residual.
 
         """
-        zero = np.zeros(self.equations.n_q)
+        model = self.equations.model
+        zero = neutral(model)
         if not isinstance(self.equations, ConstrainedEquations):
             return zero
         rng, failure = np.random.default_rng(0), None
         for away in np.linspace(0.0, 1.0, NEARBY):  # 0 itself may be singular, as a stretched loop
             try:
-                return self.closed_posture(zero + away * rng.uniform(-1.0, 1.0, len(zero)))
+                return self.closed_posture(moved(
+                    model, zero, away * rng.uniform(-1.0, 1.0, model.n)))
             except ConstraintError as error:
                 failure = failure or error
         assert failure is not None
@@ -97,8 +112,8 @@ class Configurations(ConstraintMethods, Dispatch):
         Return a random configuration within the limits, (n_q,), or several, (count, n_q).
 
         Uniform between the limits; without a limit, within half a turn or 1 m of 0 or of the other
-        limit. Modal coordinates are 0. Under constraints on positions, a uniform configuration is
-        the initial guess for loop closure.
+        limit. Modal coordinates are 0, rotations of ball joints uniform. Under constraints on
+        positions, a uniform configuration is the initial guess for loop closure.
 
         Parameters
         ----------
@@ -126,12 +141,100 @@ class Configurations(ConstraintMethods, Dispatch):
         return np.array([self._closed(rng, lower, upper) for _ in range(count)]).reshape(
             count, len(lower))
 
+    def integrate(self, q: ArrayLike, u: ArrayLike, dt: float = 1.0, *,
+                  t: ArrayLike = 0.0) -> Array:
+        """
+        Return the configuration after a time in which the joints move at constant rates.
+
+        The rates are those of u at q: ball joints turn about an axis fixed in their bodies. With
+        closed loops, the result is the closed configuration near it.
+
+        Parameters
+        ----------
+        q, u : (n_q,), (n,) or (N, n_q), (N, n) arrays
+            Configuration and speeds; rad or m, and s.
+        dt : float
+            s.
+        t : float or (N,) array
+            Time, s; ignored unless speeds or constraints depend on it.
+
+        Returns
+        -------
+        (n_q,) or (N, n_q) array
+            Quaternions have the length 1.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+        ConstraintError
+            Loops do not close.
+
+        """
+        model, dt = self.equations.model, float(constant(dt, (), 'dt (s)', InputError))
+        start = checked(Argument('q', (self.n_q,), self.coordinate_names), q)
+        start = require_unit(model, start, 'q')
+        rates = joint_speeds(model, start, self.joint_rates(start, u, t=t)) if isinstance(
+            self.equations, ConstrainedEquations) else self._same('u', u, None)
+        end = moved(model, start, dt * rates)
+        return self._closed_all(end, np.asarray(t) + dt)
+
+    def difference(self, q0: ArrayLike, q1: ArrayLike, *, t: ArrayLike = 0.0) -> Array:
+        """
+        Return the speeds, (n,), that take q0 to q1 in 1 s: `integrate` undone.
+
+        Of ball joints the rotation vector on the axes of the body, of at most pi rad. With chosen
+        speeds they are the speeds of those joint rates at q0; under constraints the independent
+        ones, so that `integrate` returns q1 up to terms of second order in the distance.
+
+        Parameters
+        ----------
+        q0, q1 : (n_q,) or (N, n_q) arrays
+            Configurations, rad or m.
+        t : float or (N,) array
+            Time, s; ignored unless speeds depend on it.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+
+        """
+        model = self.equations.model
+        first, last = (require_unit(model, checked(
+            Argument(name, (self.n_q,), self.coordinate_names), q), name)
+            for name, q in (('q0', q0), ('q1', q1)))
+        step = difference(model, first, last)
+        if not isinstance(self.equations, ConstrainedEquations):
+            return step
+        times = np.broadcast_to(t, step.shape[:-1]).ravel()
+        rows = [self._speeds_of(*each) for each in zip(
+            first.reshape(-1, self.n_q), step.reshape(-1, model.n), times)]
+        return np.array(rows).reshape(*step.shape[:-1], self.n)
+
+    def _speeds_of(self, q: Array, v: Array, t: float) -> Array:
+        """Return the independent speeds of joint rates, (n_j,), at one configuration."""
+        Y, Z = self.mechanism.state(q, t).speed_rows(self.speed_names)
+        return np.asarray(Y @ v + Z, dtype=np.float64)
+
+    def _closed_all(self, q: Array, t: Array) -> Array:
+        """Return configurations, (n_q,) or (N, n_q), with closed loops."""
+        if not self.constraint_names:
+            return q
+        times = np.broadcast_to(t, q.shape[:-1]).ravel()
+        return np.array([self.closed_posture(row, t=float(s)) for row, s in zip(
+            q.reshape(-1, self.n_q), times)]).reshape(q.shape)
+
     def sampling_range(self) -> tuple[Array, Array]:
         """Return the bounds of random configurations, (n_q,) each, rad or m."""
         model = self.equations.model
         span = np.array([1.0 if name in model.sliding else np.pi
                          for name in model.coordinate_names])
-        span[list(model.modal_coordinates)] = 0.0
+        modes = set(model.modal_coordinates)
+        span[[place for k, place in enumerate(model.places)
+              if k in modes and place is not None]] = 0.0
+        for ball in balls(model):
+            ball.quaternion(span)[...] = 1.0
         lower, upper = self.limits.lower, self.limits.upper
         left, right = np.isinf(lower), np.isinf(upper)
         return (np.where(left, np.where(right, 0.0, upper) - span, lower),
@@ -144,7 +247,10 @@ class Configurations(ConstraintMethods, Dispatch):
                                   'can be satisfied')
         for _ in range(TRIES):
             try:
-                q = self.closed_posture(rng.uniform(lower, upper))
+                q = rng.uniform(lower, upper)
+                for ball in balls(self.equations.model):  # uniform on the sphere of quaternions
+                    ball.quaternion(q)[...] = rng.standard_normal(4)
+                q = self.closed_posture(on_unit_quaternions(self.equations.model, q))
             except ConstraintError as error:
                 failure = error
                 continue

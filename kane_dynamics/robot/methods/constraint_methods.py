@@ -58,6 +58,8 @@ class ConstraintMethods(Dispatch):
         """
         Return joint torques, (n_q,), with the generalized force tau.
 
+        Of ball joints the moments about the axes of the body, so that the order is `joint_names`.
+
         By default each entry of tau acts on its own independent speed without constraint forces;
         with `Robot(actuated=)`, the actuators have the torques of minimum norm, or of the least
         sum of weight times torque squared. ConstraintError where the actuators cannot produce
@@ -83,8 +85,9 @@ class ConstraintMethods(Dispatch):
         if not isinstance(equations, ConstrainedEquations):
             return self._same('joint_torques', joint_torques, None)
         name, block = 'generalized_force', self.kernels.parameters
-        arguments = [Argument(key, (equations.n_q,), equations.model.coordinate_names)
-                     for key in ('q', 'joint_torques')]
+        model = equations.model
+        arguments = [Argument('q', (equations.n_q,), model.coordinate_names),
+                     Argument('joint_torques', (model.n,), model.joint_names)]
         arguments += [Argument('t', ())] if equations.timed else []
         kernel = self.kernels.extra(name, lambda: trace_program(
             name, lambda q, torques, *rest: equations.generalized_force(
@@ -127,7 +130,12 @@ class ConstraintMethods(Dispatch):
 
     def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                             t: ArrayLike = 0.0, out: Array | None = None) -> Array:
-        """Return q'', (n_q,), of all joints, dependent ones included."""
+        """
+        Return q'', (n_q,), of all joints, dependent ones included.
+
+        Of ball joints the angular accelerations about the axes of the body, so that the order is
+        `joint_names`.
+        """
         if not isinstance(self.equations, ConstrainedEquations):
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)

@@ -107,7 +107,7 @@ class Dispatch:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the moving joints, in the order of q."""
+        """Names of the moving joints, in the order of q but for quaternions."""
         return self.equations.model.joint_names
 
     @property

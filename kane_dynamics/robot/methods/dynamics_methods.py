@@ -18,7 +18,7 @@ class DynamicsMethods(Dispatch):
     The methods of `Robot` for dynamics.
 
     Every method accepts one state, (n,) arrays, or a batch, (N, n) arrays, and returns the same; q
-    has n_q entries, more than n under constraints.
+    has n_q entries, more than n under constraints and with ball joints.
     """
 
     @compiled

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.joint_stops import nearest_stops, stop_impulses, stopped_state
 from kane_dynamics.native.runtime.argument import Argument
@@ -64,6 +65,7 @@ class JointStops:
 
     def __init__(self, robot: Robot, starts: Array, step: float, start: float) -> None:
         """Check the initial states."""
+        require_angles(robot.model, 'stops')
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
