@@ -18,7 +18,7 @@ import tempfile
 MAGIC = b'kane_dynamics object 1\n'
 MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB, a model some 10 kB
 KEPT_SHARE = 0.75  # of MOST_BYTES after a removal, so that not every new file removes some
-LOOKS = 64  # at all files while MOST_BYTES are written: in a full cache each takes tenths of seconds
+LOOKS = 64  # at all files while MOST_BYTES are written: each takes tenths of seconds if it is full
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
