@@ -140,8 +140,8 @@ class KernelSet:
     def signature(self, name: str, at: str = '',
                   derivative: Derivative | None = None) -> tuple[list[Argument], Shape]:
         """Return the arguments of a kernel and the shape of its result; arguments as `kernel`."""
-        self._method(name, at)  # raises InputError now, not where the kernel is traced
         quantity = self._quantity(name)
+        self._method(name, at)  # raises InputError now, not where the kernel is traced
         arguments, shape = self._arguments(quantity), self._sizes.shape(quantity.shape)
         if derivative is None:
             return arguments, shape

@@ -116,6 +116,20 @@ def test_torch_compile_sees_one_operator_with_its_gradient(backend):
     assert len([name for name in names if 'kane_dynamics' in name]) == 1
 
 
+def test_a_graph_of_another_process_finds_no_other_function_and_one_of_this_its_derivatives():
+    function, other = arm_function(), arm_function()
+    handle = function._operation.handle
+    assert handle != other._operation.handle
+    inputs, names = arm_arguments(4), [a.name for a in function._operation.function.arguments]
+    ones = torch.ones(4, function._operation.function.shape[0], dtype=torch.float64)
+    late = torch.ops.kane_dynamics.evaluate_6(f'{handle} -> vjp {" ".join(names)}', ones, *inputs)
+    expected = torch.func.vjp(function, *inputs)[1](ones)
+    for found, gradient in zip(function._operation.vjp(*names).function.parts(late), expected):
+        torch.testing.assert_close(found.sum_to_size(gradient.shape), gradient)
+    with pytest.raises(InputError, match='robot[.]torch returned in this process'):
+        torch.ops.kane_dynamics.evaluate_5(f'{handle}0 -> vjp q', *inputs)
+
+
 def test_the_operator_meets_the_rules_of_torch():
     function = arm_function()
     done = torch.library.opcheck(torch.ops.kane_dynamics.evaluate_5.default, (

@@ -18,6 +18,9 @@ import numpy as np
 Matrix = list[list[Any]]
 PIVOT_THRESHOLD = 0.1  # least size of a pivot relative to the largest constant of its row
 ROUNDING = 1e-12  # relative size below which a constant is treated as zero after elimination
+# Least size of a constant pivot beside traced entries, whose size is unknown: direction cosines
+# that are zero but for the digits of a file must not be pivots.
+ALONE = 1e-3
 
 
 def inverse(A: Any) -> Any:
@@ -97,6 +100,10 @@ def _constant_pivot(A: Matrix, solved: dict[int, int],
         constants = {c: abs(x) for c, x in enumerate(row)
                      if c not in solved and isinstance(x, (int, float))}
         top = max(constants.values(), default=0.0)
+        traced = any(c not in solved and not isinstance(x, (int, float))
+                     for c, x in enumerate(row))
+        if traced and top < ALONE:
+            continue
         for c, size in constants.items():
             if size > least[r] and size >= PIVOT_THRESHOLD * top:
                 filled = sum(not is_zero(x) for x in row)

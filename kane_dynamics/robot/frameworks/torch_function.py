@@ -9,8 +9,8 @@ opaque operator. (An operator of a list of tensors would do, but `is_grads_batch
 """
 
 from collections.abc import Sequence
-from itertools import count
 from typing import Any
+from uuid import uuid4
 from weakref import WeakValueDictionary
 
 from kane_dynamics.errors import InputError
@@ -19,7 +19,7 @@ from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction
 import torch
 
 DTYPES = (torch.float64, torch.float32)
-_numbers = count()
+STEP = ' -> '  # in a handle, before each derivative
 _operations: 'WeakValueDictionary[str, Operation]' = WeakValueDictionary()
 
 
@@ -30,14 +30,16 @@ class Operation:
     Attributes
     ----------
     handle : str
-        Name of the operation in this process.
+        Name of the operation. That of a function is its own in all processes, since
+        `torch.compile` keeps graphs with handles on disk. That of a derivative says how it
+        follows from the function, for a graph that is found there before the derivative exists.
 
     """
 
-    def __init__(self, function: BatchFunction) -> None:
+    def __init__(self, function: BatchFunction, handle: str = '') -> None:
         """Register the function."""
         self.function = function
-        self.handle = f'{function.name} #{next(_numbers)}'
+        self.handle = handle or f'{function.name} {uuid4().hex}'
         self._derived: dict[tuple[str, ...], Operation] = {}
         _operations[self.handle] = self
 
@@ -52,13 +54,19 @@ class Operation:
     def _of(self, mode: str, *by: str) -> 'Operation':
         found = self._derived.get((mode, *by))
         return found or self._derived.setdefault(
-            (mode, *by), Operation(getattr(self.function, mode)(by)))
+            (mode, *by), Operation(getattr(self.function, mode)(by),
+                                   f'{self.handle}{STEP}{mode} {" ".join(by)}'))
 
 
 def _found(handle: str) -> Operation:
     """Return an operation by its handle."""
     operation = _operations.get(handle)
     if operation is None:
+        root, _, derivative = handle.rpartition(STEP)
+        mode, *by = derivative.split(' ')
+        if root and mode in ('vjp', 'jvp'):
+            derived: Operation = getattr(_found(root), mode)(*by)
+            return derived
         raise InputError(f"function: '{handle}'; expected one that robot.torch returned in this "
                          'process and that still exists')
     return operation

@@ -14,7 +14,7 @@ TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
 PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')  # until 2.x, later
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # What the profile for localhost does not know.
-OTHERS = ('ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER', 'ROS_LOCALHOST_ONLY')
+OTHERS = ('ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
 
 
 def without_shared_memory() -> dict[str, str]:
@@ -26,6 +26,8 @@ def without_shared_memory() -> dict[str, str]:
     """
     if any(os.environ.get(name) for name in (TRANSPORTS, *PROFILES)) or (
             not rclpy.get_rmw_implementation_identifier().startswith('rmw_fastrtps')):
+        return {}
+    if os.environ.get('ROS_LOCALHOST_ONLY') == '1':  # deprecated; wins over the range
         return {}
     if os.environ.get(RANGE) != 'LOCALHOST':
         return {TRANSPORTS: 'UDPv4'}

@@ -8,7 +8,8 @@ from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpe
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     closed_posture)
 from kane_dynamics.mechanics.constraints.speeds import body_angular_velocity, Speeds
-from kane_dynamics.model.primitive_inertias import rod
+from kane_dynamics.mechanics.definition import nonholonomic
+from kane_dynamics.model.primitive_inertias import box, rod
 from kane_dynamics.native.tracing.program import trace_program
 import numpy as np
 import pytest
@@ -163,3 +164,22 @@ def test_what_no_loop_can_be_closed_from_is_told_by_name(q, options, words):
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     with pytest.raises((ConstraintError, InputError), match=words):
         closed_posture(mechanism, q, **options)
+
+
+@pytest.mark.parametrize('tilt', [1e-14, 1e-10, 1e-5, 0.0])
+def test_a_direction_that_is_zero_but_for_the_digits_of_a_file_is_no_pivot(tilt):
+    b = ModelBuilder('slider-crank')
+    b.body('crank', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
+    b.body('coupler', 'crank', axis=(0, -1, 0), at=(0.3, 0, 0),
+           matter=rod(1.8, (0, 0, 0), (0.9, 0, 0)))
+    b.body('slider', 'world', 'prismatic', at=(0.9, 0, 0), axis=(tilt, 0, 1),
+           matter=box(1.0, (0.1, 0.1, 0.1)))
+    b.frame('end', 'coupler', at=(0.9, 0, 0))
+    b.frame('pin', 'slider')
+    robot = Robot(b.model(), constraints=[Closure('end', 'pin', 'inline', axis=(0, 1, 0))],
+                  independent=['crank'])
+    q = robot.closed_posture([0.8, -0.4, 0.3], fixed=['crank'])
+    u, udot = np.array([2.0]), np.array([1.0])
+    expected = nonholonomic.inverse_dynamics(robot.mechanism, q, u, udot)
+    np.testing.assert_allclose(robot.inverse_dynamics(q, u, udot), expected, rtol=1e-12)
+    assert np.abs(robot.constraint_velocity_residual(q, u)).max() < 1e-14
