@@ -11,8 +11,8 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import Controller, Motion, simulate  # noqa: E402, I100
 from kane_dynamics.errors import InputError  # noqa: E402
-from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION,  # noqa: E402
-                                                   SINGULAR, UNKNOWN)
+from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
+                                                 SINGULAR, UNKNOWN)
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
 from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
