@@ -50,7 +50,8 @@ class LoopTracker:
     rad of its independent motion (not of the measured joints, which may reverse there). A singular
     configuration passed between measurements further apart is not seen, and the mode may then be
     wrong without an error; further measured joints show it. After a measurement next to a singular
-    configuration the mode is unknown until all joints are measured or `restart` is called.
+    configuration, or beyond one, the mode is unknown until all joints are measured or `restart` is
+    called.
 
     Parameters
     ----------
