@@ -18,7 +18,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
                                       ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_log, rotation_exp, rotation_log)
-    from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
+    from kane_dynamics.kinematics.loop_error import LoopError
+    from kane_dynamics.kinematics.loop_tracker import LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
                                                      knife_edge, PointVelocity, Prescribed,
                                                      Rolling)
@@ -66,7 +67,7 @@ _NAMES_BY_MODULE = {
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
         'rotation_log',
-    'kinematics.loop_tracker': 'LoopError LoopTracker',
+    'kinematics.loop_error': 'LoopError', 'kinematics.loop_tracker': 'LoopTracker',
     'mechanics.constraints':
         'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',
     'mechanics.constraints.speeds': 'absolute_rates body_angular_velocity momenta Speeds',

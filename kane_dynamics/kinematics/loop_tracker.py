@@ -11,16 +11,20 @@ where E selects the measured joints and J has the rows of the constraints. The c
 inverse that belong to E are T, the rates of all joints per rate of each measured joint, which also
 predict the configuration of the next cycle. The Frobenius
 norm of the inverse (`conditioning.squared_figure`) grows as one over the distance from a singular
-configuration; no step is longer than a part of that distance, so that the mechanism cannot change
-its assembly mode unnoticed.
+configuration; no step is longer than a part of that distance, so that no step of the solution
+crosses it. What the mechanism does between two measurements is not seen; see `LoopTracker`.
 """
 
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.checks import constant, finite_row
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION, LoopError, SINGULAR,
+                                                 UNKNOWN)
 from kane_dynamics.kinematics.loop_kernel import tracking_kernel
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
@@ -35,34 +39,19 @@ SHARE = 0.25  # of the distance from a singular configuration: longest step of a
 MOST_STEPS = 1000  # from the last configuration to the measured one
 TIMED = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
 LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
-SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
-    'closed loop near a singular configuration', 'closed loop on a lost branch',
-    'measured joints contradict the closed loop', 'assembly mode unknown')
-
-
-class LoopError(ConstraintError):
-    """
-    The configuration does not follow from the measured joints.
-
-    Attributes
-    ----------
-    reason : str
-        `SINGULAR`, `BRANCH`, `CONTRADICTION` or `UNKNOWN`.
-
-    """
-
-    def __init__(self, reason: str, detail: str) -> None:
-        super().__init__(f'{reason}: {detail}')
-        self.reason, self.detail = reason, detail
 
 
 class LoopTracker:
     """
     Tracks the configuration of a mechanism with closed loops by its measured joints.
 
-    Between two measurements the mechanism is assumed to keep its assembly mode. After one next to
-    a singular configuration, where it may change, the mode is unknown until all joints are
-    measured or `restart` is called.
+    The assembly mode is kept from measurement to measurement, which is an assumption: between two
+    of them the mechanism moves by little, near singular configurations by no more than about 0.05
+    rad of its independent motion (not of the measured joints, which may reverse there). A singular
+    configuration passed between measurements further apart is not seen, and the mode may then be
+    wrong without an error; further measured joints show it. After a measurement next to a singular
+    configuration, or beyond one, the mode is unknown until all joints are measured or `restart` is
+    called.
 
     Parameters
     ----------
@@ -79,11 +68,13 @@ class LoopTracker:
     Attributes
     ----------
     q, u : (n_q,), (n,) arrays
-        The last closed configuration and its independent speeds; overwritten by `update`.
+        The last closed configuration and its independent speeds; overwritten by `update`. Zeros
+        before the first.
     figure, residual : float
-        Conditioning figure and largest constraint residual there (m or rad).
+        Conditioning figure and largest constraint residual (m or rad) of the last update, of a
+        refused one where it was refused.
     deviation : float
-        Largest deviation of further measured joints there, rad or m.
+        Largest deviation of further measured joints, likewise, rad or m.
     known : bool
         Whether the assembly mode is known.
     path_rows : tuple of str
@@ -93,12 +84,13 @@ class LoopTracker:
     Raises
     ------
     InputError
-        The robot has no constraints, or the joints do not fit it.
+        The robot has no constraints or has ball joints, or the joints do not fit it.
 
     """
 
     def __init__(self, robot: Robot, measured: Sequence[str], *, tolerance: float = 0.02,
                  max_figure: float = 200.0) -> None:
+        require_angles(robot.model, 'LoopTracker')
         equations, names = robot.equations, robot.coordinate_names
         if not isinstance(equations, ConstrainedEquations):
             raise InputError('robot: without constraints; expected closed loops')
@@ -118,9 +110,10 @@ class LoopTracker:
         self._turning = np.array([name not in robot.model.sliding for name in names])
         n_q, n = robot.n_q, robot.n
         both = n_q + n_q * n
-        self._from, self._begin = np.zeros((2, both))  # q and T
+        self._from = np.zeros(both)  # q and T
         self._last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
         self._target, self._rates, self._result = np.zeros(n), np.zeros(n), np.zeros(both + n + 4)
+        self._valid = np.zeros_like(self._result)  # the last one that was not refused
         self._next, self.u, self._figures = np.split(self._result, [both, both + n])
         self.q = self._next[:n_q]
         self._time = np.zeros(())
@@ -129,29 +122,41 @@ class LoopTracker:
                                                               'Close the loops.')
         self._reference = None if robot.configuration is None else robot.closed_posture(
             robot.configuration)
-        self.figure = self.residual = self.deviation = self._figure = 0.0
+        self.figure = self.residual = self.deviation = self._figure = self._way = 0.0
         self.restart()
 
     def restart(self, start: ArrayLike | None = None, t: float = 0.0) -> None:
         """
-        Continue from a closed configuration, (n_q,), at time t, s.
+        Continue from a nearly closed configuration, (n_q,), at time t, s.
 
-        The default is that of the robot, if one was given; else a first state of all joints.
+        The default is that of the robot, if one was given; else a first state of all joints. An
+        InputError for numbers that are missing or not finite changes nothing. LoopError if the
+        loops do not close nearby; the assembly mode is unknown then.
         """
-        given = self._reference if start is None else np.asarray(start, dtype=np.float64)
-        self.known = given is not None
-        self._why = ('no `configuration` of the robot; expected one, or a first state of all '
-                     'joints')
-        if given is not None:
-            self._from.fill(0.0)
-            self._last[:] = given
-            self._target[:], self._time[...] = self._last[self.places], t
+        given = self._reference if start is None else finite_row(
+            start, 'start', self.robot.coordinate_names)
+        constant(t, (), 't', InputError)
+        self.known = False
+        self._why = ('no closed `configuration` of the robot or of a restart; expected one, or a '
+                     'first state of all joints')
+        if given is None:
+            return
+        self._from.fill(0.0)
+        self._rates.fill(0.0)
+        self._last[:], self._target[:], self._time[...] = given, given[self.places], t
+        try:
             for _ in range(CALLS):
                 missed, _ = self._evaluate()
                 self._from[:] = self._next
                 if missed <= CLOSED:
                     break
-            self._figure = self.figure
+            else:
+                raise LoopError(BRANCH, f'start: residual {missed:.3g} m or rad after {CALLS} '
+                                'iterations; expected a nearly closed configuration')
+        except LoopError:
+            self._restore()
+            raise
+        self._accept()
 
     @property
     def before(self) -> tuple[Array, Array]:
@@ -177,40 +182,62 @@ class LoopTracker:
 
         Raises
         ------
+        InputError
+            A number is missing or not finite. Nothing has changed then.
         LoopError
-            The configuration does not follow from the measurement. The next update continues from
-            the last valid one.
+            The configuration does not follow from the measurement. `q` and `u` are the last valid
+            ones, from which the next update continues while the assembly mode is `known`.
 
         """
+        self._check(measured, rates, others, values, t)
+        self.figure = self._figure
         if not self.known:
-            if values is None or len(others) + len(measured) < len(self._last):
+            if values is None or len({*self.places, *others}) < len(self._last):
                 raise LoopError(UNKNOWN, self._why)
             self._from.fill(0.0)
             self._last[self.places], self._last[others] = measured, values
             self.figure = 0.0
-        self._begin[:], self._rates[:], self._time[...] = self._from, rates, t
+        self._rates[:], self._time[...] = rates, t
         try:
             self._move(measured)
             self._compare(others, values)
         except LoopError as error:
-            near = (np.abs(measured - self._begin[self.places])
-                    <= STRIDE * self._units[self.places]).all()
-            self._from[:] = self._begin
-            if error.reason != CONTRADICTION and near:
+            self._restore()
+            if error.reason == SINGULAR or (error.reason == BRANCH and self._way <= STRIDE):
                 self.known = False
                 self._why = ('since the loops came near a singular configuration, where it may '
                              'change; expected a state of all joints, or a restart')
-            elif self.known:
-                self.figure = self._figure
             raise
-        self.known, self._figure = True, self.figure
+        self._accept()
+
+    def _check(self, measured: Array, rates: Array, others: Sequence[int], values: Array | None,
+               t: float) -> None:
+        """Raise InputError for arguments of another shape, or that are not finite."""
+        x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(
+            () if values is None else values)
+        if x.shape == v.shape == self._target.shape and y.shape == (len(others),) and (
+                math.isfinite(sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t)):
+            return
+        finite_row(x, 'measured', self.measured)
+        finite_row(v, 'rates', self.measured)
+        finite_row(y, 'values', [self.robot.coordinate_names[k] for k in others])
+        constant(t, (), 't', InputError)
+
+    def _accept(self) -> None:
+        """Continue from the result of the kernel."""
+        self._from[:], self._valid[:] = self._next, self._result
+        self._figure, self.known = self.figure, True
+
+    def _restore(self) -> None:
+        """Continue from the last result that was accepted."""
+        self._result[:] = self._valid
         self._from[:] = self._next
 
     def _move(self, measured: Array) -> None:
         """Move from the last configuration to the measured joints, in steps if they are far."""
         for _ in range(MOST_STEPS):
             change = measured - self._last[self.places]
-            way = max(map(abs, (change * self._per_unit).tolist()), default=0.0)
+            self._way = way = max(map(abs, (change * self._per_unit).tolist()), default=0.0)
             longest = min(STRIDE, SHARE / self.figure) if self.figure else STRIDE
             if way <= longest:
                 self._target[:] = measured
@@ -262,7 +289,7 @@ class LoopTracker:
         away = np.abs(np.where(turning, np.remainder(away + math.pi, 2.0 * math.pi) - math.pi,
                                away))
         self.deviation = float(away.max())
-        if self.deviation > self.tolerance:
+        if not self.deviation <= self.tolerance:
             k = int(np.argmax(away))
             name = self.robot.coordinate_names[others[k]]
             raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the loops close "

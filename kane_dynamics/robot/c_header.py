@@ -65,7 +65,7 @@ def _sizes(robot: Any, upper: str) -> list[str]:
     if not constrained(robot):
         return [f'#define {upper}_N {robot.n} /* joints: entries of q, u, udot and tau */']
     return [f'#define {upper}_N {robot.n} /* independent speeds: entries of u, udot and tau */',
-            f'#define {upper}_N_Q {robot.n_q} /* joints: entries of q */']
+            f'#define {upper}_N_Q {robot.n_q} /* coordinates: entries of q */']
 
 
 def _joint_enum(robot: Any, upper: str) -> list[str]:

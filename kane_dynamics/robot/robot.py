@@ -32,7 +32,6 @@ import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
 
-
 CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 
@@ -98,11 +97,10 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
     def __init__(self, model: Model, *, speeds: Any = None,
                  constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
                  actuated: Sequence[str] | Mapping[str, float] | None = None,
-                 configuration: Any = None,
-                 closure_tolerance: Any = CLOSURE_TOLERANCE, redundant: str = 'minimum_norm',
-                 rank_tolerance: float = RANK, wrench_frames: Sequence[str] = (),
-                 payload_frame: str | None = None, friction: bool = True,
-                 frame_reduction: bool = True) -> None:
+                 configuration: Any = None, closure_tolerance: Any = CLOSURE_TOLERANCE,
+                 redundant: str = 'minimum_norm', rank_tolerance: float = RANK,
+                 wrench_frames: Sequence[str] = (), payload_frame: str | None = None,
+                 friction: bool = True, frame_reduction: bool = True) -> None:
         """Prepare the equations without compiling kernels."""
         if not isinstance(model, Model):
             raise InputError(f'model: a {type(model).__name__}; expected a Model '
@@ -120,8 +118,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
                          checked_names(actuated, 'actuated')),
             'configuration': coordinates_by_name(model, configuration),
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
-        self.model = model
-        self.friction = bool(friction)
+        self.model, self.friction = model, bool(friction)
         tree = self.equations = (BallEquations if model.balls else TreeEquations)(
             model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))

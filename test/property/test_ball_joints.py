@@ -2,8 +2,8 @@
 
 from functools import cache
 
-from kane_dynamics import (body_angular_velocity, box, Closure, disc, InputError, load_urdf,
-                           ModelBuilder, ModelError, Robot, rod, simulate)
+from kane_dynamics import (body_angular_velocity, box, Closure, ConstraintError, disc, InputError,
+                           load_urdf, ModelBuilder, ModelError, Robot, rod, simulate)
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 import numpy as np
 import pytest
@@ -118,6 +118,25 @@ def test_difference_is_the_inverse_of_integrate():
                                np.tile(0.5 * u, (20, 1)), rtol=0.0, atol=1e-14)
     same = robot.difference(q0, q0)
     assert np.abs(same).max() < 1e-15
+
+
+def test_the_difference_of_one_configuration_and_several_is_that_of_each():
+    robot = loaded()
+    one, several = state(robot)[0], robot.random_configuration(2, 3)
+    for first, last in ((one, several), (several, one)):
+        pairs = zip(*np.broadcast_arrays(first, last))
+        np.testing.assert_array_equal(robot.difference(first, last),
+                                      [robot.difference(*pair) for pair in pairs])
+
+
+def test_a_configuration_by_joint_leaves_other_ball_joints_unrotated():
+    model = loaded().model
+    names = ('lower/qx', 'lower/qy', 'lower/qz', 'lower/qw')
+    turned = dict(zip(names, (0.6, 0.0, 0.0, 0.8)), turn=0.3)
+    np.testing.assert_array_equal(Robot(model, configuration=turned).configuration,
+                                  [0.0, 0.0, 0.0, 1.0, 0.3, 0.6, 0.0, 0.0, 0.8])
+    with pytest.raises(ConstraintError, match=f'in part; expected all of {", ".join(names)}'):
+        Robot(model, configuration={'lower/qw': 1.0})
 
 
 def test_integrate_moves_along_the_rates_of_q():

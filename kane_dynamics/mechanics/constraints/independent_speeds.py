@@ -11,7 +11,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.ball_joints import (difference, moved as moved_by, neutral,
+from kane_dynamics.mechanics.ball_joints import (balls, difference, moved as moved_by, neutral,
                                                  require_unit)
 from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
                                                  DependentSpeeds, PointVelocity, Prescribed)
@@ -135,7 +135,11 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
 
 
 def coordinates_by_name(model: Model, configuration: Any) -> Any:
-    """Return a configuration given by joint as an array, (n_q,), 0 for others; else unchanged."""
+    """
+    Return a configuration given by joint as an array, (n_q,); anything else unchanged.
+
+    Joints that are not named are at 0, ball joints not rotated.
+    """
     if not isinstance(configuration, Mapping):
         return configuration
     names = model.coordinate_names
@@ -143,7 +147,13 @@ def coordinates_by_name(model: Model, configuration: Any) -> Any:
     if unknown:
         raise ConstraintError(f"configuration: joint '{unknown[0]}'; expected one of "
                               f'{", ".join(names)}')
-    return np.array([configuration.get(name, 0.0) for name in names], dtype=np.float64)
+    for ball in balls(model):
+        entries = ball.quaternion(np.array(names)).tolist()
+        if 0 < sum(name in configuration for name in entries) < len(entries):
+            raise ConstraintError(f"configuration: the quaternion of '{ball.name}' in part; "
+                                  f'expected all of {", ".join(entries)}, or none')
+    return np.array([configuration.get(name, value) for name, value in zip(
+        names, neutral(model).tolist())], dtype=np.float64)
 
 
 def _checked(mechanism: Mechanism, configuration: Any) -> Array:

@@ -190,7 +190,7 @@ class Configurations(ConstraintMethods, Dispatch):
         Parameters
         ----------
         q0, q1 : (n_q,) or (N, n_q) arrays
-            Configurations, rad or m.
+            Configurations, rad or m; one and a batch too.
         t : float or (N,) array
             Time, s; ignored unless speeds depend on it.
 
@@ -208,8 +208,9 @@ class Configurations(ConstraintMethods, Dispatch):
         if not isinstance(self.equations, ConstrainedEquations):
             return step
         times = np.broadcast_to(t, step.shape[:-1]).ravel()
+        starts = np.broadcast_to(first, (*step.shape[:-1], self.n_q))
         rows = [self._speeds_of(*each) for each in zip(
-            first.reshape(-1, self.n_q), step.reshape(-1, model.n), times)]
+            starts.reshape(-1, self.n_q), step.reshape(-1, model.n), times)]
         return np.array(rows).reshape(*step.shape[:-1], self.n)
 
     def _speeds_of(self, q: Array, v: Array, t: float) -> Array:

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.control.controller import Controller
-from kane_dynamics.kinematics.loop_tracker import LoopError, LoopTracker
+from kane_dynamics.kinematics.loop_error import LoopError
+from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader

@@ -2,8 +2,9 @@
 
 from kane_dynamics import absolute_rates, knife_edge, ModelBuilder, Prescribed, Robot, rod
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.kinematics.loop_tracker import (BRANCH, CONTRADICTION, LoopError, LoopTracker,
-                                                   SINGULAR, UNKNOWN)
+from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION, LoopError, SINGULAR,
+                                                 UNKNOWN)
+from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from linkages import at_angle, five_bar, five_bar_at, four_bar, four_bar_model, PIN
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions
@@ -135,3 +136,111 @@ def test_chosen_speeds_of_a_tree_follow_from_all_joints():
     tracker.restart(q)
     tracker.update(q, rates)
     np.testing.assert_allclose(robot.joint_rates(q, tracker.u), rates, atol=1e-12)
+
+
+def five_bar_tracker():
+    robot = Robot(five_bar().model, constraints=five_bar().mechanism.constraints,
+                  independent=('left_crank', 'right_crank'), configuration=five_bar_at(2.0, 1.2))
+    return LoopTracker(robot, ['left_crank', 'right_crank'])
+
+
+def test_the_mode_is_unknown_after_a_singular_sample_far_from_the_last():
+    truth = LoopTracker(four_bar_at(0.8), ['crank'])
+    tracker, reasons = LoopTracker(four_bar_at(0.8), ['rocker']), []
+    for angle in (2.0, 2.6, 3.1416, 3.7, 4.2):  # crank; the rocker reverses near 3.146
+        truth.update(np.array([angle]), np.zeros(1))
+        try:
+            tracker.update(truth.q[2:], np.zeros(1))
+            np.testing.assert_allclose(tracker.q, truth.q, atol=1e-9)
+        except LoopError as error:
+            reasons.append(error.reason)
+            assert not tracker.known
+    assert reasons == [SINGULAR, UNKNOWN, UNKNOWN]
+
+
+def test_the_mode_is_unknown_where_the_branch_is_lost_next_to_a_far_sample():
+    tracker = LoopTracker(four_bar_at(0.8), ['rocker'], max_figure=np.inf)
+    cosine = (0.9**2 + 0.7**2 - 1.3**2) / (2 * 0.9 * 0.7)  # the crank points away from the ground
+    assert reason(tracker, np.array([np.arccos(cosine) - np.pi + 0.01]), np.zeros(1)) == BRANCH
+    assert not tracker.known
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf])
+def test_numbers_that_are_not_finite_change_nothing(bad):
+    tracker, q = LoopTracker(four_bar_at(0.8), ['crank']), at_angle(0.8)
+    tracker.update(q[:1], np.ones(1))
+    wrong, before = np.array([bad]), (tracker.q.copy(), tracker.u.copy(), tracker.figure)
+    for match, change in [
+            ("measured of joint 'crank'", lambda: tracker.update(wrong, np.ones(1))),
+            ("rates of joint 'crank'", lambda: tracker.update(q[:1], wrong)),
+            ("values of joint 'rocker'",
+             lambda: tracker.update(q[:1], np.ones(1), [2], wrong)),
+            ('t:', lambda: tracker.update(q[:1], np.ones(1), t=bad)),
+            ("start of joint 'coupler'", lambda: tracker.restart([0.8, bad, 2.0])),
+            ('t:', lambda: tracker.restart(q, bad))]:
+        with pytest.raises(InputError, match=match):
+            change()
+        assert tracker.known and tracker.figure == before[2]
+        np.testing.assert_array_equal(tracker.q, before[0])
+        np.testing.assert_array_equal(tracker.u, before[1])
+    tracker.restart()
+    tracker.update(q[:1] + 0.01, np.ones(1))
+    np.testing.assert_allclose(tracker.q, at_angle(0.81), atol=1e-10)
+
+
+def test_arguments_of_another_shape_are_refused_with_both_shapes():
+    tracker = five_bar_tracker()
+    q, two = tracker.q.copy(), np.zeros(2)
+    for match, change in [
+            (r'measured: shape \(1,\); expected \(2,\)',
+             lambda: tracker.update(np.array([1.6]), two)),
+            (r'measured: shape \(\); expected \(2,\)', lambda: tracker.update(1.6, two)),
+            (r'rates: shape \(1,\); expected \(2,\)',
+             lambda: tracker.update(q[[0, 2]], np.zeros(1))),
+            (r'values: shape \(0,\); expected \(1,\) \(left_bar\)',
+             lambda: tracker.update(q[[0, 2]], two, [1])),
+            (r'start: shape \(\); expected \(4,\)', lambda: tracker.restart(0.8))]:
+        with pytest.raises(InputError, match=match):
+            change()
+        np.testing.assert_array_equal(tracker.q, q)
+        assert tracker.known
+
+
+def test_a_joint_given_twice_does_not_stand_for_another_in_the_first_state():
+    tracker, q = LoopTracker(four_bar('crank'), ['crank']), at_angle(0.8)
+    assert reason(tracker, q[:1], np.zeros(1), [2, 2], q[[2, 2]]) == UNKNOWN
+
+
+@pytest.mark.parametrize('angle', [0.83, 3.0])
+def test_a_refused_measurement_leaves_the_last_configuration_and_speeds(angle):
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'])
+    tracker.update(np.array([0.81]), np.array([0.5]))
+    q, u = tracker.q.copy(), tracker.u.copy()
+    assert reason(tracker, np.array([angle]), np.ones(1), [2], np.zeros(1)) == CONTRADICTION
+    np.testing.assert_array_equal(tracker.q, q)
+    np.testing.assert_array_equal(tracker.u, u)
+    np.testing.assert_array_equal(tracker.before[0], q)
+
+
+def test_a_restart_from_an_open_configuration_is_refused():
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'])
+    with pytest.raises(LoopError, match=r'start: residual .* expected a nearly closed'):
+        tracker.restart([0.8, 2.0, 2.0])
+    assert not tracker.known
+    np.testing.assert_allclose(tracker.q, at_angle(0.8), atol=1e-10)
+    tracker.restart(at_angle(0.8))
+    assert tracker.known
+
+
+def test_a_restart_forgets_the_rates():
+    tracker = LoopTracker(four_bar_at(0.8), ['crank'])
+    tracker.update(np.array([0.8]), np.array([0.5]))
+    tracker.restart()
+    np.testing.assert_array_equal(tracker.u, [0.0])
+
+
+def test_ball_joints_are_refused_by_name():
+    b = ModelBuilder('ball')
+    b.body('hand', kind='ball', matter=rod(1.0, (0, 0, 0), (0, 0, 1)))
+    with pytest.raises(InputError, match=r"LoopTracker: a robot with ball joints \('hand'\)"):
+        LoopTracker(Robot(b.model()), ['hand/wx'])

@@ -341,7 +341,7 @@ def test_a_closed_loop_names_its_speeds_and_refuses_open_configurations(tmp_path
     source, header = robot.export_c(tmp_path / 'loop.c', (
         'inverse_dynamics', 'constraint_residual', 'constraint_velocity_residual'))
     text = header.read_text()
-    assert '#define LOOP_N 1 ' in text and '#define LOOP_N_Q 3 ' in text
+    assert '#define LOOP_N 1 ' in text and '#define LOOP_N_Q 3 /* coordinates: ' in text
     assert 'LOOP_SPEED_CRANK = 0' in text and 'LOOP_JOINT_ROCKER = 2' in text
     library = built(source, tmp_path)
     assert library.loop_self_test() == 0

@@ -1,0 +1,23 @@
+"""`LoopError`: why a configuration does not follow from measured joints."""
+
+from kane_dynamics.errors import ConstraintError
+
+SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
+    'closed loop near a singular configuration', 'closed loop on a lost branch',
+    'measured joints contradict the closed loop', 'assembly mode unknown')
+
+
+class LoopError(ConstraintError):
+    """
+    The configuration does not follow from the measured joints.
+
+    Attributes
+    ----------
+    reason : str
+        `SINGULAR`, `BRANCH`, `CONTRADICTION` or `UNKNOWN`.
+
+    """
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f'{reason}: {detail}')
+        self.reason, self.detail = reason, detail
