@@ -17,13 +17,14 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.spline import spline_velocities
+from kane_dynamics.mechanics.algebra.spline import free_velocities, spline_velocities
 from kane_dynamics.motion.motion import Motion
 import numpy as np
 from numpy.typing import ArrayLike
 
 AT_REST = 1e-9  # speed relative to the mean one of the section
 MESH = 200  # intervals on which the parameter is computed
+STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
 
 
@@ -55,7 +56,8 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
     """
     Return a motion along a path: the motion itself, or the spline through waypoints.
 
-    The spline has the distance of the waypoints as its time, and rests at both ends.
+    The spline has the distance of the waypoints as its time, and is one cubic along its first
+    two and last two intervals, so that its ends are as smooth as the rest.
 
     Raises
     ------
@@ -77,7 +79,7 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
     times = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
-    return Motion.from_points(times, q, joint_names=names)
+    return Motion.from_points(times, q, free_velocities(times, q), joint_names=names)
 
 
 def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -> list[Section]:
@@ -155,10 +157,12 @@ class _Part:
         t = _hermite(share, mean, self.mesh, 1.0 / rate)
         t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
         q = self.motion.sample(t)[0]
+        still = np.ptp(q, axis=0) <= STILL * np.ptp(q, axis=0).max()
+        q[:, still] = q[0, still]
         slopes = [np.zeros(q.shape[1])] * 2
         for place, order in ((0, first), (-1, last)):
             if order == 1:
-                slopes[place] = self._slope(q, t, place, s)
+                slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
         # The spline of the positions minus a line has slope 0 at the end, as the solver needs.
         line = np.outer(s, slopes[-1])
         first_slope = spline_velocities(s, q - line, slopes[0] - slopes[-1]) + slopes[-1]

@@ -23,6 +23,7 @@ Flags = NDArray[np.bool_]
 # Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
 STIFF, STIFFEST = 4.0, 0.5
 TINY = 1e-300
+FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
 MARGIN = 5e-4  # of all limits, for the motion between the points
 IRRELEVANT = 3.0  # torque of a limit of power at which it does not count, in limits of effort
 
@@ -52,9 +53,21 @@ class PathLimits:
         self.square = tau[2 * count:] - self.constant - (friction(robot, first)[0] - offset)
         self.offset = offset
         with np.errstate(divide='ignore', invalid='ignore'):
-            speed = np.where(first == 0.0, np.inf, bounds.velocity / np.abs(first))
-        self.free = (HIGHEST / section.span)**2  # x beyond which nothing bounds the path
-        self.most = np.minimum(speed.min(axis=1)**2, self.free)
+            speed = np.where(section.first == 0.0, np.inf,
+                             bounds.velocity / np.abs(section.first)).min(axis=1)**2
+            rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
+                     for bound, size in ((bounds.effort, self.inertia),
+                                         (bounds.acceleration, first))]
+        # Sizes of x: at the fastest, and with an acceleration along the whole path.
+        sizes = [x for x in (2.0 * min(rates), speed.min()) if 0.0 < x < np.inf] or [
+            section.span**-2]
+        self.free = HIGHEST**2 * float(sizes[0])  # x beyond which nothing bounds the path
+        self.size = float(min(sizes))
+        # In the middle between vertices x is the mean of theirs.
+        middle = 2.0 * speed[1::2]
+        self.most = np.minimum(speed[::2], self.free)
+        self.most[1:] = np.minimum(self.most[1:], middle)
+        self.most[:-1] = np.minimum(self.most[:-1], middle)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
         self.tight = np.full((len(bounds), count, robot.n), 1.0 - MARGIN)
 
@@ -72,7 +85,7 @@ class PathLimits:
 
     def at(self, x: Array | None) -> Limits:
         """Return the limits, exact at a profile x, (N + 1,); without friction for None."""
-        given, x = x, np.maximum(1.0 if x is None else x, 1e-12 * self.free) * np.ones(
+        given, x = x, np.maximum(1.0 if x is None else x, FLAT * self.size) * np.ones(
             len(self.constant))
         x = x[:, None]
         root, bounds, first = np.sqrt(x), self.bounds, self.first
@@ -86,6 +99,8 @@ class PathLimits:
                                               none))):
             limit = getattr(bounds, name)
             used = np.isfinite(limit)
+            if name == 'acceleration':
+                used &= first.any(axis=0)
             if not used.any():
                 continue
             width, drop = self.tight[Bounds._fields.index(name)] * limit, none

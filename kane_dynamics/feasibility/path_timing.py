@@ -12,10 +12,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s between two sections, in which the acceleration changes
-INSIDE = np.array([0.0, 0.5])  # of a segment: where limits are checked
-# Gauss-Legendre quadrature with four points on [0, 1].
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
-NODES, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
+INSIDE = np.r_[0.0, 0.01, np.arange(0.05, 0.96, 0.05), 0.99]  # of a segment: where limits count
 
 
 class Checked(NamedTuple):
@@ -28,7 +25,7 @@ class Checked(NamedTuple):
         The N + 2 points.
     tau : (N + 2, n) array
         Torques at the points.
-    uses : (4, 3, N + 1, n) array
+    uses : (4, 23, N + 1, n) array
         Shares of `Bounds`, at the fractions `INSIDE` of the segments and at their ends.
 
     """
@@ -52,19 +49,47 @@ def timed(section: Section, x: Array) -> ControllerPoints:
     at = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
     steps = np.full(len(at) - 1, h)
     steps[[0, -1]] = 0.5 * h
-    begin, end = s2[:-1, None], s2[1:, None]
-    inside = at[:-1, None] + steps[:, None] * NODES * (2.0 * begin + (end - begin) * NODES)
-    durations = steps * (WEIGHTS / np.sqrt(inside)).sum(axis=1)
+    root = np.sqrt(at)
+    durations = _durations(steps, root[:-1] + root[1:], np.diff(s2) / steps)
     first, second = section.first[places], section.second[places]
     return ControllerPoints(
         np.concatenate([[0.0], np.cumsum(durations)]), section.q[places],
-        first * np.sqrt(at)[:, None], second * at[:, None] + first * s2[:, None])
+        first * root[:, None], second * at[:, None] + first * s2[:, None])
+
+
+def duration(x: Array) -> float:
+    """Return the duration along the polygon x, in intervals; an end may be near zero."""
+    root = np.sqrt(x)
+    return float((2.0 / (root[1:] + root[:-1])).sum())
+
+
+def _durations(steps: Array, total: Array, square: Array) -> Array:
+    """
+    Return the integrals of ds / sqrt(x) for quadratics x(s), without cancellation.
+
+    Parameters
+    ----------
+    steps : (K,) array
+        Lengths of the intervals of s.
+    total : (K,) array
+        Sums of sqrt(x) at both ends.
+    square : (K,) array
+        Coefficients of s^2 in x.
+
+    """
+    root = np.sqrt(np.abs(square))
+    ratio = root * steps / total
+    with np.errstate(divide='ignore', invalid='ignore'):
+        curved = np.where(square > 0.0, np.arctanh(ratio), np.arctan(ratio)) / ratio
+    return np.asarray(2.0 * steps / total * np.where(ratio < 1e-9, 1.0, curved))
 
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
     q, u, udot = (np.concatenate([inside.reshape(-1, robot.n), last[-1:]]) for inside, last in zip(
         points.inside(np.arange(len(points.t) - 1), INSIDE), points[1:]))
+    still = (points.q == points.q[0]).all(axis=0)
+    u[:, still], udot[:, still] = 0.0, 0.0  # which are rounding
     tau = robot.inverse_dynamics(q, u, udot)
     uses = np.zeros((len(bounds), *q.shape))
     for use, values, bound in zip(uses, (tau, u, tau * u, udot), bounds):

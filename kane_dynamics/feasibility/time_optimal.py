@@ -12,16 +12,17 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
-from kane_dynamics._util.checks import integer, per_joint
+from kane_dynamics._util.checks import integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
 from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
-from kane_dynamics.feasibility.path_timing import Checked, checked, joined, timed
+from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
-                                                    Infeasible)
+                                                    Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -30,10 +31,11 @@ from numpy.typing import ArrayLike
 
 POINTS, FINEST = 1000, 16_000  # intervals of the grid
 CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
-SMALLEST = 1e-14  # x relative to the largest
+SMALLEST = 1e-9  # x relative to its size
 SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 ROUNDS = 6  # in which limits are tightened
+SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
 ACTIVE = 0.99  # least share of a limit that is active
 
 
@@ -78,7 +80,8 @@ class TimeOptimal:
     @property
     def demand(self) -> Demand:
         """Return torque, speed and power of the motion, with the limits."""
-        return demand(self._robot, self.motion, step=STEP, power=self._power)
+        step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
+        return demand(self._robot, self.motion, step=step, power=self._power)
 
     @property
     def active(self) -> tuple[ActiveLimit, ...]:
@@ -127,6 +130,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         robot on the path, or nothing bounds the motion; the message names joint and place.
 
     """
+    require_angles(robot.model, 'time_optimal')
     if isinstance(robot.equations, ConstrainedEquations) or robot.model.flexible:
         raise InputError('robot: chosen speeds, constraints or beams; expected a rigid robot with '
                          'joint rates as speeds and no constraints')
@@ -141,21 +145,26 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
         for part in parts:
             _check_positions(robot, part)
-        solved = [_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
-                         speeds[1] if k == len(parts) - 1 else 0.0)
-                  for k, part in enumerate(parts)]
-        if all(fits for _, fits in solved):
-            return _result(robot, bounds, [part for part, _ in solved])
-        if points >= FINEST:
-            raise InputError(f'path: a limit is exceeded between {points} points; expected a path '
-                             'without sharp corners')
+            _check_motion(bounds, part, names)
+        most = SMALL if points < FINEST else LARGEST
+        try:
+            return _result(robot, bounds, [
+                _solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
+                       speeds[1] if k == len(parts) - 1 else 0.0, most)
+                for k, part in enumerate(parts)])
+        except _Coarse as error:
+            if points >= FINEST:
+                raise InputError(str(error)) from None
         points *= 2
 
 
+class _Coarse(Exception):  # noqa: N818 - raised only inside this module
+    """No timing was found on a grid; one may exist on a finer grid."""
+
+
 def _speed(value: float, what: str) -> float:
-    if not (isinstance(value, float | int) and 0.0 <= value < math.inf):
-        raise InputError(f'{what}: {value!r}; expected a finite number >= 0')
-    return float(value)
+    return number(value, what, 'a finite number >= 0', lambda found: (
+        0.0 <= found < math.inf and not isinstance(value, bool | np.bool_)))
 
 
 def _check_positions(robot: Robot, section: Section) -> None:
@@ -170,19 +179,35 @@ def _check_positions(robot: Robot, section: Section) -> None:
                              f'{bound[j]:.6g}')
 
 
-def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: float
-           ) -> tuple[Checked, bool]:
-    """Return a section with its fastest timing, and whether that satisfies the limits."""
+def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> None:
+    """Raise InputError if a joint moves that has no speed, power or acceleration."""
+    for what in ('velocity', 'power', 'acceleration'):
+        still = (getattr(bounds, what) == 0.0) & section.first.any(axis=0)
+        if still.any():
+            raise InputError(f"{what} of joint '{names[int(still.argmax())]}': limit 0; expected "
+                             'a positive limit, since the joint moves along the path')
+
+
+def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: float,
+           most: float) -> Checked:
+    """Return a section with its fastest timing, with an excess of the limits of at most `most`."""
     limits, x = PathLimits(robot, section, bounds), None
     for _ in range(ROUNDS):
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
         worst = found.uses.max(axis=1)
         if (worst <= 1.0).all():
-            return found, True
+            return found
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
-    return found, False
+    if found.uses.max() <= 1.0 + most:
+        return found
+    limit, _, k, j = np.unravel_index(int(found.uses.argmax()), found.uses.shape)
+    raise _Coarse(
+        f"path: joint '{robot.joint_names[int(j)]}': {found.uses.max():.6g} times its "
+        f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
+        f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
+        'expected a path without sharp corners')
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
@@ -198,19 +223,21 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         except Infeasible as error:
             slower += 1
             if limits.linear or slower > SLOWER:
-                raise InputError(_reason(limits, error.vertex, start, end)) from None
+                raise _refusal(limits, limited, error.vertex, start, end) from None
             x = SLOW * limits.most if x is None else 0.25 * x
             continue
         first = float(sets[0, 1]) if ends[0] is None else ends[0]
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
             scale = start / math.sqrt(first)
-            raise InputError(f'start_speed: {start:g}; expected '
-                             f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
-                             f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
-                             'followed')
-        new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.free)
+            raise _Coarse(f'start_speed: {start:g}; expected '
+                          f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
+                          f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
+                          'followed')
+        new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.size)
+        for k, given in zip((0, -1), ends):
+            new[k] = new[k] if given is None else given
         done = limits.linear or (x is not None and abs(
-            (1.0 / np.sqrt(new)).sum() / (1.0 / np.sqrt(x)).sum() - 1.0) <= CONVERGED)
+            duration(new) / duration(x) - 1.0) <= CONVERGED)
         # From a slow profile, which satisfies limits of power, the profiles grow monotonically.
         x = SLOW * new if x is None and limits.powered else new
         if done:
@@ -222,8 +249,9 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
     return np.asarray(x)
 
 
-def _reason(limits: PathLimits, vertex: int, start: float, end: float) -> str:
-    """Return the reason why no timing satisfies the limits, as text."""
+def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end: float
+             ) -> Exception:
+    """Return the reason why no timing satisfies the limits."""
     names, bound = limits.robot.joint_names, limits.bounds.effort
     with np.errstate(divide='ignore', invalid='ignore'):
         uses = np.nan_to_num(np.abs(limits.constant) / bound, posinf=math.inf)
@@ -231,13 +259,33 @@ def _reason(limits: PathLimits, vertex: int, start: float, end: float) -> str:
     count = len(limits.constant) - 1
     if uses[k, j] > 1.0:
         q = limits.section.q[2 * k].round(4).tolist()
-        return (f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at rest "
-                f'at {k / count:.3g} of the path, {q}; expected at most its effort limit '
-                f'{bound[j]:.6g}')
+        return InputError(
+            f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at rest "
+            f'at {k / count:.3g} of the path, {q}; expected at most its effort limit '
+            f'{bound[j]:.6g}')
+    largest = _largest_end(limits, limited, start)
+    if end > largest:
+        return _Coarse(f'end_speed: {end:g}; expected '
+                       + (f'at most {largest:.6g}' if limits.linear else 'a smaller one')
+                       + ', with which the path can be followed')
     q = limits.section.q[2 * vertex].round(4).tolist()
-    return (f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
-            f'with start_speed {start:g} and end_speed {end:g}; expected a path that the motors '
-            'can follow')
+    return _Coarse(
+        f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
+        f'with start_speed {start:g} and end_speed {end:g}; expected a path that the motors '
+        'can follow')
+
+
+def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
+    """Return the largest speed at the end of the path; infinite if it is not known."""
+    try:
+        sets = controllable_sets(limited, (0.0, float(limited.most[-1])))
+    except Infeasible:
+        return math.inf
+    first = start**2 / float(limits.first[0] @ limits.first[0]) if start else sets[0, 1]
+    if not sets[0, 0] <= first <= sets[0, 1]:
+        return math.inf
+    x = fastest_profile(limited, sets, float(first))[-1]
+    return math.sqrt(x) * float(np.linalg.norm(limits.first[-1]))
 
 
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:

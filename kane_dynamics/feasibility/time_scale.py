@@ -24,6 +24,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand_at, torque_of
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -139,6 +140,7 @@ class SampledPath:
     def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike,
                  more: Array) -> None:
         """Compute the coefficients of the torque as a polynomial in the speed."""
+        require_angles(robot.model, 'fastest')
         if isinstance(robot.equations, ConstrainedEquations):
             raise InputError('robot: chosen speeds or constraints; expected a robot with joint '
                              'rates as speeds and no constraints')

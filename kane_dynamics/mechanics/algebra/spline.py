@@ -47,6 +47,35 @@ def spline_velocities(t: Array, q: Array, first: Array) -> Array:
     return u
 
 
+def free_velocities(t: Array, q: Array) -> Array:
+    """
+    Return the velocities, (K, n), of the spline whose first and last two cubics are the same.
+
+    At the inner points udot is continuous ("not-a-knot" spline). With three points it is the
+    parabola through them, with two the line.
+    """
+    h, rise = np.diff(t)[:, None], np.diff(q, axis=0)
+    slope = rise / h
+    if len(t) < 3:
+        return np.concatenate([slope, slope])
+    if len(t) == 3:
+        bend = (slope[1] - slope[0]) / (h[0] + h[1])
+        return np.stack([slope[0] - h[0] * bend, slope[0] + h[0] * bend, slope[1] + h[1] * bend])
+    u, r = np.empty_like(q), 1.0 / h
+    ends = [((3.0 * a + 2.0 * b) * b * near + a * a * far) / (a + b) for a, b, near, far in (
+        (h[0], h[1], slope[0], slope[1]), (h[-1], h[-2], slope[-1], slope[-2]))]
+    right = 3.0 * (slope[:-1] * r[:-1] + slope[1:] * r[1:])
+    diagonal = 2.0 * (r[:-1] + r[1:])
+    for k, beside, end in ((0, 1, ends[0]), (-1, -2, ends[1])):
+        # The end velocity u = (end - (h + h_beside) u_beside) / h_beside is eliminated.
+        right[k] -= r[k] * r[beside] * end
+        diagonal[k] *= 0.5
+    u[1:-1] = tridiagonal_solution(r[:-1], diagonal, r[1:], right)
+    u[0] = r[1] * (ends[0] - (h[0] + h[1]) * u[1])
+    u[-1] = r[-2] * (ends[1] - (h[-1] + h[-2]) * u[-2])
+    return u
+
+
 def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
     """
     Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``, diagonally dominant.

@@ -7,6 +7,7 @@ import math
 from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion, Robot,
                            rod)
 from kane_dynamics.feasibility import fastest, reachability, time_optimal
+from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.robot.parameters import JointLimits
 from linkages import four_bar
 import numpy as np
@@ -296,9 +297,125 @@ def test_speeds_at_the_ends_are_those_asked_for():
     assert found.duration < time_optimal(robot, path).duration
 
 
+def largest_use(robot, found, power=math.inf):
+    """Return the largest share of any limit, at many fractions of the segments."""
+    worst, motion = 0.0, found.motion
+    for fraction in np.arange(0.0, 1.0, 0.02):
+        q, u, udot = motion.sample(motion.times[:-1] + fraction * np.diff(motion.times))
+        tau = robot.inverse_dynamics(q, u, udot)
+        worst = max(worst, *(float((np.abs(x) / bound).max()) for x, bound in (
+            (tau, robot.limits.effort), (u, robot.limits.velocity), (tau * u, power))))
+    return worst
+
+
+@pytest.mark.parametrize('name', ['start_speed', 'end_speed'])
+@pytest.mark.parametrize('speed', [0.1, 1e-3, 1e-8])
+def test_small_speeds_at_the_ends_are_kept_within_the_limits(name, speed):
+    robot = two_link()
+    found = time_optimal(robot, bent_path(robot), **{name: speed})
+    end = 0.0 if name == 'start_speed' else np.nextafter(found.duration, 0.0)
+    assert np.linalg.norm(found.motion.sample(end)[1]) == pytest.approx(speed, rel=1e-3)
+    assert found.duration == pytest.approx(0.7, rel=0.01)
+    assert largest_use(robot, found) <= 1.001
+
+
+def slider(damping=0.0, friction=0.0, velocity=1.0):
+    """Return a cart of 2 kg with a force of 100 N."""
+    builder = ModelBuilder('slider')
+    builder.body('cart', 'world', axis=(1.0, 0.0, 0.0), kind='prismatic', joint='rail',
+                 matter=Inertial(2.0, np.zeros(3), np.zeros((3, 3))), damping=damping,
+                 friction=friction, friction_speed=0.01,
+                 limits=Limits(effort=100.0, velocity=velocity))
+    return Robot(builder.model())
+
+
+@pytest.mark.parametrize(('damping', 'friction', 'velocity', 'path', 'duration'), [
+    (1e4, 0.0, 1.0, [[0.0], [1.0]], 100.0), (0.0, 95.0, 0.1, [[0.0], [0.4]], 4.016),
+    (1.0, 0.0, 0.01, [[0.0], [0.4], [0.1]], 70.4), (0.0, 0.0, 1e-3, [[0.0], [0.3]], 300.0)])
+def test_friction_and_slow_axes_keep_the_limits(damping, friction, velocity, path, duration):
+    robot = slider(damping, friction, velocity)
+    found = time_optimal(robot, path)
+    assert largest_use(robot, found) <= 1.001
+    assert found.duration == pytest.approx(duration, rel=1e-3)
+    assert found.demand.uses['effort'].max() <= 1.001
+
+
+@pytest.mark.parametrize('points', [1000, 10_000])
+def test_many_sharp_bends_keep_the_limits(points):
+    robot = Robot(load_urdf('urdf/two_link.urdf'))
+    path = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 2))
+    assert largest_use(robot, time_optimal(robot, path, points=points)) <= 1.001
+
+
+def test_excess_that_no_grid_removes_is_named():
+    with pytest.raises(InputError, match=r"path: joint 'rail': \S+ times its velocity limit at "
+                       r'\S+ of the path, \[0.0\], on a grid of 16000 intervals'):
+        time_optimal(slider(velocity=1e-5), [[0.0], [0.3]])
+
+
+def test_duration_does_not_depend_on_the_number_of_waypoints():
+    robot = Robot(load_urdf('urdf/ur10e.urdf', supplement='urdf/ur10e.supplement.yaml'))
+    begin, end = np.array([[0.0, -1.0, 1.2, 0.0, 0.5, 0.0], [1.5, -0.6, 0.8, 0.3, 0.5, 0.0]])
+    for count in (2, 20, 150, 200, 500):
+        found = time_optimal(robot, begin + np.linspace(0.0, 1.0, count)[:, None] * (end - begin))
+        assert found.duration == pytest.approx(0.7674, rel=1e-3)
+        assert largest_use(robot, found) <= 1.001
+    robot = Robot(load_urdf('urdf/two_link.urdf'))
+    for count in (200, 1000):
+        s = np.linspace(0.0, 1.0, count)
+        found = time_optimal(robot, np.column_stack([np.sin(6.0 * s), np.cos(9.0 * s)]))
+        assert found.duration == pytest.approx(1.229, rel=1e-3)  # toppra's
+        assert largest_use(robot, found) <= 1.001
+
+
+@pytest.mark.parametrize('count', [2, 3, 4, 5, 12])
+def test_velocities_of_a_free_spline_are_those_of_scipy(count):
+    rng = np.random.default_rng(count)
+    t, q = np.cumsum(rng.uniform(0.1, 2.0, count)), rng.normal(size=(count, 3))
+    assert free_velocities(t, q) == pytest.approx(CubicSpline(t, q)(t, 1), rel=1e-9, abs=1e-9)
+
+
+def test_limit_of_zero_matters_only_to_joints_that_move():
+    robot = two_link()
+    path = [[0.0, 0.0], [1.0, 0.0]]
+    found = time_optimal(robot, path, acceleration=[math.inf, 0.0])
+    assert found.duration == pytest.approx(time_optimal(robot, path).duration, rel=1e-9)
+    with pytest.raises(InputError, match="acceleration of joint 'joint0': limit 0; expected a po"):
+        time_optimal(robot, path, acceleration=0.0)
+
+
+@pytest.mark.parametrize('factor', [1e-4, 1e4])
+def test_times_of_a_motion_have_no_influence(factor):
+    robot = two_link()
+    path = bent_path(robot)
+    assert time_optimal(robot, path.scaled(factor)).duration == pytest.approx(
+        time_optimal(robot, path).duration, rel=1e-6)
+
+
+def test_integer_speeds_are_numbers():
+    robot = two_link()
+    path = bent_path(robot)
+    assert time_optimal(robot, path, start_speed=np.int64(1)).duration == time_optimal(
+        robot, path, start_speed=1.0).duration
+
+
+def test_balls_are_named():
+    builder = ModelBuilder('ball')
+    builder.body('bob', 'world', kind='ball', joint='hip',
+                 matter=Inertial(1.0, np.array([0.0, 0.0, -1.0]), 0.1 * np.eye(3)))
+    robot = Robot(builder.model())
+    motion = Motion.from_points([0.0, 1.0], np.zeros((2, 3)), joint_names=('a', 'b', 'c'))
+    with pytest.raises(InputError, match=r"time_optimal: a robot with ball joints \('hip'\)"):
+        time_optimal(robot, np.zeros((2, 3)))
+    with pytest.raises(InputError, match=r"fastest: a robot with ball joints \('hip'\)"):
+        fastest(robot, motion)
+
+
 @pytest.mark.parametrize(('change', 'words'), [
     ({'start_speed': 100.0}, r'start_speed: 100; expected 0 to \d'),
     ({'start_speed': -1.0}, 'start_speed: -1.0; expected a finite number >= 0'),
+    ({'start_speed': True}, 'start_speed: True; expected a finite number >= 0'),
+    ({'end_speed': 100.0}, 'end_speed: 100; expected a smaller one, with which the path can be'),
     ({'path': [[0.0, 0.0]]}, 'path: 1 different waypoints; expected at least 2'),
     ({'path': [[0.0, 0.0], [0.0, math.nan]]}, "waypoint 1 of joint 'joint1': nan"),
     ({'path': [[0.0], [1.0]]}, r'waypoint 0: shape \(1,\)'),
