@@ -28,7 +28,7 @@ class FrameworkMethods(DerivativeMethods):
 
         CasADi checks names and shapes of arguments, not their values: where an argument is NaN or
         a position beyond 1e12, or where `Robot` raises an error that depends on the state (open
-        loops, singular independent speeds) or selects redundant rows anew, results are NaN.
+        loops, singular independent speeds) or selects other redundant rows, results are NaN.
         Solvers then take shorter steps.
 
         Parameters
@@ -114,7 +114,7 @@ class FrameworkMethods(DerivativeMethods):
         ``jax_enable_x64``), or float32: then the kernels compute in double and the result is
         rounded. In a function compiled by `jit`, no error can be raised: a state with an argument
         that is not finite, a position beyond 1e12, or where the robot's method raises an error
-        that depends on the state or selects redundant rows anew, has NaN in all of its result.
+        that depends on the state or selects other redundant rows, has NaN in all of its result.
         Elsewhere it is an error.
 
         Parameters
