@@ -55,6 +55,28 @@ def test_free_flying_arm():
     assert [line.rpartition(' ')[2] for line in momenta] == ['True', 'True']
 
 
+def test_delta_robot():
+    _, *rows, angles, balance = printed('delta_robot')
+    assert len(rows) == 6
+    at_rest = [numbers(rows[k])[3:] for k in (0, -1)]
+    assert all(torque < 0.0 for row in at_rest for torque in row)  # all arms carry
+    assert numbers(angles)[-1] < 1e-9  # rad: loop closure against the closed form
+    _, work, gain = numbers(balance)
+    assert work == pytest.approx(gain, rel=1e-5)
+
+
+def test_stewart_platform():
+    lines = printed('stewart_platform')
+    shift, turn = (np.array([numbers(line) for line in lines[k:k + 9]]) for k in (1, 11))
+    # half a period apart the platform is at the same place in the first motion, and turned to
+    # the other side in the second, where left and right legs change places
+    assert shift[0, 1:] == pytest.approx(shift[4, 1:], abs=1e-4)
+    assert turn[2, [1, 2, 3, 4, 5, 6]] == pytest.approx(turn[6, [4, 3, 2, 1, 6, 5]], abs=1e-4)
+    assert numbers(lines[-2])[-1] < 1e-14  # m
+    work, gain = numbers(lines[-1])
+    assert work == pytest.approx(gain, abs=2e-6)
+
+
 def test_bearing_torque():
     udot, torque = printed('bearing_torque')
     (a1, a2), m, L, q1, q2, u1, u2 = numbers(udot), 1.0, 0.3, 0.4, 0.9, 1.0, -2.0
