@@ -1,22 +1,33 @@
-"""A seven-axis arm on a base with two driven wheels: the torques of wheels and joints."""
+"""
+A seven-axis arm on a base with two driven wheels: the torques of wheels and joints.
+
+Figures: the arm is the FR3 of urdf/ (urdf/README.md has its sources). The base is PAL Robotics'
+PMB-2, from its description (github.com/pal-robotics/pmb2_robot, base.urdf.xacro and
+wheel.urdf.xacro of pmb2_description): base and wheels, without casters and suspensions. Ours: the
+place of the arm on the base, and wheels whose centers of mass are on their axles (2 mm off).
+"""
 
 from pathlib import Path
 import sys
 
-from kane_dynamics import box, disc, load_urdf, ModelBuilder, Robot, Rolling, simulate
+from kane_dynamics import Inertial, load_urdf, ModelBuilder, Robot, Rolling, simulate
 import numpy as np
 
-radius, track = 0.1, 0.5  # of the wheels, and between them, m
+radius, track = 0.0985, 0.4044  # of the wheels, and between them, m
+base = Inertial(24.73813, np.array([0.00144, 0.00003, 0.06711]), np.array(
+    [[0.50215676906, 0.00014630224, -0.00851406322], [0.00014630224, 0.41873574615, 0.00001868612],
+     [-0.00851406322, 0.00001868612, 0.64067017495]]))
+wheel = Inertial(1.82362, np.zeros(3), np.diag([0.00499743171, 0.00839239692, 0.00499741733]))
+
 b = ModelBuilder('mobile manipulator')
-b.body('base', 'world', 'planar', at=(0, 0, radius), matter=box(30.0, (0.7, 0.45, 0.25)))
+b.body('base', 'world', 'planar', at=(0, 0, radius), matter=base)
 for name, side in (('left', 0.5), ('right', -0.5)):
-    b.body(name, 'base', axis=(0, 1, 0), at=(0, side * track, 0),
-           matter=disc(1.5, radius, axis=(0, 1, 0)))
+    b.body(name, 'base', axis=(0, 1, 0), at=(0, side * track, 0), matter=wheel)
 b.mount(load_urdf(Path(__file__).parents[1] / 'urdf' / 'fr3.urdf',
-                  locked={'fr3_finger_joint1': 0.02}), 'base', at=(0.15, 0, 0.125))
-wheels = [Rolling(name, radius, axis=(0, 1, 0)) for name in ('left', 'right')]
+                  locked={'fr3_finger_joint1': 0.02}), 'base', at=(0.1, 0, 0.2))
+rolling = [Rolling(name, radius, axis=(0, 1, 0)) for name in ('left', 'right')]
 arm = [f'fr3_joint{k}' for k in range(1, 8)]
-robot = Robot(b.model(), constraints=wheels, independent=['left', 'right', *arm])
+robot = Robot(b.model(), constraints=rolling, independent=['left', 'right', *arm])
 
 rest = np.array([0, -0.6, 0, -2.2, 0, 1.6, 0.8])
 swing, rate, step = np.array([0.5, 0.4, 0.3, 0.4, 0.5, 0.3, 0.6]), 2.0, 1e-3  # rad, rad/s, s
@@ -50,15 +61,15 @@ print(f'largest wheel torque {np.abs(run.tau[:, :2]).max():.2f} N m, joint torqu
 
 if len(sys.argv) > 1:  # where to draw the picture
     from matplotlib import pyplot as plt
-    figure, (above, wheel, joints) = plt.subplots(1, 3, figsize=(15, 4), layout='constrained')
+    figure, (above, wheels, joints) = plt.subplots(1, 3, figsize=(15, 4), layout='constrained')
     tip = np.array([robot.frame_pose('fr3_link8', q)[:2, 3] for q in run.q])
     above.plot(*run.q[:, :2].T, label='base')
     above.plot(*tip.T, label="arm's flange")
     above.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='Seen from above')
-    wheel.plot(run.t, run.tau[:, :2], label=robot.speed_names[:2])
-    wheel.set(xlabel='time [s]', ylabel='torque [N m]', title='Wheels')
+    wheels.plot(run.t, run.tau[:, :2], label=robot.speed_names[:2])
+    wheels.set(xlabel='time [s]', ylabel='torque [N m]', title='Wheels')
     joints.plot(run.t, run.tau[:, 2:], label=robot.speed_names[2:])
     joints.set(xlabel='time [s]', ylabel='torque [N m]', title='Arm')
-    for axes in (above, wheel, joints):
+    for axes in (above, wheels, joints):
         axes.legend(fontsize='small', loc='upper left', bbox_to_anchor=(1.0, 1.0))
     figure.savefig(sys.argv[1], dpi=110)
