@@ -74,14 +74,14 @@ def leg_forces(motion, t):
 
 
 if __name__ == '__main__':
-    gap = 0.0
+    residual = 0.0
     for motion in (shift, turn):
-        print(f'{motion.__name__}: t [s], forces of the legs [N], positive where a leg pushes')
+        print(f'{motion.__name__}: t [s], forces of the legs [N], positive in compression')
         for t in np.linspace(0.0, 2 * np.pi / rate, 9):
             q, u, _, force = leg_forces(motion, t)
-            gap = max(gap, np.abs(robot.constraint_residual(q)).max())
+            residual = max(residual, np.abs(robot.constraint_residual(q)).max())
             print(f'{t:7.3f}', ''.join(f'{x:9.4f}' for x in force))
-    print(f'the geometry of the legs closes the loops to {gap:.0e} m')
+    print(f'the geometry of the legs closes the loops to {residual:.0e} m')
 
     times, power, energy = np.linspace(0.0, np.pi / 2 / rate, 41), [], []
     for t in times:  # while the platform turns by 30 degrees

@@ -107,7 +107,7 @@ def test_the_delta_robot_is_pinocchios_with_six_rods_and_a_free_platform():
                                     np.concatenate(bias), np.eye(peer.nv)[:, arms],
                                     [0, 1, 2], d['udots'][k])
         np.testing.assert_allclose(d['taus'][k], expected, rtol=0.0,
-                                   atol=1e-8 * np.abs(expected).max())
+                                   atol=1e-10 * np.abs(expected).max())
 
 
 def test_the_delta_robots_work_is_its_gain_of_energy():
@@ -205,7 +205,7 @@ def test_the_mobile_manipulator_is_pinocchios_with_lagrange_multipliers_at_the_w
                                     pin.nonLinearEffects(peer, data, q, v) + damping * v,
                                     J, -rate @ v, np.eye(len(q))[:, driven], driven, udot)
         tau = robot.inverse_dynamics(q, run.u[k], udot)
-        np.testing.assert_allclose(tau, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(tau, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_the_free_flying_arm_is_pinocchios():
