@@ -77,9 +77,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         all N states if those take longer; returning False ends the simulation there.
     integrator : {'rk4', 'implicit'}
         The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose step
-        friction, springs and beams do not limit, for robots in joint rates without constraints
-        (`mechanics.integrators.rosenbrock`). The first is more accurate for smooth motions; the
-        second is faster by orders of magnitude where joints stick.
+        friction, springs and beams do not limit (`mechanics.integrators.rosenbrock`). The first
+        is more accurate for smooth motions; the second is faster by orders of magnitude where
+        joints stick.
     t0 : float
         Initial time, s, for functions of time.
     stops : bool
