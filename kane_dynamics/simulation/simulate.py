@@ -85,8 +85,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     stops : bool
         Put rigid, inelastic, frictionless stops at the position limits: the impulse of a stop
         ends the motion into it and acts on all joints, in the space of the motions that the
-        constraints admit. `Trajectory.stop_events` lists the impacts. Steps with a joint pressed
-        against its stop run in Python and take up to a millisecond more.
+        constraints admit. `Trajectory.stop_events` lists the impacts. Each impact takes about a
+        millisecond, a step with joints pressed against their stops a few times a free step.
 
     Returns
     -------

@@ -19,6 +19,7 @@ from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.robot.verification import without_rotors
 import numpy as np
 
@@ -314,7 +315,26 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
 
 
 def stopped(case):
-    simulate(case.robot, case.q, case.u, 1e-4, step=1e-4, stops=True)
+    """The impact of the fastest joint is the inelastic one by the definition's M."""
+    robot, h = case.robot.copy(), 1e-7
+    M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
+    T = np.array([coordinate_rates(robot.model, case.q, column) for column in case.T.T]).T
+    joints = [k for k, name in enumerate(robot.coordinate_names)
+              if not ('/q' in name or 'mode' in name or np.abs(T[k]).max() < 1e-3)]
+    joint = max(joints, key=lambda k: abs(case.q_rate[k]))
+    row, into = T[joint], case.q_rate[joint]
+    along = np.linalg.solve(M, row)
+    bounds = {'lower': np.full(robot.n_q, -np.inf), 'upper': np.full(robot.n_q, np.inf)}
+    bounds['upper' if into > 0.0 else 'lower'][joint] = case.q[joint] + 0.1 * h * into
+    robot.limits = replace(robot.limits, **bounds)
+    for integrator in INTEGRATORS:
+        run = simulate(robot, case.q, case.u, 2 * h, step=h, t0=case.time, stops=True,
+                       integrator=integrator)
+        near(run.u[-1], case.u - along * into / (row @ along), 1e-4)
+        near(run.q[-1, joint], case.q[joint] + 0.1 * h * into)
+        assert [event.joint for event in run.stop_events] == [robot.coordinate_names[joint]]
+        if not case.t:
+            near(run.stop_events[0].loss, 0.5 * into**2 / (row @ along), 1e-4)
 
 
 def implicit(case):

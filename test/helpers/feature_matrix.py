@@ -69,7 +69,6 @@ class Row:
 
 CONTROL = 'test/unit/control/'
 CONSTRAINED = f'{CONTROL}test_constrained_'
-STOPS = 'test/unit/simulation/test_stops.py::test_'
 DERIVATIVES = 'test/property/test_derivatives_of_all_kinds.py::'
 ROWS = (
     Row('inverse dynamics, external wrenches', check.inverse_dynamics),
@@ -111,12 +110,7 @@ ROWS = (
         BEAM: f'{CONTROL}test_quasi_static.py::'
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer, {TIME: UNTESTED}, pairs=False),
-    Row('joint stops of `simulate`', check.stopped, {
-        TIME: UNTESTED, BEAM: UNTESTED, BALL: MISSING}, {
-        TREE: f'{STOPS}an_arm_rests_on_its_stops_and_the_balance_counts_what_was_lost',
-        SPEEDS: f'{STOPS}chosen_speeds_hit_the_stops_of_the_tree',
-        LOOP: f'{STOPS}the_impact_of_a_five_bar_is_projected_and_loses_the_energy_of_the_jump',
-        ROLLING: f'{STOPS}the_impact_of_a_body_on_a_runner_is_projected'}, pairs=False),
+    Row('joint stops of `simulate`', check.stopped, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
     Row('natural vibration', check.vibration, {TIME: NO_REST, BALL: MISSING}),
     Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.joint_stops import nearest_stops, stop_impulses, stopped_state
 from kane_dynamics.native.runtime.argument import Argument
@@ -65,7 +65,6 @@ class JointStops:
 
     def __init__(self, robot: Robot, starts: Array, step: float, start: float) -> None:
         """Check the initial states."""
-        require_angles(robot.model, 'stops')
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
@@ -259,17 +258,17 @@ class JointStops:
         return (rates[1:] - rates[0]).T, rates[0], robot.inverse_mass_matrix(q, **at)
 
     def _closed(self, robot: Robot, q: Array, t: float) -> Array:
-        """Return q after two Newton steps on the loops."""
+        """Return q on unit quaternions after two Newton steps on the loops."""
         equations: Any = robot.equations
         if not equations.keeps_positions(q, t):
-            return q
+            return np.asarray(on_unit_quaternions(robot.model, q))
         arguments = [Argument('q', (robot.n_q,)), Argument('t', ())]
         block = robot.parameters.block
         kernel = robot.kernels.extra('closure_step', lambda: trace_program(
             'closure_step', lambda q, t, _: equations.closure_step(q, t[()]),
             [('q', (robot.n_q,)), ('t', ()), ('parameters', block.shape)]), arguments, block,
             (robot.n_q,))
-        result: Array = kernel(kernel(q, t), t)
+        result: Array = on_unit_quaternions(robot.model, kernel(kernel(q, t), t))
         return result
 
     def _driven(self, q: Array, into: Array, t: float) -> ConstraintError:

@@ -8,11 +8,13 @@ are the solution of the complementarity problem of `mechanics.joint_stops`. `Joi
 the other steps.
 """
 
+from functools import partial
 from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
+from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -32,7 +34,7 @@ NOT_NEGATIVE = -1e-300
 
 
 def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, side: Array,
-                  lower: Array, upper: Array) -> tuple[Array, Array, Array]:
+                  lower: Array, upper: Array) -> tuple[Array, Array, Any]:
     """
     Return the states after pressed steps, the same before the impulses, and which are valid.
 
@@ -87,8 +89,8 @@ def _step(robot: Robot, free: Any, contact: Any, parameters: Any, stopped: list[
     q, u, rest = np.split(free, [robot.n_q, robot.n_q + robot.n])
     constrained = isinstance(robot.equations, ConstrainedEquations)
     side, lower, upper = contact
-    touching = [0.5 < s * s for s in side]
-    stop = [select(0.0 < s, b, a) for s, a, b in zip(side, lower, upper)]
+    touching = [s * s > 0.5 for s in side]
+    stop = [select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)]
 
     def masked(x: Any) -> Any:
         return np.array([select(c, each, 0.0) for c, each in zip(touching, x)])
@@ -110,10 +112,10 @@ def _step(robot: Robot, free: Any, contact: Any, parameters: Any, stopped: list[
     for k, j in enumerate(stopped):
         if not constrained:  # exactly, so that rounding does not move the joint
             q[j], u[j] = select(touching[k], stop[k], q[j]), select(touching[k], 0.0, u[j])
-        pressed = _all(NOT_NEGATIVE < side[k] * push[k], NOT_NEGATIVE < side[k] * held[k])
+        pressed = _all(side[k] * push[k] > NOT_NEGATIVE, side[k] * held[k] > NOT_NEGATIVE)
         valid = valid * select(touching[k], pressed, _all(lower[k] < q[j], q[j] < upper[k]))
     if margin_count(robot):
-        valid = valid * _all(0.0 < rest[-1])
+        valid = valid * _all(rest[-1] > 0.0)
     return [*q, *u, *rest, *free, valid]
 
 
@@ -123,16 +125,18 @@ def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[
     n_q, n = robot.n_q, robot.n
     if not isinstance(equations, ConstrainedEquations):
         inverse = robot.kernels.program('inverse_mass_matrix')
-        return lambda q: (np.eye(n), np.zeros(n), np.reshape(
-            call(inverse, q, parameters), (n, n))), None
+        return lambda q: (np.eye(n), np.zeros(n), np.array(
+            call(inverse, q, parameters)).reshape(n, n)), None
     inputs: list[tuple[str, Shape]] = [('q', (n_q,)), *(('t', ()) for _ in time),
                                        ('parameters', np.shape(parameters))]
 
     def parts(q: Any, *rest: Any) -> Any:
         t = rest[0][()] if time else 0.0
         motion = equations.at_rest(q, t)
+        T = np.stack([coordinate_rates(robot.model, q, column) for column in motion.T.T], axis=1)
         inverse = equations.inverse_mass_matrix(q, rest[-1][:robot.parameters.physical], t)
-        return np.concatenate([np.ravel(motion.T), motion.qdot, np.ravel(inverse)])
+        return np.concatenate([np.ravel(T), coordinate_rates(robot.model, q, motion.qdot),
+                               np.ravel(inverse)])
     whole = trace_program('stopped_system', parts, inputs)
 
     def system(q: Any) -> tuple[Any, Any, Any]:
@@ -140,10 +144,11 @@ def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[
                                  [n_q * n, n_q * n + n_q])
         return T.reshape(n_q, n), X, inverse.reshape(n, n)
     if not equations.keeps_positions(q, *time):
-        return system, lambda q: q
+        return system, partial(on_unit_quaternions, robot.model)
     newton = trace_program('closure_step', lambda q, *rest: equations.closure_step(
         q, rest[0][()] if time else 0.0), inputs)
-    return system, lambda q: np.array(call(newton, q, *time, parameters))
+    return system, lambda q: on_unit_quaternions(
+        robot.model, np.array(call(newton, q, *time, parameters)))
 
 
 def _impulses(system: tuple[Any, Any, Any], stopped: list[int], touching: list[Any],

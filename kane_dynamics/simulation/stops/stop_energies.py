@@ -1,6 +1,6 @@
 """The energies that joint stops take, for the energy balance."""
 
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def energies(source: 'TorqueInput', asked: Robot, before: Array, after: Array,
-             steps: Array) -> list[list[float]]:
+             steps: Any) -> list[list[float]]:
     """
     Return loss, balance and uncertainty of the contacts at the end of K steps; see `Contact`.
 
