@@ -8,6 +8,7 @@ are the solution of the complementarity problem of `mechanics.joint_stops`. `Joi
 the other steps.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, TYPE_CHECKING
 
@@ -22,7 +23,7 @@ from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import margin_count
+from kane_dynamics.simulation.step_kernels import margin_count, step_kernel
 import numpy as np
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, si
     (count, size), (count, size), (count,) arrays
 
     """
-    stopped = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-    kernel, size = _kernel(source.robot, source.kernel, stopped.tolist()), len(state)
+    stopped = _stopped(lower, upper)
+    kernel, size = _kernel(source.robot, source.kernel, stopped), len(state)
     rows = np.empty((count + 1, 2 * size + 1))
     rows[0, :size] = state
     contact = np.array([side[stopped], lower[stopped], upper[stopped]])
@@ -66,6 +67,19 @@ def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, si
            [x.ctypes.data for x in (rows, inputs, contact, source.constants, rows[1:])],
            [rows.strides[0], stride, 0, 0, rows.strides[0]], count)
     return rows[1:, :size], rows[1:, size:-1], rows[1:, -1] > 0.5
+
+
+def compile_pressed_steps(robot: Robot, integrator: str, followed: Sequence[int] = ()) -> None:
+    """Compile the kernels of `pressed_steps`; arguments as those of `step_kernel`."""
+    stopped = _stopped(robot.limits.lower, robot.limits.upper)
+    for feedback in (False, True):
+        _kernel(robot, step_kernel(robot, feedback, integrator, None, followed), stopped)
+
+
+def _stopped(lower: Array, upper: Array) -> list[int]:
+    """Return the indices of the coordinates with a stop."""
+    found: list[int] = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper)).tolist()
+    return found
 
 
 def _kernel(robot: Robot, free: Kernel, stopped: list[int]) -> Kernel:

@@ -7,7 +7,9 @@ import warnings
 from kane_dynamics import ComputedTorque, Motion, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
+from kane_dynamics.simulation.stops import pressed_steps
 from kane_dynamics.simulation.stops.joint_stops import JointStops
+from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 from kinds_of_mechanism import case
 import numpy as np
 import pytest
@@ -74,6 +76,14 @@ def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
     run = simulate(robot, one.q, rest, 0.2, stops=True, torque=ComputedTorque(robot, motion))
     np.testing.assert_allclose(run.q[-1, joint], robot.limits.upper[joint], atol=1e-10)
     assert not run.warnings
+
+
+def test_kernels_compiled_in_advance_are_those_of_a_simulation(monkeypatch):
+    robot, one, _, tau = pressing('closed loop')
+    compile_pressed_steps(robot, 'rk4', [robot.coordinate_names.index(robot.speed_names[0])])
+    monkeypatch.setattr(pressed_steps, '_step', None)  # to trace another fails
+    run = simulate(robot, one.q, one.u, 0.1, torque=tau, stops=True)
+    assert run.stop_events
 
 
 def test_the_command_line_has_stops(capsys):
