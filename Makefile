@@ -51,11 +51,14 @@ help:
 
 install: $(VENV)/.dependencies $(VENV)/.project
 
+# A pip of the system, if there is one, saves the seconds that a pip of our own takes.
+PIP_UV := install --quiet --disable-pip-version-check uv
 $(VENV)/.uv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and \
 	  "python3 is %d.%d, but 3.11 or newer is needed: make PYTHON=..." % sys.version_info[:2])'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(PYTHON) -m venv --without-pip $(VENV)
+	@$(PYTHON) -m pip --python $(BIN)/python $(PIP_UV) 2> /dev/null \
+	  || { $(BIN)/python -m ensurepip > /dev/null && $(BIN)/python -m pip $(PIP_UV); }
 	@touch $@
 
 # The dependencies alone, so that a changed source later installs only the project; those of the
@@ -66,6 +69,13 @@ $(VENV)/.demo_dependencies: $(VENV)/.uv setup.py
 
 $(VENV)/.dependencies: $(VENV)/.demo_dependencies setup.py
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py $(EXTRAS:%=--extra %)
+	@touch $@
+
+# The first import compiles bytecode for seconds, and looks at all fonts: done while the interfaces
+# are built.
+$(VENV)/.imported: $(VENV)/.demo_dependencies
+	@AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' nice -n 19 $(BIN)/python -c 'import llvmlite.binding, \
+	  matplotlib.pyplot, mujoco, rclpy.lifecycle, sensor_msgs.msg, yourdfpy'
 	@touch $@
 
 # PyTorch is tested where its build for the CPU can be had; the builds of the package index bring
@@ -102,7 +112,8 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 
 # Installs only what the demo needs, on two processors.
 demo:
-	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
+	  $(VENV)/.imported
 	$(ROS_ENV) $(BIN)/kane-dynamics demo
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
