@@ -345,7 +345,7 @@ def stopped(case):
 
 
 def implicit(case):
-    simulation(case, 'implicit', 1e-5)
+    simulation(case, 'implicit', 1e-6)
 
 
 def rest_motion(case):

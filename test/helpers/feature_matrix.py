@@ -103,7 +103,7 @@ ROWS = (
     Row('pickling', check.pickling, pairs=False),
     Row('`verify`', check.verification, pairs=False),
     Row('`simulate`', check.simulation, pairs=False),
-    Row('`simulate` with the implicit integrator', check.implicit, pairs=False),
+    Row('`simulate` with the implicit integrator', check.implicit),
     Row('`ComputedTorque`', check.computed_torque, {BEAM: NO_ACTUATOR, BALL: NO_ANGLE},
         pairs=False),
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {BALL: NO_ANGLE}, {
