@@ -322,7 +322,7 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
 
 
 def stopped(case):
-    """The impact of the fastest joint is the inelastic one by the definition's M."""
+    """Compare the impact of the fastest joint with the inelastic one by the definition's M."""
     robot, h = case.robot.copy(), 1e-7
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
     T = np.array([coordinate_rates(robot.model, case.q, column) for column in case.T.T]).T
