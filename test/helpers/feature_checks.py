@@ -426,7 +426,7 @@ def balanced_power(case):
 
 
 def payload(case):
-    """The payload's regressor times its parameters is what it adds to the definition's torque."""
+    """Compare the regressor times the parameters with what a payload adds to the torque."""
     load, model = box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05)), case.robot.model
     Y = PayloadRegressor(model, TOOL)(case.q, case.u, case.udot)
     heavy = with_payload(model, TOOL, load)
