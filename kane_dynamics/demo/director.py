@@ -9,6 +9,7 @@ held against what the node's simulate service had predicted.
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
+import math
 import os
 from pathlib import Path
 import random
@@ -156,7 +157,10 @@ def parsed(arguments: Sequence[str]) -> Namespace:
 
 def _seconds(text: str) -> float:
     """Return a duration of at least 1 s."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 1.0 <= value <= 600.0:
         raise ArgumentTypeError(f'duration: {text}; expected 1 to 600 s')
     return value
