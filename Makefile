@@ -110,6 +110,8 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 
 # ---------------------------------------------------------------------- use and tests
 
+ROBOT ?= fr3
+
 # Installs only what the demo needs, on two processors.
 ROBOT ?= fr3
 
