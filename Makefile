@@ -113,8 +113,6 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 ROBOT ?= fr3
 
 # Installs only what the demo needs, on two processors.
-ROBOT ?= fr3
-
 demo:
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
 	  $(VENV)/.imported
