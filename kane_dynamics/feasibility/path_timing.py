@@ -25,14 +25,17 @@ class Checked(NamedTuple):
         The N + 2 points.
     tau : (N + 2, n) array
         Torques at the points.
-    uses : (4, 23, N + 1, n) array
-        Shares of `Bounds`, at the fractions `INSIDE` of the segments and at their ends.
+    at_points : (4, N + 2, n) array
+        Shares of `Bounds` at the points.
+    largest : (4, N + 1, n) array
+        The largest shares in the segments, at the fractions `INSIDE` and at their ends.
 
     """
 
     points: ControllerPoints
     tau: Array
-    uses: Array
+    at_points: Array
+    largest: Array
 
 
 def timed(section: Section, x: Array) -> ControllerPoints:
@@ -86,20 +89,22 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    q, u, udot = (np.concatenate([inside.reshape(-1, robot.n), last[-1:]]) for inside, last in zip(
-        points.inside(np.arange(len(points.t) - 1), INSIDE), points[1:]))
-    still = (points.q == points.q[0]).all(axis=0)
-    u[:, still], udot[:, still] = 0.0, 0.0  # which are rounding
-    tau = robot.inverse_dynamics(q, u, udot)
-    uses = np.zeros((len(bounds), *q.shape))
-    for use, values, bound in zip(uses, (tau, u, tau * u, udot), bounds):
-        if np.isfinite(bound).any():
-            use[:] = share(np.abs(values), bound)
-    segments = len(points.t) - 1
-    inside = uses[:, :-1].reshape(len(uses), len(INSIDE), segments, robot.n)
-    ends = np.concatenate([inside[:, 0, 1:], uses[:, -1:]], axis=1)
-    return Checked(points, np.concatenate([tau[:segments], tau[-1:]]),
-                   np.concatenate([inside, ends[:, None]], axis=1))
+    count, n = len(points.t) - 1, robot.n
+    q, u, udot = points.inside(np.arange(count), INSIDE)
+    tau = robot.inverse_dynamics(*(x.reshape(-1, n) for x in (q, u, udot))).reshape(q.shape)
+    last = robot.inverse_dynamics(*(x[-1] for x in points[1:]))
+    at_points, largest = np.zeros((2, len(bounds), count + 1, n))
+    for k, bound in enumerate(bounds):
+        if not np.isfinite(bound).any():
+            continue
+        values, end = ((tau, last), (u, points.u[-1]), (tau * u, last * points.u[-1]),
+                       (udot, points.udot[-1]))[k]
+        peaks = np.maximum(values.max(axis=0), -values.min(axis=0))
+        at = np.concatenate([values[0], end[None]])
+        at_points[k] = share(np.abs(at), bound)
+        largest[k, :-1] = share(peaks, bound)
+    largest = np.maximum(largest[:, :-1], at_points[:, 1:])
+    return Checked(points, np.concatenate([tau[0], last[None]]), at_points, largest)
 
 
 def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:

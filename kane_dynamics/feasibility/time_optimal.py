@@ -195,16 +195,16 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
     for _ in range(ROUNDS):
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
-        worst = found.uses.max(axis=1)
+        worst = found.largest.copy()
         if (worst <= 1.0).all():
             return found
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
-    if found.uses.max() <= 1.0 + most:
+    if found.largest.max() <= 1.0 + most:
         return found
-    limit, _, k, j = np.unravel_index(int(found.uses.argmax()), found.uses.shape)
+    limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
-        f"path: joint '{robot.joint_names[int(j)]}': {found.uses.max():.6g} times its "
+        f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
         f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
         'expected a path without sharp corners')
@@ -291,8 +291,7 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
     points = joined([part.points for part in parts])
-    at_points = np.concatenate([np.concatenate([part.uses[:, 0], part.uses[:, -1, -1:]], axis=1)
-                                for part in parts], axis=1)
+    at_points = np.concatenate([part.at_points for part in parts], axis=1)
     uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
             if np.isfinite(bound).any()}
     motion = Motion.from_points(*points, joint_names=robot.joint_names)
