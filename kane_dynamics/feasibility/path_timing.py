@@ -6,6 +6,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds
+from kane_dynamics.feasibility.segment_peaks import segment_peaks
 from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
@@ -89,22 +90,17 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    count, n = len(points.t) - 1, robot.n
-    q, u, udot = points.inside(np.arange(count), INSIDE)
-    tau = robot.inverse_dynamics(*(x.reshape(-1, n) for x in (q, u, udot))).reshape(q.shape)
-    last = robot.inverse_dynamics(*(x[-1] for x in points[1:]))
-    at_points, largest = np.zeros((2, len(bounds), count + 1, n))
-    for k, bound in enumerate(bounds):
-        if not np.isfinite(bound).any():
-            continue
-        values, end = ((tau, last), (u, points.u[-1]), (tau * u, last * points.u[-1]),
-                       (udot, points.udot[-1]))[k]
-        peaks = np.maximum(values.max(axis=0), -values.min(axis=0))
-        at = np.concatenate([values[0], end[None]])
-        at_points[k] = share(np.abs(at), bound)
-        largest[k, :-1] = share(peaks, bound)
-    largest = np.maximum(largest[:, :-1], at_points[:, 1:])
-    return Checked(points, np.concatenate([tau[0], last[None]]), at_points, largest)
+    tau, coefficients = robot.inverse_dynamics(*points[1:]), points.coefficients
+    at_points = np.zeros((len(bounds), *tau.shape))
+    largest = np.zeros((len(bounds), len(coefficients), robot.n))
+    used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds]).tolist()
+    names = [Bounds._fields[k] for k in used]
+    peaks = segment_peaks(robot, names, coefficients, np.diff(points.t), INSIDE) if used else []
+    for k, peak in zip(used, peaks):
+        values = (tau, points.u, tau * points.u, points.udot)[k]
+        at_points[k] = share(np.abs(values), bounds[k])
+        largest[k] = np.maximum(share(peak, bounds[k]), at_points[k, 1:])
+    return Checked(points, tau, at_points, largest)
 
 
 def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:

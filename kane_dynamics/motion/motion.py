@@ -54,14 +54,15 @@ class Motion:
         self.duration = float(times[-1])
         self._n = len(joint_names)
         # One (6, 3 n) matrix per segment gives q, u and udot, which is fast for a single time.
-        h = np.diff(times)[:, None, None]
-        power = np.arange(6.0)[:, None]
-        first, second = np.zeros_like(coefficients), np.zeros_like(coefficients)
-        first[:, :5] = (power * coefficients)[:, 1:] / h
-        second[:, :5] = (power * first)[:, 1:] / h
-        self._table = np.concatenate([coefficients, first, second], axis=2)
+        n, rate = self._n, (1.0 / np.diff(times))[:, None, None]
+        power = np.arange(1.0, 6.0)[:, None]
+        self._table = np.zeros((len(rate), 6, 3 * n))
+        self._table[:, :, :n] = coefficients
+        np.multiply(coefficients[:, 1:], power * rate, out=self._table[:, :5, n:2 * n])
+        np.multiply(self._table[:, 1:5, n:2 * n], power[:4] * rate,
+                    out=self._table[:, :4, 2 * n:])
         self._knots: list[float] = times.tolist()
-        self._inverse_h: list[float] = (1.0 / h).ravel().tolist()
+        self._inverse_h: list[float] = rate.ravel().tolist()
         for array in (times, positions, self._table):
             array.flags.writeable = False
 
