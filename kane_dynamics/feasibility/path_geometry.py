@@ -158,7 +158,8 @@ class _Part:
         t = _hermite(share, mean, self.mesh, 1.0 / rate)
         t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
         q = self.motion.positions_at(t)
-        still = np.ptp(q, axis=0) <= STILL * np.ptp(q, axis=0).max()
+        ranges = np.ptp(q, axis=0)
+        still = ranges <= STILL * ranges.max()
         q[:, still] = q[0, still]
         slopes = [np.zeros(q.shape[1])] * 2
         for place, order in ((0, first), (-1, last)):

@@ -24,6 +24,8 @@ class Checked(NamedTuple):
     ----------
     points : ControllerPoints
         The N + 2 points.
+    coefficients : (N + 1, 6, n) array
+        Coefficients of the positions in the segments between them.
     tau : (N + 2, n) array
         Torques at the points.
     at_points : (4, N + 2, n) array
@@ -34,6 +36,7 @@ class Checked(NamedTuple):
     """
 
     points: ControllerPoints
+    coefficients: Array
     tau: Array
     at_points: Array
     largest: Array
@@ -100,7 +103,7 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
         values = (tau, points.u, tau * points.u, points.udot)[k]
         at_points[k] = share(np.abs(values), bounds[k])
         largest[k] = np.maximum(share(peak, bounds[k]), at_points[k, 1:])
-    return Checked(points, tau, at_points, largest)
+    return Checked(points, coefficients, tau, at_points, largest)
 
 
 def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:

@@ -25,6 +25,7 @@ from kane_dynamics.feasibility.torque_demand import Demand, demand
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.points import point_times
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -171,6 +172,9 @@ def _check_positions(robot: Robot, section: Section) -> None:
     """Raise InputError if a path exceeds a position limit."""
     for what, bound, sign in (('lower', robot.limits.lower, -1.0),
                               ('upper', robot.limits.upper, 1.0)):
+        ends = section.q.max(axis=0) if sign > 0.0 else section.q.min(axis=0)
+        if (sign * ends <= sign * bound).all():
+            continue
         excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
         k, j = np.unravel_index(int(excess.argmax()), excess.shape)
         if excess[k, j] > 0.0:
@@ -182,7 +186,9 @@ def _check_positions(robot: Robot, section: Section) -> None:
 def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> None:
     """Raise InputError if a joint moves that has no speed, power or acceleration."""
     for what in ('velocity', 'power', 'acceleration'):
-        still = (getattr(bounds, what) == 0.0) & section.first.any(axis=0)
+        still = getattr(bounds, what) == 0.0
+        if still.any():
+            still &= section.first.any(axis=0)
         if still.any():
             raise InputError(f"{what} of joint '{names[int(still.argmax())]}': limit 0; expected "
                              'a positive limit, since the joint moves along the path')
@@ -294,6 +300,7 @@ def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptim
     at_points = np.concatenate([part.at_points for part in parts], axis=1)
     uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
             if np.isfinite(bound).any()}
-    motion = Motion.from_points(*points, joint_names=robot.joint_names)
+    motion = Motion(robot.joint_names, point_times(points.t), points.q, (
+        parts[0].coefficients if len(parts) == 1 else points.coefficients))
     return TimeOptimal(motion, np.concatenate([part.tau for part in parts]), uses, robot,
                        bounds.power)
