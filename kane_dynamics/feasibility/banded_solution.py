@@ -36,7 +36,7 @@ def substituted(after: Any, following: Any, factors: Any, factors_after: Any, ro
 
 
 @cache
-def _kernels(n: int) -> tuple[Kernel, Kernel]:
+def kernels(n: int) -> tuple[Kernel, Kernel]:
     """Return the kernels of one row, for n right-hand sides."""
     wide, narrow = (3 + n,), (n,)
     out = []
@@ -70,7 +70,7 @@ def banded_solution(diagonals: Array, right: Array) -> Array:
     rows[:, :3], rows[:, 3:] = diagonals.T, right
     rows[0, 1], rows[:2, 2] = 0.0, 0.0
     x = np.zeros((m + 2, n))
-    forward, back = _kernels(n)
+    forward, back = kernels(n)
     wide, narrow = 8 * (3 + n), 8 * n
     start = factors.ctypes.data
     repeat(forward.address, [start, start + wide, rows.ctypes.data, start + 2 * wide],

@@ -11,8 +11,10 @@ A limit P of the power bounds the torque by P / |q_s s'|, which is replaced like
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.banded_solution import kernels as compile_spline
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
+from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.robot.robot import Robot
@@ -117,7 +119,7 @@ class PathLimits:
                 at = none if given is None else x
                 rows += [block[:, :, used] for block in _one_sided(
                     *lines, *self._torque_of_power(width, at, first))]
-                # The mean of the limits at both ends exceeds that at the middle, which counts, too.
+                # The limit at the middle counts too; the mean of those at both ends exceeds it.
                 middle = [0.5 * (line[1:] + line[:-1]) for line in (*lines, width, at)]
                 middles = [block[:, :, used] for block in _one_sided(
                     *middle[:3], *self._torque_of_power(*middle[3:], self.section.first[1::2]))]
@@ -126,8 +128,9 @@ class PathLimits:
             rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)
-        data = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=2) if rows else np.zeros((len(x), 5, 1)) + [
-            [0.0], [0.0], [0.0], [1.0], [0.0]]
+        if not rows:
+            rows = [np.zeros((len(x), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
+        data = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=2)
         ratio = np.abs(data[:, 0]) / (np.abs(data[:, 1]) + np.abs(data[:, 4]) + TINY)
         intervals = _in_intervals(data, ratio < STIFF)
         for block in middles:
@@ -154,7 +157,12 @@ class PathLimits:
 
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
-    compile_passes(2 * int(np.isfinite(robot.limits.effort).sum()) or 2)
+    bounds = robot.limits.effort, robot.limits.velocity
+    compile_passes(2 * int(np.isfinite(bounds[0]).sum()) or 2)
+    compile_spline(robot.n)
+    used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
+    if used:
+        peaks_kernel(robot, used).compile_lanes()
 
 
 def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Array

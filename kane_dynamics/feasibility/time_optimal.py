@@ -8,9 +8,7 @@ where it exceeds them, as at the corners of the profile.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 from kane_dynamics._util.checks import integer, number, per_joint
 from kane_dynamics._util.typing import Array
@@ -20,8 +18,8 @@ from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
                                                     Infeasible, Limits)
-from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING, STEP
-from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
+from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -37,66 +35,6 @@ SLOW = 1e-3  # x of the first profile with limits of power, relative to that wit
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 ROUNDS = 6  # in which limits are tightened
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
-ACTIVE = 0.99  # least share of a limit that is active
-
-
-class ActiveLimit(NamedTuple):
-    """An interval of time in which one limit of a joint is used most, to at least 99 %."""
-
-    start: float
-    end: float
-    joint: str
-    limit: str  # 'effort', 'velocity', 'power' or 'acceleration'
-
-
-@dataclass(frozen=True, eq=False)
-class TimeOptimal:
-    """
-    Fastest motion along a path.
-
-    Attributes
-    ----------
-    motion : Motion
-        The motion, with continuous accelerations between rests.
-    tau : (K, n) array
-        Torques at the points of the motion, N m or N.
-    uses : dict of (K, n) arrays
-        Shares of the limits at the points of the motion: effort, velocity, power, acceleration.
-    demand : Demand
-        Torque, speed and power along the motion, densely sampled.
-
-    """
-
-    motion: Motion
-    tau: Array
-    uses: dict[str, Array]
-    _robot: Robot
-    _power: Array
-
-    @property
-    def duration(self) -> float:
-        """Return the duration, s."""
-        return self.motion.duration
-
-    @property
-    def demand(self) -> Demand:
-        """Return torque, speed and power of the motion, with the limits."""
-        step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
-        return demand(self._robot, self.motion, step=step, power=self._power)
-
-    @property
-    def active(self) -> tuple[ActiveLimit, ...]:
-        """Return the limits that bound the motion, in order of time."""
-        names, limits = self.motion.joint_names, tuple(self.uses)
-        uses = np.stack([self.uses[name] for name in limits], axis=1).reshape(
-            len(self.tau), -1)
-        found = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
-        starts = np.flatnonzero(np.diff(found, prepend=-2))
-        ends = np.append(starts[1:], len(found)) - 1
-        return tuple(ActiveLimit(
-            float(self.motion.times[i]), float(self.motion.times[j]),
-            names[found[i] % len(names)], limits[found[i] // len(names)])
-            for i, j in zip(starts.tolist(), ends.tolist()) if found[i] >= 0)
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
