@@ -120,9 +120,11 @@ class PathLimits:
                 rows += [block[:, :, used] for block in _one_sided(
                     *lines, *self._torque_of_power(width, at, first))]
                 # The limit at the middle counts too; the mean of those at both ends exceeds it.
-                middle = [0.5 * (line[1:] + line[:-1]) for line in (*lines, width, at)]
+                alpha, beta, gamma, width, at = (0.5 * (line[1:] + line[:-1])
+                                                 for line in (*lines, width, at))
                 middles = [block[:, :, used] for block in _one_sided(
-                    *middle[:3], *self._torque_of_power(*middle[3:], self.section.first[1::2]))]
+                    alpha, beta, gamma,
+                    *self._torque_of_power(width, at, self.section.first[1::2]))]
                 continue
             block = np.stack([*lines, width, none], axis=1)
             rows.append(block if used.all() else block[:, :, used])
@@ -175,8 +177,9 @@ def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Arr
     satisfies those at itself.
     """
     far = OUT_OF_REACH * (np.abs(gamma) + width)
-    return tuple(np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
-                           np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))  # type: ignore[return-value]
+    upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
+                              np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))
+    return upper, lower
 
 
 def _in_intervals(rows: Array, stiff: Flags) -> Array:
@@ -193,12 +196,12 @@ def _in_intervals(rows: Array, stiff: Flags) -> Array:
     end[...] = rows[1:]
     end[:, 0] += end[:, 1]
     # The mean counts where both ends do not; it is then the limit twice.
-    both = (stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0))[:, None]
+    both = stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0)
     begin[...] = rows[:-1]
-    mean = begin + end
-    mean *= 0.5
-    np.copyto(begin, mean, where=~both)
-    np.copyto(end, mean, where=~both)
+    change = end - begin
+    change *= np.where(both, 0.0, 0.5)[:, None]
+    begin += change
+    end -= change
     return out
 
 

@@ -98,8 +98,8 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     largest = np.zeros((len(bounds), len(coefficients), robot.n))
     used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds]).tolist()
     names = [Bounds._fields[k] for k in used]
-    peaks = segment_peaks(robot, names, coefficients, np.diff(points.t), INSIDE) if used else []
-    for k, peak in zip(used, peaks):
+    for k, peak in zip(used, segment_peaks(robot, names, coefficients, np.diff(points.t),
+                                           INSIDE) if used else ()):
         values = (tau, points.u, tau * points.u, points.udot)[k]
         at_points[k] = share(np.abs(values), bounds[k])
         largest[k] = np.maximum(share(peak, bounds[k]), at_points[k, 1:])
