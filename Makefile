@@ -35,7 +35,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
-	@echo 'make demo         feedforward on a simulated arm, over ROS 2'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops'
 	@echo 'make test         tests, a few minutes'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
@@ -110,11 +110,13 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 
 # ---------------------------------------------------------------------- use and tests
 
+ROBOT ?= fr3
+
 # Installs only what the demo needs, on two processors.
 demo:
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
 	  $(VENV)/.imported
-	$(ROS_ENV) $(BIN)/kane-dynamics demo
+	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
 # them.
