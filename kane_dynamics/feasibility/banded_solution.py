@@ -5,7 +5,7 @@ They are factored as L D L^T, without pivots. The factorization with the forward
 the back substitution, are each a traced program of one row, repeated natively.
 """
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -46,8 +46,7 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
                            ('factors_after', wide), ('row', wide)], narrow)):
         name = function.__name__
         out.append(Kernel(
-            name, lambda name=name, function=function, inputs=inputs: trace_program(  # type: ignore[misc]
-                name, function, inputs), f'{name} {n}',
+            name, partial(trace_program, name, function, inputs), f'{name} {n}',
             [Argument(*each) for each in inputs[:-1]], np.zeros(wide), shape))
     return out[0], out[1]
 
