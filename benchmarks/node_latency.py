@@ -8,8 +8,8 @@ every 2 ms on average, with a jittered period, so that every contender meets the
 of one round belong together. Rounds come in blocks, and through every other block a fifth process
 calls the node's simulation service back to back.
 
-The gates: the median of the paired ratios to the echoes, and beside simulations the node loses less
-than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
+The gates: the median of the paired ratios to the echoes, and beside simulations the node loses
+less than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gate to the echo on
 the default executor, idle, holds there.

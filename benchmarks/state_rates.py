@@ -19,7 +19,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
-from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, MOST_LOST, NAMESPACES, OURS, REALTIME)
+from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, MOST_LOST, NAMESPACES, OURS,
+                          REALTIME)
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -142,8 +143,8 @@ def main(*arguments: str) -> int:
             loader.stdin.flush()
         driver.destroy_node()
     rclpy.shutdown()
-    print(f'Joint states of {len(FR3.joints)} joints, {SECONDS:g} s at each rate; load of the machine before '
-          f' {load:.2f}\n\n{table(results)}')
+    print(f'Joint states of {len(FR3.joints)} joints, {SECONDS:g} s at each rate; load of the '
+          f'machine before {load:.2f}\n\n{table(results)}')
     if results[0].unanswered < MOST_LOST:
         return 0
     print(f'FAILED: {results[0].unanswered:.2%} lost at {RATES[0]} Hz, {MOST_LOST:.0%} or more')
