@@ -1,0 +1,169 @@
+"""The native kernels of a horizon: its step with feedback, its derivatives, the backward pass."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
+                                                                   implicit_friction_step)
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.threads import run_concurrently
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.optimal_control.backward_step import backward_step, clipped
+from kane_dynamics.optimal_control.stage_cost import cost_slopes, Limits, stage_cost
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+NUMBERS = 2  # at the beginning of the constants: the interval's length and the step's scale
+
+
+class HorizonKernels:
+    """
+    Kernels of a robot, and the arrays of a horizon on which they work.
+
+    Parameters
+    ----------
+    robot : Robot
+        A tree of rigid bodies with joint rates.
+    nodes : int
+        Number of intervals, N.
+
+    Attributes
+    ----------
+    path, trial : (N + 1, 3 n + 1) arrays
+        Rows of q, u, the torque of the interval before, and the cost so far.
+    targets, weights : (N, 3 n) arrays
+        Of q and u at the end of an interval, and of its torque.
+    slopes : (N, 3, n, n) array
+        Derivatives of udot by q, u and tau.
+    policy : (N + 1, ...) array
+        Rows of `backward_step.Policy`.
+    constants : array
+        Length of an interval, scale of the step, limits, and the robot's parameters.
+
+    """
+
+    def __init__(self, robot: Robot, nodes: int) -> None:
+        """Trace and compile the kernels, or load them from the cache."""
+        n = self.n = robot.n
+        self.nodes = nodes
+        self._equations: Any = robot.equations
+        self.path, self.trial = np.zeros((2, nodes + 1, 3 * n + 1))
+        self.targets, self.weights = np.zeros((2, nodes, 3 * n))
+        self.slopes = np.zeros((nodes, 3, n, n))
+        self.policy_parts = np.cumsum([n, 2 * n * n, 1, 1, 2 * n])
+        self.policy = np.zeros((nodes + 1, int(self.policy_parts[-1]) + n * (2 * n + 1)))
+        self.constants = np.zeros(NUMBERS + 3 * n + len(robot.parameters.block))
+        shapes: dict[str, Shape] = {
+            'state': (2 * n,), 'tau': (n,), 'slopes': (3, n, n), 'row': (3 * n + 1,),
+            'nominal': (2 * n,), 'policy': (self.policy.shape[1],), 'target': (3 * n,),
+            'weight': (3 * n,), 'constants': self.constants.shape}
+        made: dict[str, Kernel] = {}
+
+        def make(name: str, function: Callable[..., Any], inputs: str, shape: Shape) -> None:
+            given = [(key, shapes[key]) for key in [*inputs.split(), 'constants']]
+            made[name] = robot.kernels.extra(
+                name, lambda: _program(name, function, given),
+                [Argument(*each) for each in given[:-1]], np.zeros(shapes['constants']), shape)
+            if name == 'horizon_slopes':
+                made[name].compile_lanes()
+        run_concurrently([partial(make, *each) for each in (
+            ('horizon_slopes', self._slopes_of, 'state tau', (3, n, n)),
+            ('horizon_policy', self._policy_of, 'slopes state tau target weight policy',
+             (self.policy.shape[1],)),
+            ('horizon_step', self._step_of, 'row nominal tau policy target weight',
+             (3 * n + 1,)))])
+        self._kernels = made
+
+    def _limits(self, constants: Any) -> tuple[Limits, Any]:
+        n = self.n
+        torque, speed, weight, parameters = np.split(
+            constants[NUMBERS:], [n, 2 * n, 3 * n])
+        return Limits(torque, speed, weight), parameters
+
+    def _slopes_of(self, state: Any, tau: Any, constants: Any) -> Any:
+        return implicit_friction_slopes(self._equations, state[:self.n], state[self.n:], tau,
+                                        constants[0], self._limits(constants)[1])
+
+    def _policy_of(self, slopes: Any, state: Any, tau: Any, target: Any, weight: Any,
+                   after: Any, constants: Any) -> Any:
+        limits = self._limits(constants)[0]
+        gradient, hessian = cost_slopes(state, tau, target, weight, limits)
+        *_, v, V = np.split(after, self.policy_parts)
+        found = backward_step(slopes, tau, constants[0], gradient, hessian, limits, v, V)
+        return np.concatenate([np.ravel(part) for part in found])
+
+    def _step_of(self, row: Any, nominal: Any, tau: Any, policy: Any, target: Any, weight: Any,
+                 constants: Any) -> Any:
+        n = self.n
+        limits, parameters = self._limits(constants)
+        k, K = policy[:n], policy[n:n + 2 * n * n].reshape(n, 2 * n)
+        wanted = tau + constants[1] * k + K @ (row[:2 * n] - nominal)
+        tau = np.array([clipped(x, -most, most) for x, most in zip(wanted, limits.torque)])
+        x = np.concatenate(implicit_friction_step(self._equations, row[:n], row[n:2 * n], tau,
+                                                  constants[0], parameters))
+        cost = row[-1] + stage_cost(x, tau, target, weight, limits)
+        return np.concatenate([x, tau, [cost]])
+
+    def linearize(self) -> None:
+        """Write `slopes` of `path`."""
+        path, slopes = self.path, self.slopes
+        run_batch(self._kernels['horizon_slopes'].lane_address, [
+            Strided(path.ctypes.data, path.strides[0]),
+            Strided(path[1:, 2 * self.n:].ctypes.data, path.strides[0]),
+            Strided(self.constants.ctypes.data),
+            Strided(slopes.ctypes.data, slopes.strides[0])], self.nodes)
+
+    def backward(self) -> None:
+        """Write `policy` for `path` and `slopes`, from the last interval to the first."""
+        last, path = self.nodes - 1, self.path
+        rows = [(self.slopes, last), (path, last + 1), (path[:, 2 * self.n:], last + 1),
+                (self.targets, last), (self.weights, last), (self.policy, last + 1)]
+        self._repeat('horizon_policy', rows, (self.policy, last), -1)
+
+    def forward(self, scale: float) -> None:
+        """Write `trial`, from its first row on, by `policy` with this scale of k."""
+        self.constants[1] = scale
+        rows = [(self.trial, 0), (self.path, 0), (self.path[:, 2 * self.n:], 1),
+                (self.policy, 0), (self.targets, 0), (self.weights, 0)]
+        self._repeat('horizon_step', rows, (self.trial, 1), 1)
+
+    def expected(self) -> tuple[float, float]:
+        """Return a, b: the policy at a scale s changes the cost by about s a + s^2 b."""
+        at = int(self.policy_parts[1])
+        first, second = self.policy[:-1, at:at + 2].sum(axis=0)
+        return float(first), float(second)
+
+    def shift(self, intervals: float) -> None:
+        """Move `path` and the gains of `policy` by a time in intervals; the end is repeated."""
+        place = np.arange(self.nodes + 1) + intervals
+        for rows, last in ((self.path[:, :2 * self.n], self.nodes),
+                           (self.path[1:, 2 * self.n:-1], self.nodes - 1)):
+            moved = np.minimum(place[:len(rows)], last)
+            first = moved.astype(int)
+            part = (moved - first)[:, None]
+            rows[:] = (1.0 - part) * rows[first] + part * rows[np.minimum(first + 1, last)]
+        self.policy[:-1] = self.policy[np.minimum(place[:-1].astype(int), self.nodes - 1)]
+
+    def swap(self) -> None:
+        """Exchange `path` and `trial`, which keep the same first row."""
+        self.path, self.trial = self.trial, self.path
+
+    def _repeat(self, name: str, rows: list[tuple[Array, int]], result: tuple[Array, int],
+                direction: int) -> None:
+        placed = [*((array.ctypes.data + row * array.strides[0], direction * array.strides[0])
+                    for array, row in rows), (self.constants.ctypes.data, 0),
+                  (result[0].ctypes.data + result[1] * result[0].strides[0],
+                   direction * result[0].strides[0])]
+        repeat(self._kernels[name].address, [address for address, _ in placed],
+               [stride for _, stride in placed], self.nodes)
+
+
+def _program(name: str, function: Callable[..., Any],
+             inputs: list[tuple[str, Shape]]) -> Program:
+    """Trace a kernel."""
+    return trace_program(name, function, inputs)
