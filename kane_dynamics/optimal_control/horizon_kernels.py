@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
                                                                    implicit_friction_step)
 from kane_dynamics.native.runtime.argument import Argument
@@ -19,6 +18,8 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 NUMBERS = 2  # at the beginning of the constants: the interval's length and the step's scale
+
+ARRAYS = ('path', 'trial', 'targets', 'weights', 'slopes', 'policy', 'constants')
 
 
 class HorizonKernels:
@@ -58,6 +59,8 @@ class HorizonKernels:
         self.policy_parts = np.cumsum([n, 2 * n * n, 1, 1, 2 * n])
         self.policy = np.zeros((nodes + 1, int(self.policy_parts[-1]) + n * (2 * n + 1)))
         self.constants = np.zeros(NUMBERS + 3 * n + len(robot.parameters.block))
+        self._places = {name: (array.ctypes.data, array.strides[0] if array.ndim > 1 else 0)
+                        for name in ARRAYS for array in [getattr(self, name)]}
         shapes: dict[str, Shape] = {
             'state': (2 * n,), 'tau': (n,), 'slopes': (3, n, n), 'row': (3 * n + 1,),
             'nominal': (2 * n,), 'policy': (self.policy.shape[1],), 'target': (3 * n,),
@@ -111,26 +114,37 @@ class HorizonKernels:
 
     def linearize(self) -> None:
         """Write `slopes` of `path`."""
-        path, slopes = self.path, self.slopes
+        (path, row), (tau, _) = self._place('path'), self._place('path', 1, 2 * self.n)
+        slopes, size = self._place('slopes')
         run_batch(self._kernels['horizon_slopes'].lane_address, [
-            Strided(path.ctypes.data, path.strides[0]),
-            Strided(path[1:, 2 * self.n:].ctypes.data, path.strides[0]),
-            Strided(self.constants.ctypes.data),
-            Strided(slopes.ctypes.data, slopes.strides[0])], self.nodes)
+            Strided(path, row), Strided(tau, row), Strided(self._place('constants')[0]),
+            Strided(slopes, size)], self.nodes)
 
     def backward(self) -> None:
         """Write `policy` for `path` and `slopes`, from the last interval to the first."""
-        last, path = self.nodes - 1, self.path
-        rows = [(self.slopes, last), (path, last + 1), (path[:, 2 * self.n:], last + 1),
-                (self.targets, last), (self.weights, last), (self.policy, last + 1)]
-        self._repeat('horizon_policy', rows, (self.policy, last), -1)
+        place, last = self._place, self.nodes - 1
+        self._repeat('horizon_policy', [
+            place('slopes', last), place('path', last + 1), place('path', last + 1, 2 * self.n),
+            place('targets', last), place('weights', last), place('policy', last + 1),
+            place('constants'), place('policy', last)], -1)
 
     def forward(self, scale: float) -> None:
         """Write `trial`, from its first row on, by `policy` with this scale of k."""
+        place = self._place
         self.constants[1] = scale
-        rows = [(self.trial, 0), (self.path, 0), (self.path[:, 2 * self.n:], 1),
-                (self.policy, 0), (self.targets, 0), (self.weights, 0)]
-        self._repeat('horizon_step', rows, (self.trial, 1), 1)
+        self._repeat('horizon_step', [
+            place('trial'), place('path'), place('path', 1, 2 * self.n), place('policy'),
+            place('targets'), place('weights'), place('constants'), place('trial', 1)], 1)
+
+    def _place(self, name: str, row: int = 0, column: int = 0) -> tuple[int, int]:
+        """Return the address of an entry of an array, and the bytes from row to row."""
+        address, stride = self._places[name]
+        return address + row * stride + 8 * column, stride
+
+    def _repeat(self, name: str, places: list[tuple[int, int]], direction: int) -> None:
+        """Call a kernel for every interval, on rows that follow one another."""
+        repeat(self._kernels[name].address, [address for address, _ in places],
+               [direction * stride for _, stride in places], self.nodes)
 
     def expected(self) -> tuple[float, float]:
         """Return a, b: the policy at a scale s changes the cost by about s a + s^2 b."""
@@ -152,15 +166,8 @@ class HorizonKernels:
     def swap(self) -> None:
         """Exchange `path` and `trial`, which keep the same first row."""
         self.path, self.trial = self.trial, self.path
-
-    def _repeat(self, name: str, rows: list[tuple[Array, int]], result: tuple[Array, int],
-                direction: int) -> None:
-        placed = [*((array.ctypes.data + row * array.strides[0], direction * array.strides[0])
-                    for array, row in rows), (self.constants.ctypes.data, 0),
-                  (result[0].ctypes.data + result[1] * result[0].strides[0],
-                   direction * result[0].strides[0])]
-        repeat(self._kernels[name].address, [address for address, _ in placed],
-               [stride for _, stride in placed], self.nodes)
+        places = self._places
+        places['path'], places['trial'] = places['trial'], places['path']
 
 
 def _program(name: str, function: Callable[..., Any],

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SUFFICIENT = 1e-4  # least decrease of the cost, as a fraction of the expected one
-HALVINGS = 12  # of the step, in one iteration
+HALVINGS = 8  # of the step, in one iteration
 
 
 @fixed
@@ -228,11 +228,13 @@ class TrajectoryOptimizer:
         return float(self._arrays.trial[-1, -1])
 
     def _iterate(self, cost: float, tolerance: float) -> float | None:
-        """Improve the path; return its cost, or None if no step along the policy does."""
+        """Improve the path; return its cost, or None if no step of note does."""
         arrays = self._arrays
         arrays.linearize()
         arrays.backward()
         first, second = arrays.expected()
+        if -(first + second) <= tolerance * abs(cost):
+            return None
         scale = 1.0
         for _ in range(HALVINGS):
             found = self._followed(scale)
