@@ -61,7 +61,8 @@ class PredictiveNode(Node):
         if self.finished:
             return
         self.controller.set_target(self.targets[reached])
-        tau = self.controller.torque(q, u, stamp - self.last)
+        elapsed = max(0.0, stamp - self.last)  # system time may be set back
+        tau = self.controller.torque(q, u, elapsed)
         self._commands.publish(Float64MultiArray(data=tau.tolist()))
         self.last, self.error = stamp, float(np.abs(q - self.targets[reached]).max())
         self.took.append(time.perf_counter() - woke)

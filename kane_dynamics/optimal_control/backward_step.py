@@ -5,10 +5,9 @@ The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change
 the state. The change of torque that minimises it, plus the cost of the interval, is
 ``k + K dx``, within the limits (Tassa, Mansard, Todorov, Control-limited differential dynamic
 programming, ICRA 2014), with Gauss-Newton Hessians (iLQR): second derivatives of the dynamics are
-left out. The limits are met by a primal-dual active set method (Hintermueller, Ito, Kunisch, SIAM
-J. Optim. 13 (2002)): torques at a limit are set, the others follow from a linear system, and those
-that exceed a limit, or want to leave theirs, change sides. The number of these rounds is fixed,
-since programs do not branch.
+left out. Within the limits, the quadratic is minimised by projected Newton steps (Bertsekas, SIAM
+J. Control Optim. 20 (1982)), each with the best of some lengths. Their number is fixed, since
+programs do not branch; the result never costs more than no change.
 
 The step of the horizon is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function of q
 and w, and only w depends on the dynamics: this halves the arithmetic.
@@ -23,7 +22,8 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.optimal_control.stage_cost import Limits
 import numpy as np
 
-ROUNDS = 6  # of the active set, which begins with that of the previous iteration
+ROUNDS = 5  # projected Newton steps
+SCALES = (1.0, 0.3, 0.1)  # lengths of each
 Matrix = list[list[Any]]
 
 
@@ -38,8 +38,8 @@ class Policy(NamedTuple):
     V: Any  # lower triangle by rows, (n (2 n + 1),)
 
 
-def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, limits: Limits,
-                  v: Any, V: Any) -> Policy:
+def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, regular: Any,
+                  limits: Limits, v: Any, V: Any) -> Policy:
     """
     Return the policy of an interval.
 
@@ -52,6 +52,8 @@ def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, li
         Length of the interval, s.
     gradient, hessian : (3 n,) arrays
         `stage_cost.cost_slopes`.
+    regular : (n,) array
+        Weights of the change of torque, which shorten it.
     limits : Limits
     v, V
         The cost-to-go at the end of the interval, as in `Policy`.
@@ -61,10 +63,10 @@ def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, li
     H, g = _expanded(slopes, h, v + gradient[:2 * n], _symmetric(V, 2 * n)
                      + np.diag(hessian[:2 * n]), n)
     Q = np.array([[H[2 * n + max(i, j)][2 * n + min(i, j)] for j in range(n)] for i in range(n)])
-    Q = Q + np.diag(hessian[2 * n:])
+    Q = Q + np.diag(hessian[2 * n:] + regular)
     Q_x = np.array([row[:2 * n] for row in H[2 * n:]])
     g_tau = g[2 * n:] + gradient[2 * n:]
-    k, K = _limited(Q, g_tau, Q_x, -limits.torque - tau, limits.torque - tau)
+    k, K = limited_minimum(Q, g_tau, Q_x, -limits.torque - tau, limits.torque - tau)
     Q_k = Q @ k
     return Policy(k, K, g_tau @ k, 0.5 * (k @ Q_k),
                   g[:2 * n] + k @ Q_x + (Q_k + g_tau) @ K,
@@ -94,28 +96,43 @@ def _expanded(slopes: Any, h: Any, v: Any, V: Any, n: int) -> tuple[Matrix, Any]
     return H, np.concatenate([g[:n] + v[:n], g[n:]])
 
 
-def _limited(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
-    """Return k that minimises g . k + 1/2 k . Q k within bounds, and K, which is 0 at them."""
+def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+    """
+    Return k that minimises g . k + 1/2 k . Q k within bounds, (n,), and its feedback, (n, 2 n).
+
+    By projected Newton steps from 0. The feedback solves Q K = -Q_x for the free torques, and is 0
+    for those at a bound.
+    """
     n = len(g)
-    order = range(n)
-    above = np.array([(1.0 - (0.0 < upper[i])) * (g[i] < 0.0) for i in order])
-    below = np.array([(1.0 - (lower[i] < 0.0)) * (0.0 < g[i]) for i in order])
+    k: Any = np.zeros(n)
     for _ in range(ROUNDS):
-        free = 1.0 - above - below
-        held = np.array([select(above[i] > 0.5, upper[i], select(below[i] > 0.5, lower[i], 0.0))
-                         for i in order])
-        factors = factorize(np.array([
-            [free[i] * free[j] * Q[i, j] if i != j else free[i] * Q[i, i] + (1.0 - free[i])
-             for j in order] for i in order]), order)
-        k = held + solve(factors, order, -(free * (g + Q @ held)))
         slope = g + Q @ k
-        last = free
-        above, below = (
-            np.array([free[i] * (upper[i] < k[i]) + above[i] * (slope[i] < 0.0) for i in order]),
-            np.array([free[i] * (k[i] < lower[i]) + below[i] * (0.0 < slope[i]) for i in order]))
-    k = np.array([clipped(k[i], lower[i], upper[i]) for i in order])
-    K = np.stack([solve(factors, order, -(last * Q_x[:, c])) for c in range(2 * n)], axis=1)
-    return k, K
+        free, factors = _free(Q, k, slope, lower, upper)
+        step = solve(factors, range(n), -(free * slope))
+        best: Any = 0.0
+        found = k
+        for scale in SCALES:
+            there = [clipped(a + scale * b, *bounds)
+                     for a, b, *bounds in zip(k, step, lower, upper)]
+            value = (g + 0.5 * (Q @ there)) @ there - (g + 0.5 * (Q @ k)) @ k
+            better = value < best
+            best = select(better, value, best)
+            found = np.array([select(better, a, b) for a, b in zip(there, found)])
+        k = found
+    free, factors = _free(Q, k, g + Q @ k, lower, upper)
+    return k, np.stack([solve(factors, range(n), -(free * column)) for column in Q_x.T], axis=1)
+
+
+def _free(Q: Any, k: Any, slope: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+    """
+    Return 1 for each torque that is free, else 0, and the factors of Q with unit rows for these.
+
+    A torque is at a bound, not free, if it is there and the slope of the cost keeps it there.
+    """
+    free = np.array([1.0 - (1.0 - (low < x)) * (0.0 < s) - (1.0 - (x < high)) * (s < 0.0)
+                     for x, s, low, high in zip(k, slope, lower, upper)])
+    kept = np.outer(free, free) * Q + np.diag(1.0 - free)
+    return free, factorize(kept, range(len(free)))
 
 
 def clipped(x: Any, lower: Any, upper: Any) -> Any:

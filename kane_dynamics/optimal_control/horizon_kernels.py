@@ -17,7 +17,7 @@ from kane_dynamics.optimal_control.stage_cost import cost_slopes, Limits, stage_
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-NUMBERS = 2  # at the beginning of the constants: the interval's length and the step's scale
+NUMBERS = 3  # at the beginning of the constants: interval, scale of the step, regularization
 
 ARRAYS = ('path', 'trial', 'targets', 'weights', 'slopes', 'policy', 'constants')
 
@@ -44,7 +44,8 @@ class HorizonKernels:
     policy : (N + 1, ...) array
         Rows of `backward_step.Policy`.
     constants : array
-        Length of an interval, scale of the step, limits, and the robot's parameters.
+        Length of an interval, scale of the step, regularization, limits, and the robot's
+        parameters.
 
     """
 
@@ -97,7 +98,8 @@ class HorizonKernels:
         limits = self._limits(constants)[0]
         gradient, hessian = cost_slopes(state, tau, target, weight, limits)
         *_, v, V = np.split(after, self.policy_parts)
-        found = backward_step(slopes, tau, constants[0], gradient, hessian, limits, v, V)
+        regular = constants[2] * hessian[2 * self.n:]
+        found = backward_step(slopes, tau, constants[0], gradient, hessian, regular, limits, v, V)
         return np.concatenate([np.ravel(part) for part in found])
 
     def _step_of(self, row: Any, nominal: Any, tau: Any, policy: Any, target: Any, weight: Any,
@@ -120,9 +122,14 @@ class HorizonKernels:
             Strided(path, row), Strided(tau, row), Strided(self._place('constants')[0]),
             Strided(slopes, size)], self.nodes)
 
-    def backward(self) -> None:
-        """Write `policy` for `path` and `slopes`, from the last interval to the first."""
+    def backward(self, regularization: float) -> None:
+        """
+        Write `policy` for `path` and `slopes`, from the last interval to the first.
+
+        The weight of a change of torque is `regularization` times that of the torque.
+        """
         place, last = self._place, self.nodes - 1
+        self.constants[2] = regularization
         self._repeat('horizon_policy', [
             place('slopes', last), place('path', last + 1), place('path', last + 1, 2 * self.n),
             place('targets', last), place('weights', last), place('policy', last + 1),

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SUFFICIENT = 1e-4  # least decrease of the cost, as a fraction of the expected one
-HALVINGS = 8  # of the step, in one iteration
+HALVINGS = 6  # of the step, in one iteration
+ROUNDING = 1e-13  # of a cost, relative
+RAISED, STALLED = 10.0, 1e8  # factor of the regularization, and the least that ends the search
 
 
 @fixed
@@ -62,9 +64,10 @@ class Solution:
     cost : float
         Without the state at the beginning, which no torque changes.
     iterations : int
-        Iterations that decreased the cost.
+        Passes over the horizon.
     converged : bool
-        Whether the last decrease was at most the tolerance.
+        Whether the last decrease was at most the tolerance. False too where no step decreases the
+        cost, as at a kink.
 
     """
 
@@ -135,6 +138,7 @@ class TrajectoryOptimizer:
         self._arrays.constants[NUMBERS:NUMBERS + 3 * robot.n] = np.concatenate(
             [self.torque_limits, self.speed_limits, excess])
         self._arrays.constants[0] = self.interval
+        self._regularization = 0.0
         self.set_target(np.zeros(robot.n))
 
     @property
@@ -161,11 +165,14 @@ class TrajectoryOptimizer:
             targets[:] = np.concatenate([q, np.zeros(n), self.robot.gravity_force(q)])
 
     def start(self, tau: ArrayLike) -> None:
-        """Begin the next `solve` with this torque in every interval, (n,), cut to its limits."""
-        row = finite_row(tau, 'tau', self.robot.joint_names)
-        n = self.robot.n
-        self._arrays.path[1:, 2 * n:3 * n] = row
+        """Begin the next `solve` with these torques: (n,) for every interval, or (N, n)."""
+        n, names = self.robot.n, self.robot.joint_names
+        rows = [finite_row(row, 'tau', names) for row in np.reshape(tau, (-1, np.shape(tau)[-1]))]
+        if len(rows) not in (1, self.nodes):
+            raise InputError(f'tau: {len(rows)} rows; expected 1 or {self.nodes}')
+        self._arrays.path[1:, 2 * n:3 * n] = rows
         self._arrays.policy[:] = 0.0
+        self._regularization = 0.0
 
     def shift(self, elapsed: float) -> None:
         """
@@ -209,14 +216,14 @@ class TrajectoryOptimizer:
             raise InputError('torques: their motion is not finite; expected torques near those '
                              'that hold the arm (see start), or shorter intervals')
         arrays.swap()
+        self._regularization = min(self._regularization, STALLED / RAISED**2)
         done, converged = 0, False
-        while done < iterations and not converged:
-            improved = self._iterate(cost, tolerance)
-            if improved is None:
-                converged = True
-            else:
-                converged = cost - improved <= tolerance * abs(improved)
-                cost, done = improved, done + 1
+        while done < iterations and not converged and self._regularization < STALLED:
+            done += 1
+            before, failed = cost, self._regularization
+            cost = self._iterate(cost)
+            converged = (before - cost <= tolerance * abs(cost)
+                         and self._regularization <= failed)
         q_u, tau = arrays.path[:, :2 * n], arrays.path[1:, 2 * n:3 * n]
         gains = arrays.policy[:-1, n:n + 2 * n * n].reshape(-1, n, 2 * n)
         return Solution(q_u[:, :n].copy(), q_u[:, n:].copy(), tau.copy(), gains.copy(), cost,
@@ -227,19 +234,22 @@ class TrajectoryOptimizer:
         self._arrays.forward(scale)
         return float(self._arrays.trial[-1, -1])
 
-    def _iterate(self, cost: float, tolerance: float) -> float | None:
-        """Improve the path; return its cost, or None if no step of note does."""
+    def _iterate(self, cost: float) -> float:
+        """Improve the path, or regularize the next iteration; return the cost."""
         arrays = self._arrays
         arrays.linearize()
-        arrays.backward()
+        arrays.backward(self._regularization)
         first, second = arrays.expected()
-        if -(first + second) <= tolerance * abs(cost):
-            return None
         scale = 1.0
         for _ in range(HALVINGS):
             found = self._followed(scale)
-            if cost - found >= -SUFFICIENT * scale * (first + scale * second) and found < cost:
+            if cost - found >= -SUFFICIENT * scale * (first + scale * second) >= 0.0:
                 arrays.swap()
+                lower = self._regularization / RAISED
+                self._regularization = lower if lower >= 1.0 else 0.0
                 return found
+            if -(first + second) <= ROUNDING * abs(cost):
+                return cost  # nothing to gain
             scale *= 0.5
-        return None
+        self._regularization = max(1.0, RAISED * self._regularization)
+        return cost
