@@ -5,9 +5,10 @@ The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change
 the state. The change of torque that minimises it, plus the cost of the interval, is
 ``k + K dx``, within the limits (Tassa, Mansard, Todorov, Control-limited differential dynamic
 programming, ICRA 2014), with Gauss-Newton Hessians (iLQR): second derivatives of the dynamics are
-left out. Within the limits, the quadratic is minimised by projected Newton steps (Bertsekas, SIAM
-J. Control Optim. 20 (1982)), each with the best of some lengths. Their number is fixed, since
-programs do not branch; the result never costs more than no change.
+left out. Within the limits, the quadratic is minimised by Seidel sweeps and projected Newton steps
+(Bertsekas, SIAM J. Control Optim. 20 (1982)) in turn, each step with the best of some lengths.
+Their number is fixed, since programs do not branch. The result costs less than no change, unless
+no change is the minimum.
 
 The step of the horizon is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function of q
 and w, and only w depends on the dynamics: this halves the arithmetic.
@@ -22,7 +23,7 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.optimal_control.stage_cost import Limits
 import numpy as np
 
-ROUNDS = 5  # projected Newton steps
+ROUNDS = 4  # sweeps and projected Newton steps
 SCALES = (1.0, 0.3, 0.1)  # lengths of each
 Matrix = list[list[Any]]
 
@@ -100,13 +101,14 @@ def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[A
     """
     Return k that minimises g . k + 1/2 k . Q k within bounds, (n,), and its feedback, (n, 2 n).
 
-    By projected Newton steps from 0. The feedback solves Q K = -Q_x for the free torques, and is 0
+    By projected Newton steps from 0, after a sweep over the torques each. The feedback solves Q K = -Q_x for the free torques, and is 0
     for those at a bound.
     """
     n = len(g)
     k: Any = np.zeros(n)
+    inverse = [1.0 / Q[i, i] for i in range(n)]
     for _ in range(ROUNDS):
-        slope = g + Q @ k
+        k, slope = _relaxed(Q, k, g + Q @ k, inverse, lower, upper)
         free, factors = _free(Q, k, slope, lower, upper)
         step = solve(factors, range(n), -(free * slope))
         best: Any = 0.0
@@ -121,6 +123,16 @@ def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[A
         k = found
     free, factors = _free(Q, k, g + Q @ k, lower, upper)
     return k, np.stack([solve(factors, range(n), -(free * column)) for column in Q_x.T], axis=1)
+
+
+def _relaxed(Q: Any, k: Any, slope: Any, inverse: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+    """Return k and the slope of the cost after each torque has been set to its best (Seidel)."""
+    k = list(k)
+    for i in range(len(k)):
+        new = clipped(k[i] - inverse[i] * slope[i], lower[i], upper[i])
+        slope = slope + (new - k[i]) * Q[:, i]
+        k[i] = new
+    return np.array(k), slope
 
 
 def _free(Q: Any, k: Any, slope: Any, lower: Any, upper: Any) -> tuple[Any, Any]:

@@ -43,7 +43,7 @@ class CostWeights:
     torque: Any = 1e-3
     end_position: Any = 100.0
     end_speed: Any = 1.0
-    excess_speed: Any = 1000.0
+    excess_speed: Any = 100.0
 
 
 @fixed
@@ -220,10 +220,10 @@ class TrajectoryOptimizer:
         done, converged = 0, False
         while done < iterations and not converged and self._regularization < STALLED:
             done += 1
-            before, failed = cost, self._regularization
+            before, shortened = cost, self._regularization > 0.0
             cost = self._iterate(cost)
             converged = (before - cost <= tolerance * abs(cost)
-                         and self._regularization <= failed)
+                         and not shortened and self._regularization == 0.0)
         q_u, tau = arrays.path[:, :2 * n], arrays.path[1:, 2 * n:3 * n]
         gains = arrays.policy[:-1, n:n + 2 * n * n].reshape(-1, n, 2 * n)
         return Solution(q_u[:, :n].copy(), q_u[:, n:].copy(), tau.copy(), gains.copy(), cost,
