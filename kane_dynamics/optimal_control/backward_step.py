@@ -23,8 +23,8 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.optimal_control.stage_cost import Limits
 import numpy as np
 
-ROUNDS = 4  # sweeps and projected Newton steps
-SCALES = (1.0, 0.3, 0.1)  # lengths of each
+ROUNDS = 3  # sweeps and projected Newton steps
+SCALES = (1.0, 0.3)  # lengths of each
 Matrix = list[list[Any]]
 
 
@@ -49,6 +49,7 @@ def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, re
     slopes : (3, n, n) array
         Derivatives of udot by q, u and tau.
     tau : (n,) array
+        Torque of the interval.
     h : scalar
         Length of the interval, s.
     gradient, hessian : (3 n,) arrays
@@ -56,6 +57,7 @@ def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, re
     regular : (n,) array
         Weights of the change of torque, which shorten it.
     limits : Limits
+        Limits of the joints.
     v, V
         The cost-to-go at the end of the interval, as in `Policy`.
 
@@ -101,8 +103,8 @@ def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[A
     """
     Return k that minimises g . k + 1/2 k . Q k within bounds, (n,), and its feedback, (n, 2 n).
 
-    By projected Newton steps from 0, after a sweep over the torques each. The feedback solves Q K = -Q_x for the free torques, and is 0
-    for those at a bound.
+    By projected Newton steps from 0, each after a sweep over the torques. The feedback solves
+    Q K = -Q_x for the free torques, and is 0 for those at a bound.
     """
     n = len(g)
     k: Any = np.zeros(n)
@@ -141,7 +143,7 @@ def _free(Q: Any, k: Any, slope: Any, lower: Any, upper: Any) -> tuple[Any, Any]
 
     A torque is at a bound, not free, if it is there and the slope of the cost keeps it there.
     """
-    free = np.array([1.0 - (1.0 - (low < x)) * (0.0 < s) - (1.0 - (x < high)) * (s < 0.0)
+    free = np.array([1.0 - (1.0 - (low < x)) * (s > 0.0) - (1.0 - (x < high)) * (s < 0.0)
                      for x, s, low, high in zip(k, slope, lower, upper)])
     kept = np.outer(free, free) * Q + np.diag(1.0 - free)
     return free, factorize(kept, range(len(free)))

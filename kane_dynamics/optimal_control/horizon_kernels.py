@@ -42,7 +42,7 @@ class HorizonKernels:
     slopes : (N, 3, n, n) array
         Derivatives of udot by q, u and tau.
     policy : (N + 1, ...) array
-        Rows of `backward_step.Policy`.
+        Rows of `backward_step.Policy`; its changes of cost are sums up to the end.
     constants : array
         Length of an interval, scale of the step, regularization, limits, and the robot's
         parameters.
@@ -97,9 +97,10 @@ class HorizonKernels:
                    after: Any, constants: Any) -> Any:
         limits = self._limits(constants)[0]
         gradient, hessian = cost_slopes(state, tau, target, weight, limits)
-        *_, v, V = np.split(after, self.policy_parts)
+        _, _, first, second, v, V = np.split(after, self.policy_parts)
         regular = constants[2] * hessian[2 * self.n:]
         found = backward_step(slopes, tau, constants[0], gradient, hessian, regular, limits, v, V)
+        found = found._replace(first=first[0] + found.first, second=second[0] + found.second)
         return np.concatenate([np.ravel(part) for part in found])
 
     def _step_of(self, row: Any, nominal: Any, tau: Any, policy: Any, target: Any, weight: Any,
@@ -156,8 +157,8 @@ class HorizonKernels:
     def expected(self) -> tuple[float, float]:
         """Return a, b: the policy at a scale s changes the cost by about s a + s^2 b."""
         at = int(self.policy_parts[1])
-        first, second = self.policy[:-1, at:at + 2].sum(axis=0)
-        return float(first), float(second)
+        first, second = self.policy[0, at:at + 2].tolist()  # sums up to the end
+        return first, second
 
     def shift(self, intervals: float) -> None:
         """Move `path` and the gains of `policy` by a time in intervals; the end is repeated."""

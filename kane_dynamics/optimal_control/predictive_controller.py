@@ -72,4 +72,5 @@ class PredictiveController:
             if self._motion is not None:
                 optimizer.set_target(self._motion, self._t)
             self.solution = optimizer.solve(q, u, iterations=self.iterations)
-        return self.solution.tau[0]
+        tau: Array = self.solution.tau[0]
+        return tau

@@ -22,7 +22,7 @@ FRICTION = {'friction': 1.0, 'friction_speed': 0.05, 'damping': 0.5}
 def arm(friction=True):
     """Return a two-link arm with Coulomb friction."""
     model = load_urdf(resource_path('urdf', 'two_link.urdf'))
-    joints = {name: FRICTION for name in model.joint_names}
+    joints = dict.fromkeys(model.joint_names, FRICTION)
     return Robot(load_urdf(resource_path('urdf', 'two_link.urdf'),
                            supplement={'joints': joints}), friction=friction)
 
@@ -68,8 +68,8 @@ def test_the_gradient_of_the_total_cost_is_that_of_finite_differences(friction):
     exact = gradient(problem, problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0)).ravel()
     steps = 1e-5 * np.eye(2 * NODES)
     numeric = [(cost(tau.ravel() + e) - cost(tau.ravel() - e)) / 2e-5 for e in steps]
-    np.testing.assert_allclose(exact, numeric, rtol=2e-3 if friction else 1e-6,
-                               atol=(2e-3 if friction else 1e-6) * np.abs(numeric).max())
+    np.testing.assert_allclose(exact, numeric, rtol=1e-5,
+                               atol=1e-6 * np.abs(numeric).max())
 
 
 def test_the_result_is_that_of_an_independent_shooting_method():
