@@ -7,6 +7,6 @@ Optimal control: torques over a horizon by differential dynamic programming, in 
 
 from kane_dynamics.optimal_control.predictive_controller import PredictiveController
 from kane_dynamics.optimal_control.trajectory_optimizer import (CostWeights, Solution,
-                                                                 TrajectoryOptimizer)
+                                                                TrajectoryOptimizer)
 
 __all__ = ['CostWeights', 'PredictiveController', 'Solution', 'TrajectoryOptimizer']

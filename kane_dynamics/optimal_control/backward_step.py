@@ -24,7 +24,7 @@ from kane_dynamics.optimal_control.stage_cost import Limits
 import numpy as np
 
 ROUNDS = 3  # sweeps and projected Newton steps
-SCALES = (1.0, 0.3)  # lengths of each
+SCALES = (1.0, 0.3, 0.1)  # lengths of each
 Matrix = list[list[Any]]
 
 

@@ -18,7 +18,7 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
-ITERATIONS = 6
+ITERATIONS = 8
 LENGTHS = (1.0, 0.5, 0.2)  # of each
 
 
