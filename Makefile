@@ -35,7 +35,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
-	@echo 'make demo         feedforward on a simulated arm, over ROS 2'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops'
 	@echo 'make test         tests, a few minutes'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
@@ -51,11 +51,14 @@ help:
 
 install: $(VENV)/.dependencies $(VENV)/.project
 
+# A pip of the system, if there is one, saves the seconds that a pip of our own takes.
+PIP_UV := install --quiet --disable-pip-version-check uv
 $(VENV)/.uv:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and \
 	  "python3 is %d.%d, but 3.11 or newer is needed: make PYTHON=..." % sys.version_info[:2])'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(PYTHON) -m venv --without-pip $(VENV)
+	@$(PYTHON) -m pip --python $(BIN)/python $(PIP_UV) 2> /dev/null \
+	  || { $(BIN)/python -m ensurepip > /dev/null && $(BIN)/python -m pip $(PIP_UV); }
 	@touch $@
 
 # The dependencies alone, so that a changed source later installs only the project; those of the
@@ -66,6 +69,13 @@ $(VENV)/.demo_dependencies: $(VENV)/.uv setup.py
 
 $(VENV)/.dependencies: $(VENV)/.demo_dependencies setup.py
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py $(EXTRAS:%=--extra %)
+	@touch $@
+
+# The first import compiles bytecode for seconds, and looks at all fonts: done while the interfaces
+# are built.
+$(VENV)/.imported: $(VENV)/.demo_dependencies
+	@AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' nice -n 19 $(BIN)/python -c 'import llvmlite.binding, \
+	  matplotlib.pyplot, mujoco, rclpy.lifecycle, sensor_msgs.msg, yourdfpy'
 	@touch $@
 
 # PyTorch is tested where its build for the CPU can be had; the builds of the package index bring
@@ -100,10 +110,13 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 
 # ---------------------------------------------------------------------- use and tests
 
+ROBOT ?= fr3
+
 # Installs only what the demo needs, on two processors.
 demo:
-	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project
-	$(ROS_ENV) $(BIN)/kane-dynamics demo
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
+	  $(VENV)/.imported
+	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
 # them.

@@ -1,5 +1,8 @@
 """Every interface exists, and survives serialisation."""
 
+from pathlib import Path
+
+from ament_index_python import get_package_share_directory
 from geometry_msgs.msg import Inertia, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.msg import TorqueExplanation
@@ -52,3 +55,12 @@ def test_action_asks_and_answers_as_the_service_does():
 @pytest.mark.parametrize('part', [Simulate.Request, SimulateMotion.Goal])
 def test_torque_sources_are_the_documented_numbers(part):
     assert (part.ZERO, part.TABLE, part.COMPUTED_TORQUE) == (0, 1, 2)
+
+
+def test_interface_files_are_installed_with_their_comments():
+    installed = Path(get_package_share_directory('kane_dynamics_interfaces'))
+    sources = Path(__file__).parents[1]
+    files = [file for folder in ('action', 'msg', 'srv') for file in (sources / folder).iterdir()]
+    assert len(files) == 11
+    for file in files:
+        assert (installed / file.relative_to(sources)).read_text() == file.read_text()
