@@ -1,4 +1,8 @@
-"""A satellite with an arm: it turns while the arm moves, and its momenta stay."""
+"""
+A satellite with an arm: it turns while the arm moves, and its momenta stay.
+
+Sizes and masses are chosen, those of no particular machine.
+"""
 
 from kane_dynamics import box, ModelBuilder, Robot, simulate
 from kane_dynamics.mechanics.definition import kane

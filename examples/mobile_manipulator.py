@@ -1,4 +1,9 @@
-"""A seven-axis arm on a base with two driven wheels: the torques of wheels and joints."""
+"""
+A seven-axis arm on a base with two driven wheels: the torques of wheels and joints.
+
+The arm is the Franka Research 3 of `urdf/fr3.urdf`, which names its sources. Size and mass of base
+and wheels are chosen, those of no particular machine.
+"""
 
 from pathlib import Path
 import sys
