@@ -25,6 +25,7 @@ from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep
 from kane_dynamics.sweep.simulator import Simulator
@@ -522,6 +523,14 @@ def timed(case):
         (tau, limits.effort), (states[1], limits.velocity), (states[2], 2.0))]
     near(np.median(np.max(uses, axis=0)), 1.0, 1e-2)
     assert np.max(uses) <= 1.001
+
+
+def optimized(case):
+    """Plan a motion of three short intervals, whose torques are those of Kane's definition."""
+    problem = TrajectoryOptimizer(case.robot, nodes=3, interval=1e-6)
+    plan = problem.solve(case.q, case.u, iterations=2)
+    udot = np.diff(plan.u, axis=0) / problem.interval
+    near(plan.tau[1], kane.inverse_dynamics(case.robot.model, plan.q[1], plan.u[1], udot[1]), 1e-4)
 
 
 def filled(case):

@@ -145,6 +145,13 @@ ROWS = (
         TIME: NO_SCALE,
         BEAM: BENDS,
         BALL: NO_ANGLE}),
+    Row('`TrajectoryOptimizer`', check.optimized, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING,
+        BEAM: MISSING,
+        BALL: MISSING}),
     Row('`fill_trajectory`', check.filled, {
         SPEEDS: MISSING,
         LOOP: MISSING,
